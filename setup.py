@@ -8,19 +8,10 @@ from setuptools import find_packages, setup
 NAME = "dvrk_gravity"
 
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
-EXECUTABLES = {
-    "compensator": "ros.compensator",
-    "simulator": "ros.simulator",
-    "watchdog": "ros.watchdog",
-    "excite": "cli.excite",
-    "replay": "cli.replay",
-    "convert": "cli.convert",
-    "identify": "cli.identify",
-    "evaluate": "cli.evaluate",
-    "diagnose": "cli.diagnose",
-    "demo": "cli.demo",
-    "newton-euler": "cli.newton_euler",
-}
+EXECUTABLES = (
+    "compensator", "simulator", "watchdog", "excite", "replay", "convert", "identify", "evaluate",
+    "diagnose", "demo", "newton-euler",
+)  # fmt: skip
 
 VERSION = re.search(r'__version__ = "(.+)"', Path(NAME, "__init__.py").read_text())[1]
 
@@ -76,8 +67,6 @@ setup(
     description="Gravity compensation of the dVRK's master arms, and why it is not perfect",
     license="BSD-3-Clause",
     entry_points={
-        "console_scripts": [
-            f"{verb} = {NAME}.{module}:main" for verb, module in EXECUTABLES.items()
-        ],
+        "console_scripts": [f"{verb} = {NAME}.command_line:main" for verb in EXECUTABLES],
     },
 )

@@ -28,17 +28,16 @@ from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.effects import LinkInertia, State
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification import (
-    Columns,
     FittedParameter,
     Problem,
     base_parameters,
     choose,
     estimate,
     pose,
-    read_motions,
     reweighed,
-    starts,
 )
+from dvrk_gravity.intake import read_motions
+from dvrk_gravity.model import Columns, starts
 from testing.world import World
 
 LOW, HIGH = 0.93, 0.97

@@ -25,8 +25,9 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, base_directions
 from dvrk_gravity.estimation import NormalEquations
 from dvrk_gravity.files import text_file
-from dvrk_gravity.identification import Columns, build_design, identify, read, read_motions
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.identification import identify
+from dvrk_gravity.intake import build_design, read, read_motions
+from dvrk_gravity.model import Columns, TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording, RecordingFile, save_recording
 from testing.world import World

@@ -15,7 +15,7 @@ goes beyond the calibration's has more left than that had, at times many times a
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -27,6 +27,7 @@ from testing import lab_effects
 from testing.hidden_parts import Hidden
 from testing.lab_effects import left_by
 from testing.lab_motion import draw_calibration, draw_other
+from testing.lab_outside import OUTSIDE
 from testing.mujoco_world import MujocoWorld
 from testing.session import Laboratory, Session, Trial, hold, hold_all, save, table
 from testing.trial_arguments import parsed, trial_parser
@@ -58,7 +59,10 @@ def _mujoco(
             motion, noise = (int(value) for value in random.integers(1 << 30, size=2))
             truth = world.truth(draw_other(world.arm, motion, calibration))
             left = left_by(model, world.record(truth, noise))
-            hiding = lab_effects.hide(world.setting(truth, left), effect, random, sizes=sizes)
+            hiding = lab_effects.hide(
+                world.setting(truth, left), effect, random, sizes=sizes,
+                shapers={**lab_effects.HIDERS, **OUTSIDE},
+            )  # fmt: skip
             return world.record(hiding.truth, noise), hiding.hidden, hiding.ratio
 
         return _each(seed, effects, make)
@@ -111,11 +115,18 @@ def main() -> int:
         action="store_true",
         help="save every model and load it again before it diagnoses",
     )
+    parser.add_argument(
+        "--outside",
+        action="store_true",
+        help="hide what no effect of the vocabulary is, in MuJoCo's arms only",
+    )
     args, arms = parsed(parser)
     todo = []
     for seed in range(*args.seeds):
         for engine in ENGINES if args.engine == "both" else (args.engine,):
-            known = ours.HIDERS if engine == "ours" else lab_effects.HIDERS
+            known: Collection[str] = ours.HIDERS if engine == "ours" else lab_effects.HIDERS
+            if args.outside:
+                known = () if engine == "ours" else OUTSIDE
             wanted = known if args.effects is None else args.effects
             hidden = [
                 effect

@@ -58,7 +58,7 @@ def _sample(validation: CrossValidation, random: np.random.Generator) -> Iterato
     for candidate in validation.data.candidates(hypotheses(validation.data.motion)):
         # What acts only where nothing may be learned has no estimate.
         felt = validation.size(candidate, np.ones(candidate.size)).any()
-        if np.isfinite(candidate.values).all() and felt and not candidate.hypothesis.of_model:
+        if np.isfinite(candidate.values).all() and felt and not candidate.hypothesis.refits_model:
             by_effect.setdefault(candidate.hypothesis.effect, []).append(candidate)
     for candidates in by_effect.values():
         chosen = random.permutation(len(candidates))[:EACH]

@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
-from testing.hide import HIDERS, Hidden, hide
+from testing.hide import HIDERS, STREAMS, Hidden, hide
 from testing.world import World
 
 PAIRS = (
@@ -84,7 +84,7 @@ def trial(seed: int, effects: Sequence[str], static: bool = False) -> Outcome:
     outcome = Outcome(seed, list(effects), static)
     try:
         known = world = World.draw(1000 + seed)
-        random = np.random.default_rng([seed, *(sorted(HIDERS).index(e) for e in effects)])
+        random = np.random.default_rng([seed, *(STREAMS[e] for e in effects)])
         hidden = []
         for effect in effects:
             world, cause = hide(world, effect, random)

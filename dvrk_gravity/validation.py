@@ -1,4 +1,4 @@
-"""Arguments of the Python surface: paths and arrays, or a sentence saying what was expected."""
+"""Checks of paths and arrays that are arguments of the Python surface."""
 
 from __future__ import annotations
 
@@ -17,11 +17,7 @@ _WITH_LINK = re.compile(r"(?P<path>.*\.(urdf|xacro))#(?P<link>[^\n]*)", re.IGNOR
 
 
 def path_of(name: str, value: Any, expected: str = "the path of a file") -> Path:
-    """Return an argument that is a path.
-
-    Raises:
-        ArgumentError: Anything else than text or a path.
-    """
+    """Return an argument as a path; raise ArgumentError if it is neither text nor a path."""
     if not isinstance(value, PATH):
         raise ArgumentError(name, value, expected)
     return Path(value)
@@ -34,16 +30,12 @@ def split_link(text: str) -> tuple[str, str]:
 
 
 def is_urdf(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a path, or ``robot.urdf#LINK``, is that of a URDF, or one for xacro."""
+    """Return whether a path, or ``robot.urdf#LINK``, is that of a URDF, or one for xacro."""
     return split_link(str(path))[0].lower().endswith((".urdf", ".xacro"))
 
 
 def refuse_json(name: str, path: str | os.PathLike[str]) -> None:
-    """Refuse a console's calibration where a model's file is expected.
-
-    Raises:
-        ConfigError: The path is that of a JSON file; names the way to a model.
-    """
+    """Refuse a console's JSON where a model's file is expected; raise ConfigError."""
     file = Path(path)
     if file.suffix.lower() == ".json":
         makes = f"`convert {file} {file.stem}.yaml` makes one of the dVRK console's gc-*.json"
@@ -51,10 +43,10 @@ def refuse_json(name: str, path: str | os.PathLike[str]) -> None:
 
 
 def floats(name: str, value: Any) -> NDArray[np.float64]:
-    """Return an argument as an array of float64; one that is such an array as it is.
+    """Return an argument as an array of float64, without a copy if it is one.
 
     Raises:
-        ArgumentError: What holds no numbers, or rows of different lengths.
+        ArgumentError: Not numbers, or rows of different lengths.
     """
     try:
         return np.asarray(value, dtype=np.float64)

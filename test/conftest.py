@@ -26,8 +26,8 @@ def syntax(path: Path) -> tuple[ast.AST, ...]:
     return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
-def executables() -> dict[str, str]:
-    """Return what setup.py installs: verb -> module below ``dvrk_gravity``."""
+def executables() -> tuple[str, ...]:
+    """Return the verbs that setup.py installs."""
     tree = ast.parse((REPOSITORY / "setup.py").read_text())
     return next(
         ast.literal_eval(node.value)
@@ -87,7 +87,8 @@ def few_folds(count: int = 4) -> Iterator[None]:
     What identification does is the same; intervals and choices are told by fewer blocks.
     """
     from dvrk_gravity.estimation import FoldSettings, make_folds
-    from dvrk_gravity.identification import coordinates, problem
+    from dvrk_gravity.identification.trajectories import problem
+    from dvrk_gravity.intake import coordinates
 
     few = partial(make_folds, settings=FoldSettings(count=count))
     with pytest.MonkeyPatch.context() as patch:
@@ -102,7 +103,7 @@ def first_slab() -> Iterator[None]:
 
     The model, which is of all poses, is the same; its held-out error is told by fewer.
     """
-    from dvrk_gravity.identification import static_fit
+    from dvrk_gravity.identification.poses import fit as static_fit
 
     slabs_of = static_fit.middle_slabs
     with pytest.MonkeyPatch.context() as patch:
@@ -120,7 +121,7 @@ def four_folds() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def brief_simulation() -> Iterator[None]:
     """Simulate for moments what `diagnose` shows of two models, where nothing is said of that."""
-    from dvrk_gravity.diagnosis import simulation_check
+    from dvrk_gravity.diagnosis.results import simulation_check
 
     brief = partial(simulation_check.let_go, duration=0.3)
     with pytest.MonkeyPatch.context() as patch:

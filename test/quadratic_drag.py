@@ -12,12 +12,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     MORE,
-    PART,
+    PRIOR_FRACTION,
     Hypothesis,
     LinearTerm,
     Motion,
     Range,
-    Setting,
+    Site,
     State,
     Values,
     added,
@@ -29,7 +29,6 @@ from dvrk_gravity.effects import (
     size,
     spread,
 )
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.parameters import Parameter, Value
 
 
@@ -50,56 +49,47 @@ class QuadraticDrag(LinearTerm):
     # In model files.
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (joint_array(arm, cls.NAME, "N·m·s^2/rad^2", "drag of each joint", 0.0),)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> QuadraticDrag | None:
-        """See :meth:`Term.from_parameters`."""
         drag = as_array(values.get(cls.NAME), arm.n, 0.0)
         return cls(drag) if drag.any() else None
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {self.NAME: as_value(self.drag)}
 
     # Compensated and simulated.
     def torque(self, state: State) -> Array:
-        """See :meth:`Term.torque`."""
         return self.regressor(state) @ self.drag
 
     def scaled(self, part: Array) -> Self:
-        """See :meth:`Term.scaled`: what the compensator applies of it."""
+        """What the compensator applies of it."""
         return replace(self, drag=part * self.drag)
 
     # Identified.
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> QuadraticDrag:
-        """See :meth:`LinearTerm.plausible`: the prior of what a fit looks for."""
-        del valid
-        return cls(PART * arm.actuator_effort_limit)
+        """The prior of what a fit looks for."""
+        return cls(PRIOR_FRACTION * arm.actuator_effort_limit)
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`."""
         return self.drag
 
     def with_theta(self, theta: Array) -> QuadraticDrag:
-        """See :meth:`LinearTerm.with_theta`."""
         return QuadraticDrag(theta)
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         speed = np.zeros(state.q.shape) if state.qd is None else state.qd
         return diagonal_columns(np.abs(speed) * speed)
 
     # Found by the diagnosis.
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         if not motion.static:
             for joint in np.flatnonzero(motion.moves).tolist():
-                yield DragHypothesis(arm=motion.arm, site=site.joint(joint), joints=(joint,))
+                yield DragHypothesis(arm=motion.arm, site=Site.joint(joint))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,18 +101,12 @@ class DragHypothesis(Hypothesis):
 
     variable: str = "velocity"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         speed = motion.qd[:, self.site.index]
         return spread(self.site.row(self.arm), np.abs(speed) * speed)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"coefficient": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         return added(self.arm, values, self.effect, self.site.index, float(theta[0]))

@@ -22,18 +22,10 @@ from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.estimation import FoldSettings, make_folds
-from dvrk_gravity.identification import (
-    Fit,
-    certificate,
-    estimate,
-    evaluate,
-    identified,
-    identify,
-    problem,
-    read_motions,
-    start_columns,
-)
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.identification import Fit, certificate, estimate, evaluate, identify
+from dvrk_gravity.identification.trajectories import problem
+from dvrk_gravity.intake import read_motions
+from dvrk_gravity.model import TorqueModel, identified, start_columns
 from dvrk_gravity.recording import BagReader, Recording
 from dvrk_gravity.ros import NodeProcess
 from dvrk_gravity.simulate import PlantFile

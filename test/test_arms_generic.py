@@ -8,7 +8,7 @@ from made_up_arm import made_up_arm
 from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.cli.still_joints import still_joints
+from dvrk_gravity.cli.options import still_joints
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     EffortLimits,

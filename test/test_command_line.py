@@ -223,7 +223,17 @@ def test_a_command_computes_in_one_thread_unless_told_otherwise(given, monkeypat
         "        print(os.environ.get('OPENBLAS_NUM_THREADS'))\n"
         "    return find(name, *rest)\n"
         "builtins.__import__ = told\n"
-        "import dvrk_gravity.cli.evaluate\n"  # as `ros2 run` does first
+        "import dvrk_gravity.command_line\n"  # as `ros2 run` does first
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[0] == (given or "1")
+
+
+def test_an_installed_executable_runs_the_verb_of_its_name(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["/lib/dvrk_gravity/newton-euler", "--help"])
+    with pytest.raises(SystemExit):
+        command_line.main()
+    assert "usage: dvrk_gravity newton-euler" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["/bin/renamed"])
+    assert command_line.main() == 2
+    assert "'renamed', expected a name of a verb" in capsys.readouterr().err

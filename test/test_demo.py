@@ -15,11 +15,13 @@ from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.cli.demo import draw
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import BagReader
 from dvrk_gravity.report import shown_position
 from dvrk_gravity.ros import (
+    BEARABLE,
     COMMANDS,
     MODEL,
     PRIVATE,
@@ -28,9 +30,7 @@ from dvrk_gravity.ros import (
     Scenario,
     Schedule,
     Stage,
-    StageSettings,
 )
-from dvrk_gravity.ros.demo import picture
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 NAMES = ("made_up", "ur5", "panda", "mtml", "mtmr")
@@ -79,7 +79,7 @@ def test_a_simulated_arm_gets_to_every_pose_of_its_demonstration(arm, tmp_path):
                 break  # it is there, and stays
         assert (np.abs(simulated.plant.q - pose) / arm.scale).max() < np.radians(1.0)
         weight = np.abs(simulated.plant.smooth_torque()) / arm.effort_limit
-        assert weight.max() <= StageSettings().bearable
+        assert weight.max() <= BEARABLE
     assert (np.abs(stage.push) <= arm.effort_limit).all()
 
 
@@ -127,7 +127,7 @@ def test_a_demonstration_of_a_made_up_arm(output, domain, tmp_path):
             for topic, _, _ in bag.raw(command, f"{namespace}/measured_js", f"{namespace}/hold")
         }
     assert len(topics) == 3
-    picture.draw(tmp_path / "demo.png", arm, fall, floats, pushed, rest, kill)
+    draw(tmp_path / "demo.png", arm, fall, floats, pushed, rest, kill)
     assert (tmp_path / "demo.png").stat().st_size > 10_000
     assert first.position.shape[1] == arm.n
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity import TorqueModel, diagnose
-from dvrk_gravity.cli import diagnose as command
+from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
 from testing.hide import hide
@@ -35,7 +35,7 @@ def files(recording, tmp_path_factory):
     recording.save(folder / "motion.csv")
     KNOWN.model().save(folder / "model.yaml")
     words = [str(folder / "motion.csv"), "--model", str(folder / "model.yaml")]
-    assert command.main([*words, "--out", str(folder / "out")]) == 0
+    assert run("dvrk_gravity.cli.diagnose", [*words, "--out", str(folder / "out")]) == 0
     return folder
 
 
@@ -111,7 +111,7 @@ def test_a_bad_recording_ends_the_command_with_one_line_and_status_2(files, reco
     recording.between(0.0, 5.0).save(files / "short.csv")
 
     words = [str(files / "short.csv"), "--model", str(files / "model.yaml")]
-    status = command.main([*words, "--out", str(files / "short")])
+    status = run("dvrk_gravity.cli.diagnose", [*words, "--out", str(files / "short")])
 
     assert status == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.effects import AllFrictionHypothesis, CoulombFriction, PreslidingHypothesis, State
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects import (
+    THE_ARM,
+    AllFrictionHypothesis,
+    CoulombFriction,
+    PreslidingHypothesis,
+    Site,
+    State,
+)
 from dvrk_gravity.identification import identify
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
@@ -74,11 +80,11 @@ def test_friction_that_has_halved_is_in_the_headline_with_what_to_do_about_it(wo
 
     known, *others = diagnosis.known
     assert diagnosis.verdict == "nothing_to_explain"
-    assert "but friction as another day has it: there is" in diagnosis.sentence
+    assert "but day-to-day friction variation: there is" in diagnosis.sentence
     assert "% less" in diagnosis.sentence
     ratio = float(known.remedy.split("friction_compensation.ratio ")[1].split()[0])
     assert 0.3 < ratio <= 0.5  # by what surely is there
-    assert not [entry for entry in others if "moved within" in entry.sentence]
+    assert not [entry for entry in others if "explained by" in entry.sentence]
 
 
 def test_a_load_on_a_day_of_more_friction_is_told_as_the_load(world, model):
@@ -129,7 +135,7 @@ def test_a_joint_that_differs_from_the_others_is_told_beside_them(world, model):
     assert min(factor.low for factor in factors_of_all) > 1.0
     name = world.arm.joint_names[other]
     (own,) = [each for each in others if each.joints == (name,) and "rms" not in each.parameters]
-    assert own.sentence.startswith(f"there is less friction at {name}, much as if")
+    assert own.sentence.startswith(f"less friction at {name}, which looks as if")
     assert own.parameters["factor"].high < 1.0
 
 
@@ -148,7 +154,7 @@ def test_a_scale_of_two_joints_is_not_said_to_be_of_all(world, model):
 
 def test_no_factor_has_friction_drive_the_arm(model):
     hypothesis = AllFrictionHypothesis(
-        arm=model.arm, site=site.THE_ARM, joints=(0, 1), kinds=("coulomb_friction",)
+        arm=model.arm, site=THE_ARM, joints=(0, 1), kinds=("coulomb_friction",)
     )
     assert hypothesis.plausible(np.array([-1.0]))
     assert not hypothesis.plausible(np.array([-1.3]))
@@ -200,7 +206,7 @@ def test_merged_after_an_element_of_presliding_it_leaves_that_as_it_was_found(mo
 
     def with_element(model, joint: int, level: float, length: float):
         element = PreslidingHypothesis(
-            arm=arm, site=site.joint(joint), joints=(joint,), setting={"length": length},
+            arm=arm, site=Site.joint(joint), joints=(joint,), setting={"length": length},
             shortest=length,
         )  # fmt: skip
         return element.merge(model.parameters(), np.array([level]), None)

@@ -71,9 +71,7 @@ def test_what_comes_back_is_known_and_no_finding(world, exact, model):
     diagnosis = diagnose(recording, model)
     assert diagnosis.verdict == "nothing_to_explain"
     assert any(
-        each.joints == (name,)
-        and "not beside what the recording that the model was identified on shows of it"
-        in each.sentence
+        each.joints == (name,) and "already present in the calibration recording" in each.sentence
         for each in diagnosis.known
     )
 
@@ -118,14 +116,14 @@ def test_a_delay_of_the_calibration_may_be_in_a_model_that_was_identified(world,
     """Up to a sample early or late, uniformly; nothing where the model was written down."""
     recording = rubbed(world, 4, 0.0)
 
-    def taken_in(model: TorqueModel) -> float:
+    def absorbed(model: TorqueModel) -> float:
         motion = load([recording], model).motion
         claim = next(TimeDelay.hypotheses(motion))
-        return claim.taken_in(motion)
+        return claim.absorbed_variance(motion)
 
     sample = float(np.median(np.diff(recording.time)))
-    assert taken_in(found) == pytest.approx(sample**2 / 3.0)
-    assert taken_in(replace(found, uncertainty=None)) == 0.0
+    assert absorbed(found) == pytest.approx(sample**2 / 3.0)
+    assert absorbed(replace(found, uncertainty=None)) == 0.0
 
 
 def test_an_extended_model_that_lacks_what_was_found_keeps_no_samples_that_show_it(world, model):

@@ -43,7 +43,7 @@ def test_a_load_in_one_of_two_recordings_is_not_said_to_be_half_of_it_in_both(wo
     (found,) = diagnosis.findings
     assert diagnosis.verdict == "partly_explained"
     assert "recordings differ about" in found.sentence
-    assert "bare.csv: nothing of it" in found.sentence
+    assert "bare.csv: none of it" in found.sentence
     carried = found.sentence.split("loaded.csv: wrist_3_joint's link carries ")[1].split()[0]
     assert float(carried) == pytest.approx(MASS, rel=0.01)
     assert found.remedy == "diagnose each recording alone"

@@ -80,4 +80,4 @@ def test_efforts_that_are_clipped_are_no_scale():
 @pytest.mark.parametrize(("value", "words"), [(10.0, "times"), (0.1, "times"), (2.0, "% too high")])
 def test_a_factor_that_is_far_off_is_told_as_one(value, words):
     factor = Estimate(value, 0.99 * value, 1.01 * value, "")
-    assert TorqueScale.meaning("factor").tell(factor).endswith(words)
+    assert TorqueScale.meaning("factor").in_words(factor).endswith(words)

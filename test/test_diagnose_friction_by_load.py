@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.diagnosis import FrictionByLoadSettings, diagnose, friction_by_load, load
+from dvrk_gravity.diagnosis import FRICTION_BY_LOAD, diagnose, friction_by_load, load
 from dvrk_gravity.identification import identify
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
@@ -48,7 +48,7 @@ def test_it_is_the_load_beyond_that_of_calibration_against_the_motion(world, mod
 
     columns = friction_by_load(motion)
 
-    expected = FrictionByLoadSettings().part * (now - then) * np.sign(motion.qd)
+    expected = FRICTION_BY_LOAD * (now - then) * np.sign(motion.qd)
     for index, joint in enumerate(np.flatnonzero(motion.moves)):
         rows = fast[:, joint]
         np.testing.assert_allclose(columns[rows, joint, index], expected[rows, joint], atol=1e-9)

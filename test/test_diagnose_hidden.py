@@ -9,7 +9,7 @@ import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.recording import Recording
-from testing.hide import HIDERS, Hidden, hide
+from testing.hide import HIDERS, STREAMS, Hidden, hide
 from testing.world import COARSE, World
 
 RATE = 100.0  # Hz
@@ -25,7 +25,7 @@ NAMED = sorted(set(HIDERS) - {"nothing", "outside"})
 def diagnosed(effect: str, seed: int = SEED) -> tuple[Hidden, Diagnosis]:
     """Hide an effect in an arm; return what was hidden, and what the arm's model finds."""
     known = World.draw(seed, step=COARSE)
-    random = np.random.default_rng([seed, sorted(HIDERS).index(effect)])
+    random = np.random.default_rng([seed, STREAMS[effect]])
     world, hidden = hide(known, effect, random)
     motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
     if world.readings:  # in each the arm moves alike

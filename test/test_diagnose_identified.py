@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, beyond_range, diagnose, load
-from dvrk_gravity.effects import WallHypothesis
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects import Site, WallHypothesis
 from dvrk_gravity.identification import identify
 from dvrk_gravity.recording import Recording
 from testing import lab_effects
@@ -68,8 +67,8 @@ def test_more_than_a_model_expects_of_itself_is_told_though_nothing_is_named():
 
     more = replace(diagnosis, after=left, known=()).sentence
 
-    advice = f"a longer recording in which {joint} moves more, and one of it alone, would tell"
-    assert f"at most 3 times what it expects of itself ({joint}). That is more than" in more
+    advice = f"record longer, with more motion of {joint}, and once {joint} alone"
+    assert f"at most 3 times what the model expects ({joint}). That is more than" in more
     assert advice in more
     assert advice not in diagnosis.sentence
 
@@ -140,7 +139,7 @@ def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error(
 
     def said(position: float) -> str:
         wall = WallHypothesis(
-            arm=world.arm, site=site.joint(0), side=1.0, setting={"position": position}
+            arm=world.arm, site=Site.joint(0), side=1.0, setting={"position": position}
         )
         return beyond_range(motion, wall, np.ones(1))
 

@@ -13,7 +13,7 @@ from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.diagnosis import diagnose, in_simulation, let_go, load
-from dvrk_gravity.diagnosis import simulation_check as comparison
+from dvrk_gravity.diagnosis.results import simulation_check as comparison
 from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
@@ -166,7 +166,7 @@ def test_a_comparison_with_completed_inertia_succeeds_and_says_so(recorded):
     assert np.isfinite([result.before, result.after]).all()
     assert len(result.drifts) == 2
     (note,) = result.notes
-    assert note.startswith("the extended model has inertia that no bodies can have")
+    assert note.startswith("the extended model has inertia that no rigid bodies can have")
     assert note.endswith("(wrist_roll)")
 
 
@@ -188,7 +188,7 @@ def test_a_comparison_that_fails_says_why_in_words(recorded):
     assert all("the arm runs away" in note for note in wild.notes)
     assert bare.before is not None
     assert bare.drifts == ()
-    assert "no weights" in bare.notes[0]
+    assert "no gravity term" in bare.notes[0]
 
 
 MORE = np.array([0.5, 0.0, 0.0, 0.05])  # kg, kg·m

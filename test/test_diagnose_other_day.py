@@ -7,8 +7,7 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Candidate, OtherDay
-from dvrk_gravity.effects import OffsetHypothesis
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects import OffsetHypothesis, Site
 
 ARM = Arm.load("mtmr")
 SAMPLES = 400
@@ -43,7 +42,7 @@ def offset(joint: int, shape: np.ndarray) -> Candidate:
     """Return a claim that a joint has a torque of some shape, not called friction."""
     columns = np.zeros((SAMPLES, 7, 1))
     columns[:, joint, 0] = shape
-    hypothesis = OffsetHypothesis(arm=ARM, site=site.joint(joint), joints=(joint,))
+    hypothesis = OffsetHypothesis(arm=ARM, site=Site.joint(joint), joints=(joint,))
     return Candidate.of(hypothesis, columns)
 
 
@@ -77,7 +76,7 @@ def test_more_is_expected_where_a_selected_cause_is_friction_that_changed():
     """For that did not change by just what the cause says; by no larger part than it changed."""
     day = OtherDay(Choice(changed(0.4, 0.4, 0.35)))
     assert day.changed([]) == pytest.approx(0.0)
-    most = 0.3  # FrictionChangeSettings.part of a friction of 1
+    most = 0.3  # FRICTION_PART of a friction of 1
     assert day.changed([offset(2, SIGN)]) == pytest.approx([0.0, 0.0, most, *4 * [0.0]])
     day = OtherDay(Choice(changed(0.05, 0.05, 0.04)))
     assert day.changed([offset(2, SIGN)]) == pytest.approx([0.0, 0.0, 0.04, *4 * [0.0]])

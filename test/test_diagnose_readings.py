@@ -9,7 +9,7 @@ import pytest
 from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm, nominal_inertias
-from dvrk_gravity.diagnosis import diagnose, load, read_rightly, try_readings
+from dvrk_gravity.diagnosis import correct_readings, diagnose, load, try_readings
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -90,7 +90,7 @@ def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
     other = other.between(0.0, 15.0)
     loaded = load([other], model)
     assert try_readings(loaded.motion)[0].passes, "or there is nothing to tell apart"
-    assert read_rightly(loaded, lambda line: None).wrong == ()
+    assert correct_readings(loaded, lambda line: None).wrong == ()
 
 
 @pytest.fixture(scope="module")

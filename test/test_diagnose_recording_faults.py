@@ -65,7 +65,7 @@ def test_without_velocities_the_model_s_torques_show_the_clock(factor):
     factor_found = finding.parameters["factor"]
     assert factor_found.low <= factor <= factor_found.high
     assert factor_found.high / factor_found.low < 1.03
-    assert "no velocities were recorded" in finding.sentence
+    assert "without recorded velocities" in finding.sentence
 
 
 def test_a_right_clock_without_velocities_is_no_finding():

@@ -87,12 +87,12 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
     assert mass.low < MASS < mass.high
     for axis, coordinate in zip("xyz", COM, strict=True):
         assert load.parameters[axis].value == pytest.approx(coordinate, abs=0.01)
-    assert "the torque scale agrees" in found.weighed.sentence
+    assert "the torque scale agrees" in found.payload_check.sentence
     assert found.model.verdict == "do_not_compensate"  # it holds the change alone
     assert "that the reference does not know" in found.sentence
     assert not [words for words in (found.sentence, load.remedy) if "model" in words]
-    assert "a --model beside the reference tells it" in found.caveat
-    with pytest.raises(ConfigError, match="only what changed against a reference"):
+    assert "give --model with the reference" in found.caveat
+    with pytest.raises(ConfigError, match="changes against a reference only"):
         Settings.from_parameters(found.model.parameters())
 
 
@@ -227,15 +227,15 @@ def test_efforts_of_the_other_sign_than_the_reference_s_are_refused(world, bare,
     turned = record(world, 1, 13)
     effort = turned.effort.copy()
     effort[:, joint] *= -1.0
-    with pytest.raises(RecordingError, match=r"shoulder_lift_joint.* with the sign turned round"):
+    with pytest.raises(RecordingError, match=r"shoulder_lift_joint.* with reversed sign"):
         diagnose(replace(turned, effort=effort), arm=UR5, reference=bare)
 
 
 def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told(bare, loaded):
     half = [replace(recording, effort=0.5 * recording.effort) for recording in (loaded, bare)]
     found = diagnose(half[0], arm=UR5, reference=half[1], known_payload=MASS)
-    assert found.weighed.scale.value == pytest.approx(0.5, rel=0.05)
-    assert "too low" in found.weighed.sentence
+    assert found.payload_check.scale.value == pytest.approx(0.5, rel=0.05)
+    assert "too low" in found.payload_check.sentence
     assert found.to_dict()["known_payload"]["mass"] == MASS
 
 
@@ -265,7 +265,9 @@ def halting(recording: Recording, every: float, pause: float, pace: float = 1.0)
 
 @pytest.mark.parametrize("timing", [(1.5, 0.1, 1.0), (100.0, 0.0, 1.4), (100.0, 0.0, 0.6)])
 def test_the_same_path_with_pauses_or_at_another_pace_is_refused_with_what_to_do(bare, timing):
-    said = r"goes the way of .* for \d+\.\d s, but with pauses or at another pace: .* record both"
+    said = (
+        r"follows the path of .* for \d+\.\d s, but with pauses or at another pace: .* record both"
+    )
     with pytest.raises(RecordingError, match=said) as caught:
         diagnose(halting(bare, *timing), arm=UR5, reference=bare)
     assert "\n" not in str(caught.value)
@@ -276,13 +278,13 @@ def test_a_motion_that_is_the_same_but_for_a_joint_s_place_is_refused_with_that_
     bare, further
 ):
     elsewhere = replace(bare, position=bare.position + np.radians([0, 0, 0, further, 0, 0]))
-    said = rf"it does where wrist_1_joint is {further:g}[.0]* deg further$"
+    said = rf"it does so where wrist_1_joint is {further:g}[.0]* deg further$"
     with pytest.raises(RecordingError, match=said):
         diagnose(elsewhere, arm=UR5, reference=bare)
 
 
 def test_what_is_diagnosed_is_no_reference_of_itself(bare):
-    with pytest.raises(RecordingError, match="is what is diagnosed, too"):
+    with pytest.raises(RecordingError, match="--reference is the recording being diagnosed"):
         diagnose(bare, arm=UR5, reference=bare)
 
 

@@ -32,9 +32,9 @@ from dvrk_gravity.effects import (
     OffsetHypothesis,
     PayloadHypothesis,
     PushHypothesis,
+    Site,
     ViscousHypothesis,
 )
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.recording import Recording
 from testing.world import World
@@ -45,7 +45,7 @@ ARM = Arm.load("mtmr")
 def claim(searched: int = 1, form: str = "") -> Candidate:
     """Return a claim on joint 1, in one of several forms, the best of some that were searched."""
     hypothesis = OffsetHypothesis(
-        arm=ARM, site=site.joint(0), joints=(0,), form=form, searched=searched
+        arm=ARM, site=Site.joint(0), joints=(0,), form=form, n_comparisons=searched
     )
     columns = np.zeros((4, 7, 1))
     columns[:, 0] = 1.0
@@ -120,7 +120,7 @@ def test_what_could_not_be_accepted_takes_no_place_from_what_could():
     recording = Recording(JOINT_NAMES, time, q, qd, effort)
     validation = CrossValidation(FilteredData.of(load([recording], model).motion))
     offsets = [
-        validation.data.candidate(OffsetHypothesis(arm=ARM, site=site.joint(i), joints=(i,)))
+        validation.data.candidate(OffsetHypothesis(arm=ARM, site=Site.joint(i), joints=(i,)))
         for i in (0, 6)
     ]
 
@@ -215,11 +215,11 @@ def test_of_causes_with_as_few_parameters_the_best_is_told_or_a_commoner_one_har
         return most_parsimonious(pairs, tolerance=40.0, clearly=3.0).hypothesis.effect
 
     def one_of_each() -> Iterator[Candidate]:
-        at = {"arm": ARM, "site": site.joint(0), "joints": (0,)}
+        at = {"arm": ARM, "site": Site.joint(0), "joints": (0,)}
         columns = np.ones((4, 7, 4))
         yield Candidate.of(OffsetHypothesis(**at), columns[..., :1])
         yield Candidate.of(ViscousHypothesis(**at), columns[..., :1])
-        yield Candidate.of(PayloadHypothesis(arm=ARM, site=site.link(0), joints=(0,)), columns)
+        yield Candidate.of(PayloadHypothesis(arm=ARM, site=Site.link(0), joints=(0,)), columns)
 
     assert told(100.0, 102.0, 130.0) == commonest("torque_offset", "viscous_friction")
     assert told(100.0, 104.0, 130.0) == "viscous_friction"
@@ -234,12 +234,12 @@ def commonest(*names: str) -> str:
 def test_an_error_of_poses_that_tell_no_noise_is_told_against_what_the_model_expects():
     """Static poses without directions: no noise is known, and none may become a NaN in a file."""
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.diagnosis import shapeless_finding
+    from dvrk_gravity.diagnosis import unexplained_error
 
-    finding = shapeless_finding(Arm.load("ecm"), 2, 5.0, float("nan"), 3.0, "nothing")
+    finding = unexplained_error(Arm.load("ecm"), 2, 5.0, float("nan"), 3.0, "nothing")
 
     assert finding.parameters["rms"].value == 4.0
-    assert "5.00 N RMS, 1.7 times the error that the model is known to have" in finding.sentence
+    assert "5.00 N RMS, 1.7 times the model's error at calibration" in finding.sentence
 
 
 def test_a_push_is_as_large_as_while_it_pushes():
@@ -251,7 +251,7 @@ def test_a_push_is_as_large_as_while_it_pushes():
     effort = model.torque(q, qd) + 0.01 * random.normal(size=q.shape)
     recording = Recording(JOINT_NAMES, time, q, qd, effort)
     validation = CrossValidation(FilteredData.of(load([recording], model).motion))
-    place = {"arm": ARM, "site": site.joint(0), "joints": (0,)}
+    place = {"arm": ARM, "site": Site.joint(0), "joints": (0,)}
     push = PushHypothesis(**place, setting={"start": 9.0, "end": 11.0})
     bias = OffsetHypothesis(**place)
 

@@ -10,8 +10,7 @@ from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Candidate, CrossValidation, FilteredData, load, refined, tangents
-from dvrk_gravity.effects import DelayHypothesis, TorqueOffset
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects import THE_ARM, DelayHypothesis, TorqueOffset
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass, Recording
 
@@ -55,13 +54,13 @@ def least_squares(validation: CrossValidation) -> float:
 class Sharp(DelayHypothesis):
     """The model's torque as it is, late: in one form alone, that of :func:`least_squares`."""
 
-    other_form = None
+    alternative_form = None
 
 
 def by_secants(validation: CrossValidation) -> Candidate:
     """Return the delay at the setting that its own fit tells."""
     motion = validation.data.motion
-    hypothesis = Sharp(arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0})
+    hypothesis = Sharp(arm=motion.arm, site=THE_ARM, setting={"delay": 0.0})
     found = refined(validation, validation.data.candidate(hypothesis), [])
     validation.weigh(validation.out_of_fold([found]))
     return found

@@ -37,6 +37,11 @@ PARAMETERS: Mapping[str, Mapping[str, object]] = {
         "elastic_cable.wrist_pitch": [0.02, 0.03],
         **{f"elastic_cable.{name}": value for name, value in EDGES.items()},
     },
+    "joint_spring": {
+        "joint_spring.elbow_pitch": [0.0, 0.0, 0.3, 0.0, -0.2, 0.0, 0.0],
+        "joint_spring.wrist_pitch": [0.0, 0.0, -0.2, 0.0, 0.1, 0.0, 0.0],
+        "joint_spring.constant": LEVELS,
+    },
     "directional_cable": {
         "directional_cable.positive.elbow_pitch": [0.1, 0.2],
         "directional_cable.negative.elbow_pitch": [-0.1, 0.3],

@@ -20,7 +20,10 @@ from dvrk_gravity.estimation import (
     make_blocks,
     make_folds,
 )
-from dvrk_gravity.identification import Problem, how_validated, problem, read_motions, start_columns
+from dvrk_gravity.identification import Problem, how_validated
+from dvrk_gravity.identification.trajectories import problem
+from dvrk_gravity.intake import read_motions
+from dvrk_gravity.model import start_columns
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Coordinates, Recording
 from dvrk_gravity.simulate import SimulatedArm, record_motion

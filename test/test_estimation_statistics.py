@@ -8,7 +8,7 @@ from scipy import optimize, stats
 from scipy.signal import lfilter
 
 from dvrk_gravity.estimation import (
-    CovarianceSettings,
+    PRIOR_SHARE,
     NormalEquations,
     Repetition,
     RobustSettings,
@@ -195,12 +195,11 @@ def test_bootstrap_intervals_of_a_ratio_hold_their_share():
     def ratio(new, old, axis):
         return 1.0 - np.sqrt(new.sum(axis=axis) / old.sum(axis=axis))
 
-    settings = evidence.EvidenceSettings(resampled=400)
     truth, hits = 1.0 - np.sqrt(0.8), 0
     for _ in range(300):
         old = random.gamma(4.0, size=40)
         new = 0.8 * old * random.gamma(20.0, 1.0 / 20.0, size=40)
-        low, high = evidence.bootstrap_interval(ratio, (new, old), settings)
+        low, high = evidence.bootstrap_interval(ratio, (new, old), 400)
         hits += low <= truth <= high
     # Percentile intervals of 40 blocks are a little short (Efron 1979): 93 % or so.
     assert band(0.93, 300)[0] <= hits / 300 <= band(0.95, 300)[1]
@@ -319,9 +318,8 @@ def test_autocorrelated_scores_are_those_of_the_whole_matrix():
     random = np.random.default_rng(12)
     x, residual = random.normal(size=(90, 2, 3)), coloured(random, (90, 2), 0.5)
     part = np.repeat([0, 1], [50, 40])
-    settings = CovarianceSettings(longest=0.4)
     weight, measured = np.array([1.0, 2.0]), np.ones((90, 2), dtype=bool)
-    meat = autocorrelated_scores(x, residual, residual, part, 20.0, weight, measured, settings)
+    meat = autocorrelated_scores(x, residual, residual, part, 20.0, weight, measured, 0.4)
     from dvrk_gravity.estimation import autocorrelation
 
     u = np.arange(9) / 9.0
@@ -338,7 +336,7 @@ def test_autocorrelated_scores_are_those_of_the_whole_matrix():
 
 
 def test_a_bias_of_half_a_deviation_costs_three_per_cent():
-    bias = CovarianceSettings().prior_share
+    bias = PRIOR_SHARE
     held = stats.norm.cdf(1.96 - bias) - stats.norm.cdf(-1.96 - bias)
     assert held == pytest.approx(0.92, abs=0.005)
 

@@ -55,7 +55,7 @@ def test_an_excerpt_says_what_it_is_of_and_what_the_checks_find_in_the_whole():
     warnings = excerpt(moving(100.0, pause=(13.0, 14.0)), 30.0, 5.0).warnings
     kinds = {warning.kind: warning for warning in warnings}
     assert kinds["excerpt"].numbers["used_s"] == pytest.approx(30.0, abs=0.1)
-    assert str(kinds["excerpt"]).startswith("0.5 of 1.67 min are looked at")
+    assert str(kinds["excerpt"]).startswith("0.5 of 1.67 min are analysed")
     assert kinds["gaps"].numbers["count"] == 1  # not within what is looked at
     assert kinds["invalid_stamps"].numbers["samples"] == 3
 

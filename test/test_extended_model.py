@@ -15,11 +15,12 @@ from dvrk_gravity.diagnosis import NO_TERM, NOT_AS_FOUND, MeasuredMotion, extend
 from dvrk_gravity.effects import (
     CableHypothesis,
     Hypothesis,
+    Kind,
     PushHypothesis,
     RippleHypothesis,
+    Site,
     WallHypothesis,
 )
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
 from testing.world import COARSE, World
@@ -30,6 +31,7 @@ CARRIED = {
     "stribeck_friction": [0.02],
     "presliding_hysteresis": [0.02],
     "elastic_cable": [0.01, 0.03, -0.02, 0.01],
+    "joint_spring": [0.05, -0.01],
     "torque_offset": [0.02],
     "joint_offset": [0.05],
     "payload": [0.04, 0.0006, -0.0004, 0.0008],
@@ -44,6 +46,7 @@ NOT_CARRIED = {
     "torque_scale": [0.1],
     "effort_saturation": [1.0],
     "joint_coupling": [0.1],
+    "encoder_scale": [0.03],
     "time_delay": [0.01],
     "thermal_drift": [0.02, 0.0],
 }
@@ -57,14 +60,14 @@ def motion() -> MeasuredMotion:
 
 def ripple(motor: int, cycles: float) -> Hypothesis:
     return RippleHypothesis(
-        arm=motion().arm, site=site.motor(motor), joints=(motor,),
+        arm=motion().arm, site=Site.motor(motor), joints=(motor,),
         setting={"cycles_per_revolution": cycles},
     )  # fmt: skip
 
 
 def wall(side: float, position: float) -> Hypothesis:
     return WallHypothesis(
-        arm=motion().arm, site=site.joint(3), joints=(3,), setting={"position": position},
+        arm=motion().arm, site=Site.joint(3), joints=(3,), setting={"position": position},
         side=side, form="above a position" if side > 0 else "below a position",
     )  # fmt: skip
 
@@ -75,7 +78,7 @@ def everything() -> Iterator[Hypothesis]:
     yield wall(1.0, 0.2)
     yield wall(-1.0, 0.1)
     setting = {"start": 2.0, "end": 4.0}
-    yield PushHypothesis(arm=motion().arm, site=site.joint(3), joints=(3,), setting=setting)
+    yield PushHypothesis(arm=motion().arm, site=Site.joint(3), joints=(3,), setting=setting)
 
 
 def first_of(effect: str, place: str | None = None) -> Hypothesis:
@@ -85,21 +88,21 @@ def first_of(effect: str, place: str | None = None) -> Hypothesis:
             place is not None and not hypothesis.place.startswith(place)
         ):
             continue
-        if hypothesis.build(motion(), hypothesis.setting).shape[2] == len(theta):
+        if hypothesis.regressor(motion()).shape[2] == len(theta):
             return hypothesis
     raise AssertionError(f"no hypothesis of {effect} at {place}")
 
 
 def at_its_point(hypothesis: Hypothesis, theta: np.ndarray) -> Hypothesis:
     """Its columns where its parameters are, as the search leaves them."""
-    values = hypothesis.describe(theta, hypothesis.setting)
+    values = hypothesis.parameters(theta)
     return replace(
         hypothesis, setting={**hypothesis.setting, **{n: values[n] for n in hypothesis.fixed_point}}
     )
 
 
 def added(hypothesis: Hypothesis, theta: np.ndarray) -> np.ndarray:
-    return hypothesis.build(motion(), hypothesis.setting) @ theta
+    return hypothesis.regressor(motion()) @ theta
 
 
 def reloaded(found, tmp_path) -> tuple[TorqueModel, tuple[bool, ...]]:
@@ -123,6 +126,7 @@ PLACES = {
     "stribeck_friction": ("joint", "motor"),
     "presliding_hysteresis": ("joint", "motor"),
     "joint_offset": ("joint", "motor"),
+    "joint_spring": ("sum", "difference"),
     "link_com": ("link", "weight only"),
     "contact": ("above", "below"),
 }
@@ -169,7 +173,7 @@ def test_a_push_for_a_while_stays_in_the_findings(tmp_path):
 
 
 def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_s_zero(tmp_path):
-    offset, joint = np.array([0.05]), site.joint(3)
+    offset, joint = np.array([0.05]), Site.joint(3)
     zeros = (
         hypothesis for hypothesis in hypotheses(motion()) if hypothesis.effect == "joint_offset"
     )
@@ -183,6 +187,7 @@ def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_
         (cable, np.array(CARRIED["elastic_cable"])),
         (ripple(3, 8.0), np.array([0.01, 0.02])),
         (wall(1.0, 0.3), np.array([0.1])),
+        (first_of("joint_spring", "difference"), np.array(CARRIED["joint_spring"])),
     ]
     model, carried = reloaded([(shift, offset), *others], tmp_path)
     assert all(carried)
@@ -220,7 +225,7 @@ def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
         for hypothesis in hypotheses(shifted)
         if hypothesis.effect == "joint_offset"
         and hypothesis.joints == (1,)
-        and hypothesis.site.kind is site.Kind.JOINT
+        and hypothesis.site.kind is Kind.JOINT
     ]
     for offset, fits in ((0.1, True), (0.4, False)):
         model, (why,) = extended(shifted, [(found, np.array([offset]))])
@@ -251,7 +256,7 @@ def test_a_spring_found_beyond_a_constants_range_is_carried_as_it_was_found(tmp_
         assert why == ("",)
         got = narrowed.torque_at(where.q, model) - narrowed.torque_at(where.q)
         inside = np.abs(where.q[:, joint] - middle[joint]) < where.travel[1][joint]
-        wanted = cable.build(narrowed, cable.setting) @ np.array(theta)
+        wanted = cable.regressor(narrowed) @ np.array(theta)
         np.testing.assert_allclose(got[inside], wanted[inside], atol=1e-9)
 
 

@@ -270,12 +270,12 @@ def test_stamps_that_creep_are_input_that_stands_still(arm, start):
     while not arm.holds and time.monotonic() - begun < TIMEOUT * 2 + LATE:
         arm.run(0.005, stamp=frozen + next(creeping))
     assert arm.holds
-    arm.client.wait(lambda: "has not moved on" in arm.state, "the reason")
+    arm.client.wait(lambda: "has not advanced" in arm.state, "the reason")
 
 
 def test_a_simulated_clock_that_nobody_publishes_is_told(arm, start):
     node = start("compensator", *QUICK, "-p", "use_sim_time:=true")
-    arm.run_until(lambda: "nobody publishes the time on /clock" in node.output, "the reason")
+    arm.run_until(lambda: "nothing publishes /clock" in node.output, "the reason")
     assert not arm.commands
 
 
@@ -421,11 +421,11 @@ def test_an_elder_that_dds_brings_seconds_late_is_told_from_a_recording(monkeypa
     from rclpy.qos import ReliabilityPolicy
     from sensor_msgs.msg import JointState
 
-    from dvrk_gravity.ros import rivals
+    from dvrk_gravity.ros import others
 
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0], time_ns=time.time_ns)
-    monkeypatch.setattr(rivals, "time", clock)
+    monkeypatch.setattr(others, "time", clock)
     node = SimpleNamespace(
         get_fully_qualified_name=lambda: "/MTMR/second",
         count_publishers=lambda _: 2,
@@ -433,7 +433,7 @@ def test_an_elder_that_dds_brings_seconds_late_is_told_from_a_recording(monkeypa
     )
     publisher = SimpleNamespace(topic_name="/MTMR/servo_jf", msg_type=JointState)
     heard: list[bool] = []
-    second = rivals.Rivals(
+    second = others.Rivals(
         node, publisher, lambda: heard.append(second.elder), ReliabilityPolicy.RELIABLE
     )
     second.watch(commanding=True)

@@ -21,16 +21,15 @@ from dvrk_gravity.diagnosis import (
     Gain,
     Known,
     Rejected,
+    effect_found,
     hypotheses,
     load,
     ordered,
-    rows,
-    sentence_of,
-    told,
+    parameter_text,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, Residual
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report import diagnosis_page
+from dvrk_gravity.report import diagnosis_page, parameter_rows
 from dvrk_gravity.units import quantity
 from testing.world import World
 
@@ -78,19 +77,18 @@ class Case:
     def estimates(self, sign: float = 1.0, spread: float = 0.3) -> dict[str, Estimate]:
         """Return what a fit of 0.02 throughout is told as, with intervals of such a part."""
         theta = np.full(self.count, 0.02 * sign)
-        setting = self.hypothesis.setting
         return {
             name: Estimate(
                 value, value - spread * abs(value), value + spread * abs(value),
                 self.hypothesis.unit(name),
             )
-            for name, value in self.hypothesis.describe(theta, setting).items()
+            for name, value in self.hypothesis.parameters(theta).items()
             if self.hypothesis.meaning(name).reported
         }  # fmt: skip
 
     def sentence(self, sign: float = 1.0, spread: float = 0.3, gain: Gain = CLEAR) -> str:
         """Return the sentence of such a fit."""
-        return sentence_of(self.hypothesis, self.estimates(sign, spread), gain, ["elbow_pitch"])
+        return effect_found(self.hypothesis, self.estimates(sign, spread), gain, ["elbow_pitch"])
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +130,7 @@ def every() -> list[Case]:
         "unknown",
     }
     return [
-        Case(hypothesis, hypothesis.build(motion, hypothesis.setting).shape[2])
-        for hypothesis in forms.values()
+        Case(hypothesis, hypothesis.regressor(motion).shape[2]) for hypothesis in forms.values()
     ]
 
 
@@ -152,7 +149,7 @@ def test_no_effect_is_told_with_an_amount_below_zero_or_an_exponent(every, sign)
         sentence = case.sentence(sign)
         assert not re.search(r"[{}]|\de[+-]?\d|lacks", sentence), sentence
         amounts = [
-            told(effect, name, value)
+            parameter_text(effect, name, value)
             for name, value in estimates.items()
             if not name.startswith(PLACES) and not name[1:].isdigit()
         ]
@@ -172,7 +169,9 @@ def test_no_effect_is_told_with_an_amount_below_zero_or_an_exponent(every, sign)
         ("torque_scale", "too high", "too low"),
         ("time_delay", "late", "early"),
         ("thermal_drift", " up ", " down "),
-        ("joint_coupling", "leaks into", "with its sign turned round"),
+        ("joint_coupling", "leaks into", "with the opposite sign"),
+        ("joint_spring", "more stiffness", "less stiffness"),
+        ("encoder_scale", "too far", "too short"),
     ],
 )
 def test_a_sign_is_told_in_words(every, effect, more, less):
@@ -200,11 +199,11 @@ def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_said(every):
 
     assert place(x=0.01, y=0.01, z=0.01).endswith("z 100.0 ± 10.0 mm in the link's frame")
     assert place(x=0.01, y=0.5, z=0.5).endswith(
-        "x 100.0 ± 10.0 mm in the link's frame (y and z cannot be told from this motion)"
+        "x 100.0 ± 10.0 mm in the link's frame (y and z cannot be determined from this motion)"
     )
     assert "centre" not in place(x=0.5, y=0.5, z=0.5)
     along_an_axis = place(x=0.01, y=0.01, z=0.0)
-    assert along_an_axis.endswith("(z cannot be told from this motion)")
+    assert along_an_axis.endswith("(z cannot be determined from this motion)")
 
 
 def test_what_may_be_nothing_is_told_as_perhaps(every):
@@ -232,7 +231,8 @@ def test_an_interval_that_is_not_even_is_told_by_its_ends(estimate, text):
 
 
 def test_an_angle_known_to_no_better_than_a_turn_is_any_angle():
-    assert told("joint_offset", "offset", Estimate(228.0, -300.0, 750.0, "rad")) == "any angle"
+    turns = Estimate(228.0, -300.0, 750.0, "rad")
+    assert parameter_text("joint_offset", "offset", turns) == "any angle"
 
 
 def finding(effect: str, value: Estimate, gain: Gain, name: str = "coefficient") -> Finding:
@@ -255,13 +255,15 @@ def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these(
         False,
         False,
     ]
+    assert certain.to_dict()["certainty"] == "certain"
+    assert weak.to_dict()["certainty"] == "perhaps"
     more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))
     assert ordered([weak, certain, more, small]) == [more, certain, small, weak]
 
 
 def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
     curve = next(case.estimates() for case in every if "lowest" in case.estimates())
-    shown = rows(
+    shown = parameter_rows(
         Finding("elastic_cable", ("elbow_pitch",), "degree 3", curve, CLEAR, (), (), "", None, True)
     )
     assert [name for name, _ in shown] == ["least torque", "greatest torque"]
@@ -272,7 +274,7 @@ def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
 def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
     for case in every:
         for name, value in case.estimates().items():
-            assert value.unit or name.endswith("factor"), (case.hypothesis.effect, name)
+            assert value.unit or name.endswith(("factor", "ratio")), (case.hypothesis.effect, name)
 
 
 def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
@@ -303,7 +305,7 @@ def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
 
     assert Page(text).open == []
     assert "&lt;run&gt;.csv" in text
-    assert "Errors in joint coordinates, below 8 Hz, on blocks held out of fit and choice." in text
+    assert "Errors in joint coordinates, below 8 Hz, on blocks held out of fit and model" in text
     assert "<li>elbow_pitch is left as it was</li>" in text
     assert "<b>What to do:</b> look at its cables." in text
     assert "<td>moving up</td><td>10.0 ± 5.0 mN·m more</td>" in text

@@ -16,7 +16,7 @@ import dvrk_gravity
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import require_all
+from dvrk_gravity.intake import require_all
 from dvrk_gravity.model import TorqueModel, parts
 from dvrk_gravity.recording import Recording
 

@@ -8,13 +8,8 @@ from test_identify import truth
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import load
-from dvrk_gravity.identification import (
-    FittedParameter,
-    beyond_limits,
-    by_weight,
-    evaluate,
-    identify,
-)
+from dvrk_gravity.identification import FittedParameter, by_weight, evaluate, identify
+from dvrk_gravity.intake import beyond_limits
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 

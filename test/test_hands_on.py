@@ -141,13 +141,13 @@ def test_a_change_beyond_what_a_start_accepts_holds_the_arm_and_is_measured_anew
     assert arm.client.set_parameters(change)[0]
     arm.run_until(lambda: bool(arm.holds), "the hold")
     said = arm.client.states["compensator"][before:]
-    assert said[0].startswith("waiting: changed parameters ask ")
+    assert said[0].startswith("waiting: changed parameters command ")
     assert arm.commands[-1][0] < arm.holds[0] + 0.1
     torque = arm.efforts[-1]
     np.testing.assert_allclose(torque, MODEL.torque(arm.position), atol=0.03)
     if "gravity_enabled" not in change:
         arm.run_until(lambda: arm.state.startswith("fault"), "the refusal")
-        assert "parameters have changed, and what is measured agrees better with" in arm.state
+        assert "parameters have changed, and the measured effort agrees better with" in arm.state
         np.testing.assert_array_equal(arm.efforts[-1], torque)
 
 
@@ -309,7 +309,7 @@ def test_an_arm_that_says_that_it_is_not_enabled_is_not_commanded(
     said.publish(KeyValue(key="ENABLED", value="homed"))
     commanding(arm)
     said.publish(KeyValue(key="PAUSED", value="homed"))
-    arm.run_until(lambda: "it is PAUSED (operating_state)" in arm.state, "the fault")
+    arm.run_until(lambda: "the arm is PAUSED" in arm.state, "the fault")
     arm.run_until(lambda: bool(arm.holds), "the hold")
     arm.client.enable(True)
     assert_silent(arm)
@@ -396,7 +396,7 @@ def test_any_command_of_anybody_else_ends_ours_in_a_fault(crowd, topic, kind):
     held = len(arm.holds)
     others[topic].publish(kind())
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
-    told = "told the arm to hold" if topic == "hold" else f"commands {PRIVATE}/{topic}:"
+    told = "sent hold" if topic == "hold" else f"commands {PRIVATE}/{topic}:"
     assert told in arm.state
     arm.run_until(lambda: len(arm.holds) > held, "the hold")
     assert_silent(arm, 0.2)
@@ -448,7 +448,7 @@ def test_a_best_effort_command_that_a_controller_obeys_is_heard_too(arm, start):
 STALLED = """
 import sys, time
 from dvrk_gravity.compensate.supervisor import Supervisor
-from dvrk_gravity.ros import compensator
+from dvrk_gravity.command_line import run
 quick, count = Supervisor._follow, 0
 def follow(self, *arguments):
     global count
@@ -457,7 +457,7 @@ def follow(self, *arguments):
         time.sleep(1.5)
     return quick(self, *arguments)
 Supervisor._follow = follow
-sys.exit(compensator.main(sys.argv[1:]))
+sys.exit(run("dvrk_gravity.ros.verbs:CompensatorVerb", sys.argv[1:]))
 """
 
 
@@ -481,7 +481,7 @@ def test_a_watchdog_that_has_not_told_its_time_out_is_waited_for(arm, start):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     watchdog = arm.client.node.create_publisher(Float64, "watchdog_timeout", latched)
     start("compensator", *PATIENT)
-    arm.run_until(lambda: "has not told its time-out" in arm.state, "the reason")
+    arm.run_until(lambda: "time-out is not known yet" in arm.state, "the reason")
     assert_silent(arm)
     assert not arm.commands
     watchdog.publish(Float64(data=2.0))
@@ -505,7 +505,7 @@ def test_the_watchdog_s_time_out_must_fit_and_its_hold_is_the_compensator_s_faul
     assert "watchdog" in reason
     watchdog.signal(signal.SIGINT)  # it holds the arm that nobody watches any more
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
-    assert f"({PRIVATE}/watchdog) has told the arm to hold" in arm.state
+    assert f"({PRIVATE}/watchdog) sent hold" in arm.state
     assert_silent(arm)
 
 
@@ -558,6 +558,6 @@ def test_a_velocity_that_contradicts_the_positions_drives_no_joint(arm, start):
     arm.run(0.5)
     np.testing.assert_allclose(arm.efforts[-1], at_rest, atol=1e-9)
     arm.run_until(
-        lambda: "the velocity of shoulder_pitch, wrist_roll contradicts" in (told or [""])[-1],
+        lambda: "velocity of shoulder_pitch, wrist_roll contradicts" in (told or [""])[-1],
         "the warning",
     )

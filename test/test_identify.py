@@ -14,18 +14,9 @@ from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm, build_tree
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import (
-    CoordinateSettings,
-    decide_coordinates,
-    estimate,
-    evaluate,
-    identify,
-    pose,
-    read_motions,
-    stands,
-    start_columns,
-)
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.identification import estimate, evaluate, identify, pose
+from dvrk_gravity.intake import LOOKED_AT, decide_coordinates, read_motions, stands
+from dvrk_gravity.model import TorqueModel, start_columns
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import fit_text
 from testing.lab_motion import draw_calibration
@@ -98,7 +89,7 @@ def test_torque_that_friction_held_at_a_joint_that_stood_still_is_not_in_the_mod
     assert "stood still all the time" in found.verdict.joints["wrist_roll"].reason
     assert found.verdict.joints["wrist_roll"].record == "a motion of wrist_roll, too"
     assert found.verdict.joints["shoulder_pitch"].level == "good"
-    assert any("not fitted: efforts of wrist_roll:" in line for line in found.handling)
+    assert any("not fitted: efforts of wrist_roll," in line for line in found.handling)
     json.dumps(found.to_json(), allow_nan=False)
 
 
@@ -176,7 +167,7 @@ def test_coordinates_are_told_by_errors_of_what_was_recorded(name, seed, coordin
 
 def test_coordinates_of_a_longer_recording_are_told_by_its_beginning():
     world = MujocoWorld.draw("mtmr", 3001)
-    longer = CoordinateSettings().duration + 5.0
+    longer = LOOKED_AT + 5.0
     recording = recorded_in(world, 3001, "actuator", longer)
     assert decide_coordinates(recording, world.arm, None).coordinates == "actuator"
 
@@ -267,9 +258,9 @@ def test_a_short_range_cannot_tell_gravity_from_a_spring():
     assert not any("identifiable:" in line for line in printed)
     counted = next(line for line in printed if "independent combinations of parameters" in line)
     assert f"{found.identifiability.rank} of {found.identifiability.columns}" in counted
-    leaning = next(line for line in printed if "parameters by name still lean on the prior" in line)
+    leaning = next(line for line in printed if "named parameters depend on the prior" in line)
     open_ = [p.name for p in found.parameters if not p.identifiable]
-    assert leaning.strip().startswith(f"{len(open_)} of the {len(found.parameters)} ")
+    assert leaning.strip().startswith(f"{len(open_)} of {len(found.parameters)} ")
     assert "; ".join(open_[:6]) in leaning
     assert leaning.endswith(f"{len(open_) - 6} more (grey in the report's table)")
 

@@ -10,7 +10,8 @@ from dvrk_gravity.effects import State, base_directions, beta_map
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.estimation import NormalEquations, autocorrelated_scores, fit, sandwich
 from dvrk_gravity.gravity import regressor as gravity_regressor
-from dvrk_gravity.identification import Columns, Weighting, base_parameters, joint_errors
+from dvrk_gravity.identification import Weighting, base_parameters, joint_errors
+from dvrk_gravity.model import Columns
 
 ARM = Arm.load("mtmr")
 

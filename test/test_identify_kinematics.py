@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -17,17 +16,10 @@ from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, build_tree, link_frames
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import (
-    Columns,
-    KinematicCalibration,
-    KinematicSearchSettings,
-    evaluate,
-    identify,
-    kinematic_search,
-    offset_joints,
-    read_motions,
-)
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.trajectories import kinematics as search
+from dvrk_gravity.intake import read_motions
+from dvrk_gravity.model import Columns, KinematicCalibration, TorqueModel, offset_joints
 
 TERMS = ("coulomb_friction", "viscous_friction", "elastic_cable", "base_tilt", "joint_offset")
 ZERO = 0.09  # rad, of wrist_platform
@@ -122,15 +114,14 @@ def test_an_arm_that_stands_right_acquires_neither(upright):
 
 
 def test_a_zero_that_would_be_off_by_more_than_one_can_be_is_not_taken(monkeypatch):
-    settings = partial(KinematicSearchSettings, farthest=0.8)  # of 0.1 rad; it is off by 0.09
-    monkeypatch.setattr(kinematic_search, "KinematicSearchSettings", settings)
+    monkeypatch.setattr(search, "FARTHEST", 0.8)  # of 0.1 rad; it is off by 0.09
     with few_folds():
         fit = identify([off(truth(1))], ARM, "joint", TERMS)
     assert not fit.model.joint_offset.any()
     (said,) = [
-        statement for statement in fit.identifiability.statements if "more than a zero" in statement
+        statement for statement in fit.identifiability.statements if "implausible" in statement
     ]
-    assert said.startswith("the zero of wrist_platform would have to be off by 0.0")
+    assert said.startswith("the encoder offset of wrist_platform would have to be 0.0")
 
 
 def test_zeros_that_look_alike_are_named(upright):

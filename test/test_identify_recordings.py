@@ -11,7 +11,8 @@ from test_identify import ARM, truth
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import evaluate, identify, motors_measured, read_motions
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.intake import motors_measured, read_motions
 from dvrk_gravity.recording import Recording, RecordingFile, read_trajectory, trajectory
 
 pytestmark = pytest.mark.usefixtures("four_folds")
@@ -148,7 +149,7 @@ def test_rates_that_differ_come_to_the_lowest():
     slow, fast = truth(1, 12.0, 50.0), truth(2, 12.0, 200.0)
     motions = read_motions([slow, fast], ARM, "joint")
     assert {part.filter.rate for part in motions.parts} == {motions.parts[0].filter.rate}
-    assert any("several rates, brought to 50 Hz" in line for line in motions.handling)
+    assert any("several rates, resampled to 50 Hz" in line for line in motions.handling)
     np.testing.assert_allclose(np.diff(motions.parts[1].time), 0.02, atol=1e-9)
     alone = read_motions([fast], ARM, "joint").parts[0]
     np.testing.assert_allclose(motions.parts[1].state.q, alone.state.q[::4], atol=1e-6)

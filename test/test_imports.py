@@ -14,6 +14,12 @@ import pytest
 from conftest import REPOSITORY, syntax
 
 PACKAGE = REPOSITORY / "dvrk_gravity"
+# Each room imports only those before it (CONTRIBUTING.md says what they hold).
+ROOMS = (
+    "arrays", "errors", "validation", "units", "files", "parameters", "arms", "parameters.nodes",
+    "gravity", "newton_euler", "effects", "model", "console", "recording", "estimation", "intake",
+    "identification", "planning", "simulate", "compensate", "diagnosis", "report", "ros", "cli",
+)  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
 # Done without where they are not installed: the dVRK's own messages, and what expands xacro.
@@ -112,6 +118,21 @@ def test_no_module_imports_itself_through_others_not_even_in_a_function_or_for_t
     check_for_cycles(PACKAGE)
 
 
+def room(module: str) -> int | None:
+    """Return the position of a module's room, ``None`` of one that is in none."""
+    found = (n for n in reversed(range(len(ROOMS)))
+             if f"{module}.".startswith(f"dvrk_gravity.{ROOMS[n]}."))  # fmt: skip
+    return max(found, key=lambda n: len(ROOMS[n]), default=None)
+
+
+def test_each_room_imports_only_those_above_it():
+    for module, imported in graph(PACKAGE).items():
+        for other in imported:
+            here, there = room(module), room(other)
+            if here is not None and there is not None:
+                assert there <= here, f"{module} imports {other}"
+
+
 @pytest.mark.parametrize(
     "text",
     ["import some.b", "from some.b import x", "def f():\n    from some import b",
@@ -174,3 +195,13 @@ def test_a_variable_is_called_by_what_it_holds():
     folders = [REPOSITORY / name for name in ("dvrk_gravity", "testing", "benchmark", "test")]
     paths = [path for folder in folders for path in folder.rglob("*.py")]
     assert [path.name for path in paths if "one" in stored(path)] == []
+
+
+def test_a_layer_of_diagnosis_imports_only_layers_below():
+    layers = [f"dvrk_gravity.diagnosis.{name}." for name in ("data", "inference", "results")]
+    for module, imported in graph(PACKAGE).items():
+        for below, layer in enumerate(layers):
+            if module.startswith(layer):
+                assert not [
+                    name for name in imported if name.startswith(tuple(layers[below + 1 :]))
+                ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pkgutil
 import re
 import shlex
 import shutil
@@ -18,11 +19,12 @@ from conftest import CONFIG, REPOSITORY, executables
 from test_console import synthetic, write
 from test_processes import runs
 
+from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.ros import PRIVATE
 from testing.world import COARSE, World
 
 EXECUTABLES = executables()
-NODES = sorted(verb for verb, module in EXECUTABLES.items() if module.startswith("ros."))
+NODES = sorted(verb for verb, (name, _) in VERBS.items() if name.startswith("dvrk_gravity.ros."))
 # These drive an arm for minutes; the demonstration is started in a test of its own.
 DRIVE_AN_ARM = {"demo", "excite"}
 # What keeps an example short: the search among all effects takes most of an identification.
@@ -41,8 +43,7 @@ def of_the_readme() -> dict[str, list[str]]:
 
 def of_its_help(verb: str) -> str:
     """Return the words after the verb in the example that its help shows."""
-    module = __import__(f"dvrk_gravity.{EXECUTABLES[verb]}", fromlist=["EXAMPLE"])
-    return module.EXAMPLE.split(f"{verb} ", 1)[1]
+    return pkgutil.resolve_name(VERBS[verb][0]).EXAMPLE.split(f"{verb} ", 1)[1]
 
 
 def examples(verbs: list[str]) -> list[tuple[str, str]]:

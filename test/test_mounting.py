@@ -12,7 +12,8 @@ from test_arms_dynamics import PANDA, UR5
 from dvrk_gravity.arms import Arm, gravity_in_base, nominal_inertias
 from dvrk_gravity.diagnosis import diagnose, load, try_readings
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import Mounting, NominalTorque, evaluate, in_their_unit, mounting
+from dvrk_gravity.identification import evaluate
+from dvrk_gravity.intake import Mounting, NominalTorque, in_their_unit, mounting
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing.plain_world import PlainWorld

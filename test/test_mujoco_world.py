@@ -9,15 +9,16 @@ import pinocchio as pin
 import pytest
 
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
-from dvrk_gravity.effects import links_of_joints, named
+from dvrk_gravity.effects import effects, links_of_joints, named
 from dvrk_gravity.effects.base import meaning
 from dvrk_gravity.planning import MotionLimits
 from testing import lab_effects, mujoco_arms
 from testing.hidden_parts import Hidden
 from testing.lab_effects import Setting, hide
 from testing.lab_motion import draw_calibration, draw_other
+from testing.lab_outside import OUTSIDE
 from testing.mujoco_world import NAMES, MujocoWorld
-from testing.score import fits
+from testing.score import Outcome, fits, report
 
 SECONDS = 6.0
 RATIO = (1.5, 6.0)
@@ -125,10 +126,11 @@ def test_a_hidden_effect_is_in_the_recording_at_the_size_told(world, setting, ef
     assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
     before, after = (world.record(truth, 4) for truth in (setting.truth, hiding.truth))
     change = after.effort - before.effort
-    if effect == "joint_offset":
-        joint = world.arm.joint_names.index(*hiding.hidden.joints)
-        moved = (after.position - before.position)[:, joint]
-        np.testing.assert_allclose(moved, hiding.hidden.parameters["offset"], atol=1e-4)
+    if effect in ("joint_offset", "encoder_scale"):
+        joint, told = world.arm.joint_names.index(*hiding.hidden.joints), hiding.hidden.parameters
+        read = told.get("factor", 1.0) * before.position[:, joint] + told.get("offset", 0.0)
+        np.testing.assert_allclose(after.position[:, joint], read, atol=1e-4)
+        assert not change.any()
         torques = [world.engine.torque(*truth.motion) for truth in (setting.truth, hiding.truth)]
         assert setting.ratio(torques[1] - torques[0]) == pytest.approx(hiding.ratio, rel=0.1)
         return
@@ -140,6 +142,22 @@ def test_a_hidden_effect_is_in_the_recording_at_the_size_told(world, setting, ef
         joint = world.arm.joint_names.index(hiding.hidden.joints[0])
         assert np.argmax(size) == joint
     assert size.max() == pytest.approx(hiding.ratio, rel=0.2)
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_disturbance_without_a_name_is_of_the_size_told_at_one_joint(world, setting, name):
+    hiding = hide(setting, name, np.random.default_rng(3), sizes=RATIO, shapers=OUTSIDE)
+    assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
+    (joint,) = (world.arm.joint_names.index(where) for where in hiding.hidden.joints)
+    moved, pulled = (
+        np.abs(np.asarray(after) - before).max(axis=0)
+        for after, before in (
+            (hiding.truth.q, setting.truth.q),
+            (hiding.truth.effort, setting.truth.effort),
+        )
+    )
+    assert np.flatnonzero(moved + pulled).tolist() == [joint]
+    assert hiding.hidden.effect not in {effect.NAME for effect in effects()}
 
 
 def test_what_was_hidden_is_told_in_the_words_of_findings(setting):
@@ -179,3 +197,19 @@ def test_another_name_is_right_only_for_the_same_physics_at_the_same_joint():
     leak = Hidden("joint_coupling", (names[1], names[2]), {})
     assert fits(leak, "joint_coupling", (names[2], names[1]), arm)
     assert not fits(leak, "joint_coupling", (names[2], names[3]), arm)
+
+
+def test_only_a_name_that_is_wrong_and_certain_counts_as_surely_wrong():
+    def outcome(place: str, *found: tuple[str, bool]) -> Outcome:
+        names, certain = zip(*found, strict=True)
+        return Outcome("mujoco", "ur5", 0, "creep", found=list(names), certain=list(certain),
+                       place=place)  # fmt: skip
+
+    drag, perhaps, nameless = (
+        ("viscous_friction a", True),
+        ("payload a", False),
+        ("unknown a", True),
+    )
+    shown = report("t", [outcome("wrong", drag, perhaps), outcome("wrong", perhaps, nameless),
+                         outcome("first", drag)], {})  # fmt: skip
+    assert "certain of a wrong cause: 1 of 3" in shown

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.cli import newton_euler as command
+from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.newton_euler import JointType, inverse_dynamics, parse, read
 
@@ -180,7 +180,10 @@ def test_the_command_prints_a_row_per_joint_and_writes_what_it_computed(tmp_path
     document = with_value(("q",), [[30, 0.2], [40, 0.3], [50, 0.1]])
     document |= {"qd": [[0.1, 0.2]] * 3, "qdd": [[0, 0]] * 3}
     path.write_text(json.dumps(document))
-    assert command.main([str(path), "--json", str(out), "--decimals", "6"]) == 0
+    assert (
+        run("dvrk_gravity.cli.newton_euler", [str(path), "--json", str(out), "--decimals", "6"])
+        == 0
+    )
     mechanism, motion = read(path)
     loads = inverse_dynamics(mechanism, motion.q, motion.qd, motion.qdd)
     content = json.loads(out.read_text())

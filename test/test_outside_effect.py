@@ -27,7 +27,7 @@ from dvrk_gravity.diagnosis import load
 from dvrk_gravity.effects import Column, Range, added
 from dvrk_gravity.effects.base import registry
 from dvrk_gravity.errors import ConfigError, EffectError
-from dvrk_gravity.identification import identified
+from dvrk_gravity.model import identified
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import diagnosis_page
 from dvrk_gravity.simulate import PlantFile
@@ -242,11 +242,11 @@ def test_what_a_model_would_have_otherwise_is_found_but_left_out_of_it(
 @pytest.mark.parametrize(
     ("method", "wrong", "why"),
     [
-        ("build", lambda self, motion, setting: motion.q, r"`build` returns shape \(\d+, 7\)"),
+        ("regressor", lambda self, motion: motion.q, r"`regressor` returns shape \(\d+, 7\)"),
         (
-            "build",
-            lambda self, motion, setting: np.full((len(motion.q), 7, 1), np.nan),
-            "`build` is not finite",
+            "regressor",
+            lambda self, motion: np.full((len(motion.q), 7, 1), np.nan),
+            "`regressor` is not finite",
         ),
         ("CLAIM", "{where} stirs {coeficient}", "CLAIM .*'coeficient', expected of where, "),
     ],
@@ -304,8 +304,12 @@ def test_columns_that_no_fit_can_use_are_told_by_the_effect_s_name(method, wrong
     ("method", "wrong", "why"),
     [
         ("torque", lambda self, state: -self.regressor(state) @ self.drag, "`torque` is not `reg"),
-        ("parameters", lambda self: {}, "`from_parameters` does not give again what"),
-        ("with_theta", lambda self, theta: QuadraticDrag(-theta), "`theta` is not what"),
+        ("parameters", lambda self: {}, "`from_parameters` does not restore what"),
+        (
+            "with_theta",
+            lambda self, theta: QuadraticDrag(-theta),
+            "`theta` differs from `with_theta`",
+        ),
     ],
     ids=["torque", "parameters", "with_theta"],
 )
@@ -346,14 +350,14 @@ class Belt(LinearTerm):
     @classmethod
     def hypotheses(cls, motion):
         for k in range(motion.arm.n - 1):
-            yield BeltHypothesis(arm=motion.arm, site=site.joint(k), joints=(k, k + 1))
+            yield BeltHypothesis(arm=motion.arm, site=Site.joint(k), joints=(k, k + 1))
 {term}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BeltHypothesis(Hypothesis):
     EFFECT = Belt
     CLAIM = "a belt ties {{joint}} to {{other}}: {{stiffness}} pull than {{model}}"
-    def describe(self, theta, setting): return {{"stiffness": float(theta[0])}}
+    def parameters(self, theta): return {{"stiffness": float(theta[0])}}
 {hypothesis}
 """
 
@@ -371,7 +375,7 @@ def test_the_belt_of_the_page_has_one_torque_in_all_its_methods(world):
     belt = list(names["Belt"].hypotheses(motion))[2]
     columns = names["Belt"].unknowns(ARM, Range(ARM.lower, ARM.upper)).columns
     merged = TorqueModel.from_parameters(belt.merge(model.parameters(), np.array([0.3]), motion))
-    torque = 0.3 * belt.build(motion, belt.setting)[:, :, 0]
+    torque = 0.3 * belt.regressor(motion)[:, :, 0]
 
     np.testing.assert_allclose(merged.torque(motion.q) - model.torque(motion.q), torque, atol=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(np.abs(torque).max(axis=0)), belt.joints)

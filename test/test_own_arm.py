@@ -24,7 +24,8 @@ from dvrk_gravity.compensate import DroppedSampleError, SampleReader
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import KnownPayload, drive_gains, evaluate, identify, in_their_unit
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.intake import KnownPayload, drive_gains, in_their_unit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import MotionLimits, exciting_motion
 from dvrk_gravity.recording import Recording, RecordingFile
@@ -222,7 +223,7 @@ def test_the_joint_whose_torque_a_load_does_not_change_is_named():
     )  # fmt: skip
     assert not found.determined[4:].any()  # it lies on the axes of both
     assert found.determined[1:4].all()
-    assert "the load does not tell the gain of" in found.lines(arm)[-1]
+    assert "the load does not determine the gain of" in found.lines(arm)[-1]
     assert arm.joint_names[5] in found.lines(arm)[-1]
 
 
@@ -322,7 +323,7 @@ def test_an_effort_against_what_nominal_masses_need_is_warned_of(lab):
 
     _, (line,) = in_their_unit(arm, [replace(lab.bare, effort=effort)])
 
-    assert "against the effort of shoulder_lift_joint: a wrong sign" in line
+    assert "the effort of shoulder_lift_joint is opposite to" in line
 
 
 def test_efforts_that_are_said_to_be_in_newton_metres_are(lab, tmp_path, capsys):

@@ -275,7 +275,7 @@ def test_a_joint_that_the_command_drives_beyond_its_limit_is_told():
     reason, when = guarded(np.linspace(3.0, 6.0, 600), 0.01)
     assert "joint2 runs away" in reason
     assert "at most 4" in reason
-    assert when == pytest.approx(0.2 + speed_guard.SETTINGS.window, abs=0.003)
+    assert when == pytest.approx(0.2 + speed_guard.WINDOW, abs=0.003)
     assert guarded(-np.linspace(3.0, 6.0, 600), -0.01)[0] is not None
 
 

@@ -16,7 +16,8 @@ from test_report import Page
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.diagnosis import diagnose, simulation_check
+from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.diagnosis.results import simulation_check
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError, RecordingError
@@ -193,7 +194,7 @@ def test_from_a_file_of_three_joints_to_a_load_on_the_command_line(tmp_path, cap
 
     assert main(["identify", poses, "--arm", "ecm", "--out", str(model)]) == 0
     shown = capsys.readouterr().out
-    assert "taken to be held (rad, m): roll at 0" in shown
+    assert "assumed held (rad, m): roll at 0" in shown
     assert main(["evaluate", other, "--model", str(model)]) == 0
     shown = capsys.readouterr().out
     assert "(RMSE in N)" in shown
@@ -220,7 +221,7 @@ def test_where_a_joint_stood_that_poses_do_not_hold_can_be_said(tmp_path, capsys
     said = ["identify", poses, "--arm", "ecm", "--at", "roll=0.3rad", "--out", str(model)]
     assert main(said) == 0
 
-    assert "held where it was said (rad, m): roll at 0.3: no joints" in capsys.readouterr().out
+    assert "held as given (rad, m): roll at 0.3: not joints" in capsys.readouterr().out
     assert TorqueModel.load(model).arm.held == {"roll": 0.3}
 
 

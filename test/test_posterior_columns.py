@@ -7,7 +7,8 @@ import pytest
 from conftest import few_folds
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.identification import Columns, held_by_terms, identify
+from dvrk_gravity.identification import held_by_terms, identify
+from dvrk_gravity.model import Columns
 from testing.world import COARSE, World
 
 

@@ -13,7 +13,7 @@ import pytest
 from made_up_arm import random_inertias, random_motion
 
 from dvrk_gravity.arms import Arm, build_tree
-from dvrk_gravity.effects import joint_of_link, links_told_apart
+from dvrk_gravity.effects import identifiable_links, joint_of_link
 from testing import mujoco_arms
 
 TILTED = np.array([1.3, -2.1, -9.4])
@@ -225,8 +225,8 @@ def test_dynamics_of_the_psm_are_those_of_the_mechanism_with_its_loops_in_mujoco
 
 def test_of_links_that_turn_alike_only_one_is_weighed(psm):
     """Back, middle and link 2 turn by the same angle about parallel axes: torque sees one."""
-    names = [psm.body_names[body] for body in links_told_apart(psm)]
+    names = [psm.body_names[body] for body in identifiable_links(psm)]
     assert set(names) == set(psm.body_names) - {"back", "middle"}
-    assert [psm.joint_names[joint_of_link(psm, body)] for body in links_told_apart(psm)][-3:] == [
+    assert [psm.joint_names[joint_of_link(psm, body)] for body in identifiable_links(psm)][-3:] == [
         "insertion", "pitch", "pitch",
     ]  # fmt: skip

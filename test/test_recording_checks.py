@@ -293,8 +293,8 @@ def test_every_kind_of_finding_has_a_case():
     # A recording does not tell its arm or its coordinates: `identify` finds these.
     of_the_arm = {"coordinates", "arm_limits", "other_hand", "arm_file"}
     # What gaps cost depends on the filter: `prepare` and `read_trajectory` find it.
-    # So does what is left of a long recording: `excerpt`. What was read before: `ReadBefore`.
-    of_others = {"samples_discarded", "excerpt", "read_before"}
+    # So does what is left of a long recording: `excerpt`. What was read before: `Duplicates`.
+    of_others = {"samples_discarded", "excerpt", "duplicate_samples"}
     # Reading a file finds these (test_recordings_as_they_are.py, test_csv_of_others.py).
     of_reading = {"stamps_back", "unreadable", "other_messages", "not_finite", "cut_off",
                   "impossible_readings", "not_recorded", "wrapped", "topic", "columns"}  # fmt: skip
@@ -556,8 +556,8 @@ def test_coarse_positions_are_told_in_the_unit_of_the_joint():
     found = quantisation(Recording(arm.joint_names, time, coarse).of(arm))
     words = {warning.joint: warning.text for warning in found}
     assert set(words) == {"insertion", "roll"}
-    assert "steps of 0.001 m: one a sample is 0.2 m/s" in words["insertion"]
-    assert "steps of 0.001 rad: one a sample is 0.2 rad/s" in words["roll"]
+    assert "(0.001 m): differentiated velocity has steps of 0.2 m/s" in words["insertion"]
+    assert "(0.001 rad): differentiated velocity has steps of 0.2 rad/s" in words["roll"]
 
 
 @pytest.mark.parametrize(("step", "told"), [(3e-4, False), (3e-3, True)])
@@ -574,7 +574,7 @@ def test_a_terminal_says_what_is_alike_at_several_joints_of_the_first():
     lines = brief([*quantisation(coarse), late])
     first, *others = JOINT_NAMES
     assert len(lines) == 2
-    assert lines[0].startswith(f"{first}: position has steps of 0.02 rad")
+    assert lines[0].startswith(f"{first}: encoder resolution is coarse (0.02 rad)")
     assert lines[0].endswith(f"; likewise {', '.join(others)}")
     assert lines[1] == "one gap of 0.8 s"
 

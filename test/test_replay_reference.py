@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from test_replay import make_bag
 
-from dvrk_gravity.cli.replay import replay
-from dvrk_gravity.cli.replay_reference import compensation
+from dvrk_gravity.cli.replay import compensation, replay
 from dvrk_gravity.effects import Gravity, Payload
 from dvrk_gravity.model import TorqueModel
 from testing.world import World

@@ -133,7 +133,8 @@ def test_names_of_files_and_parameters_are_escaped():
 def test_what_is_not_known_stands_beside_what_is():
     text = page_of("poses")
     assert "a and b cannot be separated" in text
-    assert "about 7 of 9 independent combinations of parameters; condition number 12" in text
+    counted = "7 of 9 independent combinations of parameters better than the prior does"
+    assert f"{counted}; condition number 12" in text
     assert re.search(r'<tr class="open">\s*<td>mcx', text)
     assert re.search(r"<tr>\s*<td>beta\[0\]", text)
     assert "does not improve" in text

@@ -13,7 +13,7 @@ from recording_samples import wave
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import BagReader
-from dvrk_gravity.ros import COMMANDS, PRIVATE, UNHEARD, NodeProcess, operating_state
+from dvrk_gravity.ros import COMMANDS, PRIVATE, UNHEARD, NodeProcess, OperatingState
 
 POLICIES = {arm: CONFIG / "security" / f"{arm}.policy.xml" for arm in ("mtml", "mtmr")}
 ACCESS = {"topics": ("publish", "subscribe"), "services": ("reply", "request")}
@@ -26,7 +26,7 @@ NODES = {
 
 # Whose types come with the dVRK's workspace: not subscribed to without it.
 OF_THE_WORKSPACE = {*UNHEARD, "operating_state"} - {
-    "operating_state" if operating_state.OperatingState is not None else ""
+    "operating_state" if OperatingState is not None else ""
 }
 ARRAY = CONFIG / "security" / "effort_controller.policy.xml"
 

@@ -14,7 +14,7 @@ import dvrk_gravity.diagnosis
 import dvrk_gravity.estimation
 import dvrk_gravity.identification
 import dvrk_gravity.recording
-from dvrk_gravity.diagnosis import readings
+from dvrk_gravity.diagnosis.inference import places
 
 ROOMS = (
     dvrk_gravity.diagnosis, dvrk_gravity.estimation, dvrk_gravity.identification,
@@ -37,7 +37,7 @@ def declared() -> set[type]:
     """Every settings class of the rooms where something is estimated or checked."""
     found = set()
     for room in ROOMS:
-        for module in pkgutil.iter_modules(room.__path__, f"{room.__name__}."):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
             for name, value in vars(importlib.import_module(module.name)).items():
                 known = name.endswith("Settings") and is_dataclass(value) and name not in GIVEN
                 if known and value.__module__ == module.name:
@@ -62,9 +62,9 @@ def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_
 
 
 def test_so_is_one_that_a_module_holds_as_a_constant(sensitivity):
-    with sensitivity.changed(readings.ReadingSettings, "least_removed", 2.0):
-        assert readings._SETTINGS.least_removed == 0.6
-    assert readings._SETTINGS.least_removed == 0.3
+    with sensitivity.changed(places.PlaceSettings, "overlap", 2.0):
+        assert places._SETTINGS.overlap == 1.0
+    assert places._SETTINGS.overlap == 0.5
 
 
 @pytest.mark.slow

@@ -249,11 +249,11 @@ def test_the_simulator_names_no_effect():
     paths = (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
     known = {path.name: effects_imported_by(path) for path in paths}
     bodies = known.pop("model_plant.py")
-    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale", "supposed_rotors"}
+    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale", "assumed_rotors"}
     assert set().union(*known.values()) == {
         "PlantPart",
-        "supposed_inertias",
-        "supposed_rotors",
+        "assumed_inertias",
+        "assumed_rotors",
         "terms",
     }
 

@@ -178,7 +178,7 @@ def test_what_is_done_alike_at_several_joints_is_told_once(recording, tmp_path, 
     assert told.count("removes") > 13  # each with its sizes
     done = [line for line in told.splitlines() if "what to do: " in line]
     assert len(done) == 3
-    assert "an arm's file says little of it: use the extended model, which has it" in done[1]
+    assert "an arm's file states little of it: use the extended model, which has it" in done[1]
 
 
 def test_convert_writes_it_as_a_model_file(tmp_path, capsys):
@@ -291,7 +291,7 @@ def test_joints_that_no_recording_holds_are_held_and_a_load_is_found_all_the_sam
     load = next(found for found in diagnosis.findings if found.effect == "payload")
     assert load.joints == arm.joint_names[-1:]
     assert load.parameters["mass"].value == pytest.approx(0.8, rel=0.05)
-    assert any(note.startswith("not recorded, and taken to be held") for note in diagnosis.notes)
+    assert any(note.startswith("not recorded, assumed held") for note in diagnosis.notes)
     assert set(diagnosis.before) == set(arm.joint_names)
 
 
@@ -339,7 +339,7 @@ def test_efforts_that_its_masses_do_not_need_are_refused(recording, judge):
     [
         (
             {"urdf": str(UR5), "effort_unit": "A"},
-            "expected drive_gains in it: masses tell N·m, and not",
+            "expected drive_gains in it: masses give N·m, not",
         ),
         ({"urdf": "weightless.urdf"}, "expected an arm's file that states masses"),
     ],

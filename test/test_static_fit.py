@@ -21,9 +21,10 @@ from dvrk_gravity.identification import (
     fit_static,
     gravity_of,
     joint_columns,
+    pose_identifiability,
+    pose_uncertainty,
     predict_unseen,
     read_poses,
-    static_report,
 )
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -136,8 +137,8 @@ def test_shoulder_over_a_short_range_is_not_told_from_its_cable():
     poses, _ = read_poses(record(truth(), q), ARM, "joint")
     table = Table.of(poses, ARM)
     _, solution, _, weight = fit_poses(table, [Composition(((j,),), 0.1) for j in range(7)])
-    spread = static_report.uncertainty(table, solution, weight)
-    statements = static_report.identifiability(table, solution, spread).statements
+    spread = pose_uncertainty(table, solution, weight)
+    statements = pose_identifiability(table, solution, spread).statements
     expected = "beta2 (arm_y) and directional_cable.positive.shoulder_pitch[0] cannot be separated"
     assert any(statement.startswith(expected) for statement in statements)
 

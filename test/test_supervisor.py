@@ -9,7 +9,7 @@ from conftest import MODEL_FILE
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.compensate import (
-    CHANGE,
+    CONSIDERABLE,
     DroppedSampleError,
     SampleReader,
     Settings,
@@ -295,7 +295,7 @@ def test_without_a_ramp_a_considerable_change_takes_a_fifth_of_a_second_all_the_
     first = loop.first(effort=HELD)
     end = target(loop)
     assert (
-        np.abs(end - HELD) > CHANGE.considerable * loop.supervisor.settings.model.arm.effort_limit
+        np.abs(end - HELD) > CONSIDERABLE * loop.supervisor.settings.model.arm.effort_limit
     ).any()
     np.testing.assert_allclose(first, HELD, atol=1e-12)
     half = loop.run(0.1)[-1]
@@ -556,7 +556,7 @@ def test_a_stamp_that_stands_still_counts_as_no_input(resume):
         command = loop.send(stamp=frozen)
         assert command is not None or loop.holds
     assert loop.now - begin == pytest.approx(0.1, abs=0.003)
-    assert "has not moved" in loop.reason
+    assert "has not advanced" in loop.reason
     assert loop.run(1.0, stamp=frozen) == [None] * 500
     assert loop.cause in ("stamp_repeated", "stamp_too_old")
     assert loop.holds == 1
@@ -925,7 +925,7 @@ def test_a_change_that_asks_for_what_no_start_would_accept_holds_the_arm(case):
     answer = loop.first(**held)
     if case == "no weight":  # a wish with a flag of its own: it fades from what holds the arm
         np.testing.assert_allclose(answer, held["effort"], atol=1e-12)
-        assert "gravity is left out" in loop.supervisor.change
+        assert "gravity is not compensated" in loop.supervisor.change
     else:
         assert answer is None
         assert loop.status is Status.FAULT
@@ -1037,7 +1037,7 @@ def test_without_measured_efforts_a_change_has_to_be_confirmed():
     loop.configure(**AT_ONCE, **BEYOND["a load that is not there"])
     assert loop.first() is None
     assert loop.status is Status.FAULT
-    assert "~/enable takes them" in loop.reason
+    assert "~/enable accepts them" in loop.reason
     loop.supervisor.enable()
     np.testing.assert_allclose(loop.first(), target(loop))
 

@@ -13,7 +13,7 @@ from test_report import fit_of
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import Progress, Stages
-from dvrk_gravity.diagnosis import Alternative, Diagnosis, size_of
+from dvrk_gravity.diagnosis import Alternative, Diagnosis
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.identification import (
     Evaluation,
@@ -31,12 +31,13 @@ from dvrk_gravity.report import (
     evaluation_text,
     fit_text,
     laid_out,
+    size_of,
     warning_lines,
 )
 
 ARM = Arm.load("mtmr")
 LEFT = TorqueModel.from_parameters({"arm": "mtml", "beta": (0.1,) * 10})
-EXTRAPOLATED = "beyond what was recorded, the torque that holds the arm still is known poorly"
+EXTRAPOLATED = "gravity torque uncertain by ±31 mN·m outside the recorded poses"
 DETAIL = DataWarning("stale_samples", None, {}, "95 samples repeat the one before")
 OTHER_UNIT = DataWarning("effort_unit", None, {}, "efforts in another unit than N·m?")
 
@@ -48,7 +49,7 @@ def of_two_minds() -> Fit:
     errors["outer_yaw"] = JointError(0.01, 0.013, 0.99)
     joints = dict.fromkeys(JOINT_NAMES, JointVerdict("good", "held-out error 5 % of its torque"))
     joints["wrist_roll"] = JointVerdict("good", "held-out error 0.5 mN·m, which moves no joint")
-    joints["outer_yaw"] = JointVerdict("usable", f"{EXTRAPOLATED} (to 31 mN·m)", "elsewhere")
+    joints["outer_yaw"] = JointVerdict("usable", EXTRAPOLATED, "elsewhere")
     verdict = Verdict("usable", "outer_yaw", "elsewhere", joints)
     return replace(fit_of(None), held_out=errors, verdict=verdict)
 
@@ -63,9 +64,7 @@ def test_beside_a_verdict_that_the_error_alone_does_not_explain_stands_its_reaso
     assert row_of(lines, "wrist_roll").endswith(
         "  0.600    0.400   0.340  good: held-out error 0.5 mN·m, which moves no joint"
     )
-    assert row_of(lines, "outer_yaw").endswith(
-        f"  0.013    0.990   0.082  usable: {EXTRAPOLATED} (to 31 mN·m)"
-    )
+    assert row_of(lines, "outer_yaw").endswith(f"  0.013    0.990   0.082  usable: {EXTRAPOLATED}")
     assert row_of(lines, "elbow_pitch").endswith("  0.050    0.990   0.191  good")
     (rule,) = [line for line in lines if line.startswith("rule: ")]
     assert "good up to the joint's 'good to', and usable up to the larger of 0.3 and 1.4" in rule
@@ -131,10 +130,10 @@ def test_which_columns_were_read_is_no_warning():
     [
         ((True,), "explained", "1 finding, certain"),
         ((False,), "explained", "1 finding, not certain"),
-        ((True,), "ambiguous", "1 finding, certain; what explains it is ambiguous (see `or`)"),
+        ((True,), "ambiguous", "1 finding, certain; other possible causes (see `or`)"),
         ((False, False), "explained", "2 findings, none of them certain"),
         ((True, True), "ambiguous",
-         "2 findings, certain; what explains 1 of them is ambiguous (see `or`)"),
+         "2 findings, certain; 1 of them with other possible causes (see `or`)"),
     ],
 )  # fmt: skip
 def test_how_many_findings_are_certain_contradicts_no_verdict(certain, verdict, said):
@@ -201,7 +200,7 @@ def test_a_diagnosis_is_a_table_with_sizes_and_says_how_good_and_what_next():
     assert "all joints" in lines[4]
     assert " no  " in lines[4]
     assert "outer_yaw 200 -> 50" in lines[5]
-    assert "most left: elbow_pitch 200 -> 300, 30 times" in lines[5]
+    assert "largest remaining: elbow_pitch 200 -> 300, 30 times" in lines[5]
     assert "worse after: elbow_pitch" in lines[5]
     assert lines[6] == "next: oil it"
     assert len(lines) == 9, "a warning, and how many more"

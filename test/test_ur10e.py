@@ -10,7 +10,8 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.identification import KnownPayload, drive_gains, identify
+from dvrk_gravity.identification import identify
+from dvrk_gravity.intake import KnownPayload, drive_gains
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
@@ -58,7 +59,7 @@ def test_a_real_load_is_found_without_a_model_from_the_same_motion_without_it(ur
     assert (load.effect, load.place) == ("payload", "wrist_3_link")
     assert mass.value == pytest.approx(2.805, rel=0.1)
     assert mass.low < 2.805 < mass.high
-    assert "the torque scale agrees" in found.weighed.sentence
+    assert "the torque scale agrees" in found.payload_check.sentence
 
 
 @pytest.mark.slow

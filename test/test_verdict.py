@@ -20,14 +20,13 @@ from dvrk_gravity.identification import (
     Holding,
     JointError,
     Verdict,
-    VerdictSettings,
-    compared,
     identify,
     judge,
+    level_of,
 )
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.report import error_table
+from dvrk_gravity.report import compared, error_table
 
 pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 
@@ -76,9 +75,9 @@ def test_a_joint_of_another_arm_is_judged_as_its_own_and_not_as_its_namesake():
     mtm, psm = ARM.joints[4], Arm.load("psm").joints[4]
     own = replace(mtm, published_error=None)
     assert mtm.name == psm.name == "wrist_pitch"
-    judged = [VerdictSettings().level(joint, 0.26) for joint in (mtm, psm, own)]
+    judged = [level_of(joint, 0.26) for joint in (mtm, psm, own)]
     assert judged == ["good", "usable", "usable"]
-    judged = [VerdictSettings().level(joint, 0.32) for joint in (mtm, psm, own)]
+    judged = [level_of(joint, 0.32) for joint in (mtm, psm, own)]
     assert judged == ["usable", "usable", "do_not_compensate"]
 
 
@@ -91,7 +90,7 @@ def test_an_error_that_moves_no_joint_counts_as_none():
 def test_gravity_that_the_data_leave_open_is_not_compensated():
     poor = of("shoulder_pitch", error=0.4)
     assert poor.level == "do_not_compensate"
-    assert "known poorly: 1000 mN·m, of which 400 mN·m are uncertain" in poor.reason
+    assert "gravity torque uncertain: 1000 mN·m ± 400 mN·m" in poor.reason
     assert "all joints" in poor.record
     assert of("shoulder_pitch", error=0.2).level == "usable"
     assert of("shoulder_pitch", torque=0.0, error=0.001).level == "good"
@@ -126,7 +125,7 @@ def test_friction_that_poses_do_not_tell_apart_costs_no_more_than_good():
 def test_a_range_that_was_not_recorded_costs_no_more_than_good():
     beyond = of("elbow_pitch", error_anywhere=10.0)
     assert beyond.level == "usable"
-    assert "beyond what was recorded" in beyond.reason
+    assert "outside the recorded poses" in beyond.reason
     assert "elsewhere in the joints' ranges" in beyond.record
     unmoved = of("elbow_pitch", lower=0.0, upper=0.1)
     assert unmoved.level == "usable"
@@ -137,7 +136,7 @@ def test_what_to_record_instead_follows_from_where_the_error_is():
     assert "a longer motion" in of(share=0.5, training=0.05).record
     unexplained = of(share=0.5, training=0.45)
     assert "nothing touching the arm" in unexplained.record
-    assert "something acts" in unexplained.reason
+    assert "an unmodelled effect" in unexplained.reason
 
 
 @pytest.mark.parametrize(
@@ -151,8 +150,7 @@ def test_what_to_record_instead_follows_from_where_the_error_is():
         (
             "good", 0.9,
             "verdict in the model file: good; from these errors alone it would be: "
-            "do not compensate with this (wrist_yaw 90 % of the torque); `diagnose` tells whether "
-            "that is news, and of what",
+            "do not compensate with this (wrist_yaw 90 % of the torque); `diagnose` finds out why",
         ),
         (
             "unknown", 0.05,
@@ -171,8 +169,8 @@ def test_an_evaluation_says_where_friction_is_in_the_errors():
     errors["wrist_platform"] = JointError(0.09 * ARM.effort_limit[3], 0.9, 0.0)
     line = compared(TorqueModel(ARM, ()), errors, "joint", ["wrist_platform", "elbow_pitch"])
     assert line.endswith(
-        "it would be: usable (wrist_platform 90 % of the torque, with friction that these poses do "
-        "not tell apart)"
+        "it would be: usable (wrist_platform 90 % of the torque, friction included, which these "
+        "poses do not separate)"
     )
 
 
@@ -241,7 +239,7 @@ def test_poses_that_never_moved_the_shoulder_do_not_tell_its_gravity():
     q[:, 1] = 0.3
     verdict = identify(record(posed(), q), ARM).verdict
     assert verdict.joints["shoulder_pitch"].level == "do_not_compensate"
-    assert "known poorly" in verdict.joints["shoulder_pitch"].reason
+    assert "gravity torque uncertain" in verdict.joints["shoulder_pitch"].reason
     assert "more poses" in verdict.joints["shoulder_pitch"].record
     moved = identify(record(posed(), grid(3)), ARM).verdict
     assert moved.joints["shoulder_pitch"].level != "do_not_compensate"

@@ -16,7 +16,6 @@ from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.identification import (
     Fit,
     HeldWeight,
-    HeldWeightSettings,
     held_weights,
     identify,
     missing_weights,
@@ -220,7 +219,7 @@ def test_plausible_masses_forbid_a_model_where_most_of_the_weight_is_missing(gon
         HeldWeight(joint, 0.0 if joint in gone else 1.0, 0.01, size, stated=False, believed=True)
         for joint, size in weight.items()
     ]
-    (found,) = missing_weights(weights, arm, HeldWeightSettings())
+    (found,) = missing_weights(weights, arm)
     assert found.joints == gone
     assert (found.level == POOR) == sure
 

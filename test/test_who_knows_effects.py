@@ -18,12 +18,12 @@ ROOMS: Mapping[str, str] = {
     "console/": "the console's file format is made of gravity, cables by direction and friction",
     "arms/mtm/": "beta in closed form is the MTM's weight",
     "effects/": "merging one effect changes others' parameters",
-    "identification/rigid_columns.py": "weight and inertia are one set of base parameters",
-    "identification/physical.py": "bodies that can exist are made of weight and inertia",
-    "identification/kinematic_calibration.py": "kinematic calibration looks for zeros and a tilt",
-    "identification/identifiability.py": "what data leave open is told of sums of certain effects",
-    "identification/static_": "what poses determine: weight, cables, held load",
-    "identification/console_columns.py": "what the console's form has",
+    "model/rigid_columns.py": "weight and inertia are one set of base parameters",
+    "identification/quality/physical.py": "bodies that can exist are made of weight and inertia",
+    "model/kinematics.py": "kinematic calibration estimates encoder offsets and a tilt",
+    "identification/quality/identifiability.py": "data leave sums of certain effects open",
+    "identification/poses/": "what poses determine: weight, cables, held load",
+    "identification/trajectories/problem.py": "what the console's form has",
     "simulate/model_plant.py": "bodies that can exist are made of a model's inertia",
 }
 # Words that are no effect's name there: a section of a file, a kind of warning, a parameter.
@@ -91,9 +91,10 @@ def test_every_exception_is_one(room, modules):
 
 @pytest.mark.parametrize(
     "room", ["effects/base/", "compensate/", "simulate/plant.py", "simulate/effects.py",
-             "diagnosis/extend.py", "diagnosis/words.py", "diagnosis/selection.py",
-             "diagnosis/cross_validation.py", "identification/columns.py",
-             "identification/moves.py", "model.py"],
+             "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py",
+             "report/findings.py", "diagnosis/inference/selection.py",
+             "diagnosis/inference/cross_validation.py", "model/columns.py",
+             "model/torque_model.py"],
 )  # fmt: skip
 def test_what_uses_all_effects_names_none(room, modules):
     classes = {effect.__name__ for effect in effects.effects()}

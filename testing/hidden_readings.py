@@ -34,6 +34,22 @@ def _joint_offset(world: World, random: Random) -> tuple[World, Hidden]:
     return _read(world, reading), found(world.arm, "joint_offset", joint, offset=float(offset))
 
 
+def encoder_scale(world: World, random: Random) -> tuple[World, Hidden]:
+    """Let an encoder read too far or too short, so that position and velocity are a factor off."""
+    joint = int(random.choice([1, 2, 4]))
+    factor = 1.0 + float(random.uniform(0.06, 0.15)) * sign(random)
+    scale = np.ones(N)
+    scale[joint] = factor
+
+    def reading(recording: Recording) -> Recording:
+        assert recording.velocity is not None
+        return replace(
+            recording, position=recording.position * scale, velocity=recording.velocity * scale
+        )
+
+    return _read(world, reading), found(world.arm, "encoder_scale", joint, factor=factor)
+
+
 def _torque_scale(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.choice(LOADED))
     factor = float(random.choice([random.uniform(0.5, 0.85), random.uniform(1.15, 1.7)]))

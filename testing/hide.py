@@ -30,7 +30,7 @@ from testing.hidden_parts import (
     size,
 )
 from testing.hidden_plant import Dahl
-from testing.hidden_readings import READINGS
+from testing.hidden_readings import READINGS, encoder_scale
 from testing.world import World
 
 
@@ -202,6 +202,26 @@ def _contact(world: World, random: Random) -> tuple[World, Hidden]:
     )
 
 
+def _spring(world: World, random: Random) -> tuple[World, Hidden]:
+    first = int(random.integers(N - 2))
+    second = first + int(random.integers(1, 3))
+    ratio, sign_ = float(random.uniform(0.6, 1.6)), sign(random)
+    stretch = RANGE[first] + ratio * RANGE[second]
+    least = max(LEVEL[first], LEVEL[second] / ratio)
+    stiffness = 2.0 * least / stretch * size(random)
+    slack = float(random.uniform(-0.5, 0.5) * stretch)
+
+    def extra(time: float, q: Array, v: Array) -> Array:
+        pull = stiffness * (q[first] + sign_ * ratio * q[second] - slack)
+        result = np.zeros_like(q)
+        result[first], result[second] = pull, sign_ * ratio * pull
+        return result
+
+    names = (world.arm.joint_names[first], world.arm.joint_names[second])
+    hidden = Hidden("joint_spring", names, {"stiffness": float(stiffness), "ratio": ratio})
+    return replace(world, extra=(*world.extra, extra)), hidden
+
+
 def _outside(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.integers(N - 1))
     other = int(random.choice([k for k in range(N) if k != joint]))
@@ -230,7 +250,11 @@ def _outside(world: World, random: Random) -> tuple[World, Hidden]:
     return replace(world, extra=(*world.extra, extra)), found(world.arm, "outside", joint)
 
 
-HIDERS: Mapping[str, Callable[[World, Random], tuple[World, Hidden]]] = {
+Hider = Callable[[World, Random], tuple[World, Hidden]]
+
+_ADDED: Mapping[str, Hider] = {"joint_spring": _spring, "encoder_scale": encoder_scale}
+
+HIDERS: Mapping[str, Hider] = {
     "nothing": _nothing,
     "payload": _payload,
     "base_tilt": _base_tilt,
@@ -247,5 +271,12 @@ HIDERS: Mapping[str, Callable[[World, Random], tuple[World, Hidden]]] = {
     "contact": _contact,
     "outside": _outside,
     **READINGS,
+    **_ADDED,
 }
 """Effect -> how it is hidden."""
+
+STREAMS: Mapping[str, int] = {
+    effect: number
+    for number, effect in enumerate((*sorted(HIDERS.keys() - _ADDED.keys()), *_ADDED))
+}
+"""Effect -> number of its random stream. New effects come last, and move no other's."""

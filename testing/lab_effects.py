@@ -136,7 +136,7 @@ class Hiding:
 
 def hide(
     setting: Setting, effect: str, random: Random, joint: int | None = None,
-    sizes: tuple[float, float] = SIZES,
+    sizes: tuple[float, float] = SIZES, shapers: Mapping[str, Shaper] | None = None,
 ) -> Hiding:  # fmt: skip
     """Hide an effect, some times as large as what the model leaves if it can be.
 
@@ -146,17 +146,19 @@ def hide(
         random: Where joint, size and shape come from.
         joint: Index of the joint, or of the link's; ``None``: drawn.
         sizes: Least and greatest, in units of what the model leaves.
+        shapers: How each is hidden; by default :data:`HIDERS`.
 
     Raises:
         ConfigError: No such effect.
     """
-    if effect not in HIDERS:
-        raise ConfigError("effect", effect, f"one of {', '.join(sorted(HIDERS))}")
+    shapers = shapers or HIDERS
+    if effect not in shapers:
+        raise ConfigError("effect", effect, f"one of {', '.join(sorted(shapers))}")
     target = float(np.exp(random.uniform(*np.log(sizes))))
     best: Hiding | None = None
     for _ in range(_TRIES):
         where = int(random.integers(setting.n)) if joint is None else joint
-        hiding = HIDERS[effect](setting, random, where, target)
+        hiding = shapers[effect](setting, random, where, target)
         if best is None or abs(hiding.ratio - target) < abs(best.ratio - target):
             best = hiding
         if best.ratio > 0.95 * sizes[0] or effect == "nothing":
@@ -456,6 +458,41 @@ def _contact(setting: Setting, random: Random, joint: int, target: float) -> Hid
     return _and(replace(hiding, ratio=hiding.ratio / share), start=start, end=end)
 
 
+def _spring(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
+    first = min(joint, setting.n - 2)
+    second = first + int(random.integers(1, min(3, setting.n - first)))
+    q, scale = setting.truth.q, setting.truth.arm.scale
+    ratio = float(random.uniform(0.6, 1.6) * scale[first] / scale[second])
+    row = np.zeros(setting.n)
+    row[first], row[second] = 1.0, ratio * _sign(random)
+    stretch = q @ row
+    slack = random.uniform(*np.quantile(stretch, [0.1, 0.9]))
+    unit = (stretch - slack)[:, None] * row
+    stiffness, size = _scaled(setting, unit, 0.0, np.inf, target)
+    names = setting.truth.arm.joint_names
+    hidden = Hidden("joint_spring", (names[first], names[second]),
+                    {"stiffness": stiffness, "ratio": ratio})  # fmt: skip
+    return _with(setting, stiffness * unit, size, hidden)
+
+
+def _encoder_scale(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
+    truth, turned = setting.truth, np.eye(setting.n)[joint]
+
+    def read(part: float) -> tuple[Array, Array, Array]:
+        q, qd, qdd = (values * (1.0 + part * turned) for values in truth.motion)
+        return q, qd, qdd
+
+    small = 1e-3
+    unit = (setting.bodies.torque(*read(small)) - setting.bodies.torque(*read(-small))) / (
+        2.0 * small
+    )
+    part, ratio = _scaled(setting, unit, 0.005, 0.15, target)
+    part *= _sign(random)
+    q, qd, qdd = read(part)
+    return Hiding(replace(truth, q=q, qd=qd, qdd=qdd),
+                  _found(setting, "encoder_scale", joint, factor=1.0 + part), ratio)  # fmt: skip
+
+
 HIDERS: Mapping[str, Shaper] = {
     "nothing": _nothing,
     "payload": _payload,
@@ -477,5 +514,7 @@ HIDERS: Mapping[str, Shaper] = {
     "effort_saturation": _saturation,
     "cogging": _cogging,
     "contact": _contact,
+    "joint_spring": _spring,
+    "encoder_scale": _encoder_scale,
 }
-"""Effect -> how it is hidden."""
+"""Effect -> how it is hidden; new ones at the end, so that others keep their random numbers."""

@@ -259,6 +259,9 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
     wrongly = Counter(name for outcome in alarms for name in outcome.found)
     failed = [outcome for outcome in outcomes if outcome.failure]
     seconds = [outcome.seconds for outcome in good] or [0.0]
+    lines.append(
+        f"  certain of a wrong cause: {part(sum(map(_surely_wrong, hidden)), len(hidden))}"
+    )
     lines += [f"  false: {name}, {count} times" for name, count in wrongly.most_common()]
     lines += [f"  failed: {outcome}" for outcome in failed[:3]]
     known = [outcome for outcome in hidden if outcome.ratio >= RATIOS[1]]
@@ -320,6 +323,15 @@ def _row(name: str, rows: Sequence[Outcome]) -> str:
         + f" {_inside(rows):>8}   "
         + " / ".join(bands)
     )  # fmt: skip
+
+
+def _surely_wrong(outcome: Outcome) -> bool:
+    """Whether a name was given for certain, and neither it nor an alternative is right."""
+    sure = (
+        certain and not name.startswith("unknown")
+        for name, certain in zip(outcome.found, outcome.certain, strict=True)
+    )
+    return outcome.place == "wrong" and any(sure)
 
 
 def _count(rows: Sequence[Outcome], *places: str) -> int:

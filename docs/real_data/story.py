@@ -158,7 +158,7 @@ def _step(
     if shown is not None:
         return
     for note in diagnosis.notes:
-        if note.startswith("chosen, but not confirmed"):
+        if note.startswith("rejected: ") and "not confirmed" in note:
             yield _wrapped(note, "> - ")
     for ambiguity in diagnosis.ambiguities:
         yield _wrapped(f"Ambiguous: {ambiguity.sentence}.", "> - ")

@@ -15,11 +15,13 @@ from .description import thousandth as thousandth
 from .dh import DHRow as DHRow
 from .held import STAYS as STAYS
 from .held import beyond as beyond
+from .limits import LARGEST as LARGEST
+from .limits import require_drivable as require_drivable
 from .mtm import BODIES as BODIES
 from .mtm import JOINT_NAMES as JOINT_NAMES
 from .mtm import N_JOINTS as N_JOINTS
 from .mtm import is_mtm as is_mtm
-from .mtm.beta import beta_tree as beta_tree
+from .mtm.bodies import beta_tree as beta_tree
 from .mtm.gravity import BETA_NAMES as BETA_NAMES
 from .mtm.gravity import COLUMNS as COLUMNS
 from .mtm.gravity import JOINTS as JOINTS
@@ -31,11 +33,9 @@ from .mtm.gravity import beta_from_links as beta_from_links
 from .mtm.gravity import beta_from_pinocchio as beta_from_pinocchio
 from .mtm.gravity import regressor as regressor
 from .mtm.gravity import torque as torque
-from .range import LARGEST as LARGEST
 from .shipped import PLANTS as PLANTS
 from .shipped import larger_arm as larger_arm
 from .shipped import plausible_plant as plausible_plant
-from .travel import require_drivable as require_drivable
 from .tree import Tree as Tree
 from .tree import build_tree as build_tree
 from .tree import link_frames as link_frames

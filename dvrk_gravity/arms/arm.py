@@ -26,7 +26,7 @@ SUPPORTED = (
 
 @dataclass(frozen=True, eq=False)
 class Arm(Description):
-    """An arm as data; torques' causes are the effects' business."""
+    """An arm as data; the effects model its torques."""
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Arm:
@@ -167,12 +167,12 @@ class Arm(Description):
 
     @property
     def read_in(self) -> str:
-        """Unit in which efforts are read, and everything is told, where that is not N·m."""
+        """Unit of efforts, and of all that is reported, where that is not N·m."""
         return self.joints[0].read_in
 
     @property
     def newtons_said(self) -> bool:
-        """Whether it was said, and not only supposed, that efforts are in N·m."""
+        """Whether efforts are stated, not only assumed, to be in N·m."""
         return self.drive_gains is not None and bool((self.drive_gains == 1.0).all())
 
     def told_in(self, unit: str, size: float = 1.0) -> Arm:
@@ -186,7 +186,7 @@ class Arm(Description):
         Raises:
             ConfigError: Words that are no unit, or drive gains, which take efforts to N·m.
         """
-        if in_newtons(unit):  # said, and not only supposed
+        if in_newtons(unit):  # stated, not only assumed
             return self.with_drive_gains(np.ones(self.n), np.zeros(self.n))
         nominal, factor = self.inertial_parameters, size / self.effort_size
         joints = (
@@ -284,7 +284,7 @@ class Arm(Description):
 def gravity_in_base(roll: float, pitch: float, yaw: float = 0.0) -> Array:
     """Return (3,) gravity in a base frame turned by Rz(yaw) Ry(pitch) Rx(roll), m/s^2.
 
-    Yaw has no effect on it: gravity does not tell where north is.
+    Yaw has no effect on it.
     """
     del yaw
     return -GRAVITY * np.array(
@@ -302,5 +302,5 @@ def _is_path(text: str) -> bool:
 
 
 def _as_named(text: str) -> str:
-    """Return a path as it is, and a name, which may be in capitals, as the package has it."""
+    """Return a path unchanged, and a name in lower case."""
     return text if _is_path(text) else text.lower()

@@ -1,4 +1,4 @@
-"""What an arm's file says: joints, bodies, transmission, limits, base; as it was read."""
+"""The content of an arm's file: joints, bodies, transmission, limits, base."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ANY_UNIT = "a.u."  # arbitrary unit: that of the recordings, of which only its n
 # joints that slide is as far at a lever of 0.1 m.
 SCALES: dict[JointKind, float] = {"revolute": 1.0, "prismatic": 0.1}
 # rad/s that no joint turns at. A tennis serve turns an elbow at 26 rad/s (Fleisig et al. 2003,
-# Sports Biomechanics 2(1)); nobody leads an arm like that.
+# Sports Biomechanics 2(1)); nobody guides an arm that fast.
 FASTEST = 25.0
 # rad by which positions may differ at any rate: ten steps of the coarsest encoder (an MTM's
 # wrist_roll, 0.006 rad), and what stamps that are rounded to 10 ms hide at 6 rad/s.
@@ -53,7 +53,7 @@ def read_in(unit: str, effort: str) -> str:
 
 
 def in_newtons(unit: str) -> bool:
-    """Tell whether a unit is N·m, or N, however it is written."""
+    """Return whether a unit is N·m, or N, in any spelling."""
     return _letters(unit).lower() in _NEWTON_METRES
 
 
@@ -85,7 +85,7 @@ class Joint:
         effort_stated: Whether ``effort_limit`` is what the arm's file states. If not, it is a
             plausible size (``plausible_effort``): enough for a fit, not for a command.
         published_error: Error of careful fits of this joint on a motion that they had not seen, as
-            a part of its torque; ``None`` where nobody has published one.
+            a part of its torque; ``None`` where none is published.
     """
 
     name: str

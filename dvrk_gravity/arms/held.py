@@ -1,4 +1,4 @@
-"""An arm of which some joints are held still: they are no joints then, and their links rigid."""
+"""An arm with some joints held still: their links become rigid."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ def beyond(arm: Description, recorded: tuple[str, ...]) -> dict[str, float] | No
     """Return where joints are held that were not recorded, if they lie beyond those that were.
 
     At zero, or at the limit next to it. ``None`` if a recorded joint is carried by one that was
-    not: how it hangs is not known then.
+    not: its orientation is unknown then.
     """
     missing = [i for i, name in enumerate(arm.joint_names) if name not in recorded]
     moved = arm.expand != 0.0
-    carried = moved.copy()  # (bodies, n) by the joint, or by one that it hangs on
+    carried = moved.copy()  # (bodies, n) by the joint, or through its parent
     for index, body in enumerate(arm.bodies):
         if body.parent >= 0:
             carried[index] |= carried[body.parent]

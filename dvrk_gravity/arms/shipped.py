@@ -1,4 +1,4 @@
-"""The arms that the package ships, told from one another by the names of their joints."""
+"""The arms that the package ships, identified by the names of their joints."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _MTM = "mtmr_28002"
 def plausible_plant(arm: Description) -> str:
     """Return the name of the shipped plant that moves as an arm does; ``""``: none.
 
-    It is the first whose name begins with the arm's; of any MTM ``mtmr_28002``. An arm with joints
-    that are held is another one.
+    It is the first whose name begins with the arm's; of any MTM ``mtmr_28002``. An arm with
+    held joints has none.
     """
     whole = () if arm.held else shipped(PLANTS)
     named = [name for name in whole if name.partition("_")[0] == arm.name]
@@ -26,12 +26,12 @@ def plausible_plant(arm: Description) -> str:
 
 
 def larger_arm(arm: str, names: Collection[str]) -> str:
-    """Return the shipped arm that names are of, instead of a smaller one; ``""``: none.
+    """Return the shipped arm whose joints include those of a smaller one; ``""``: none.
 
     An ECM's joints are the first ones of a PSM, whose recording would be taken for an ECM's.
 
     Args:
-        arm: Name of the arm that they are said to be of.
+        arm: Name of the arm that was stated.
         names: Names of joints.
     """
     joints = _joints()

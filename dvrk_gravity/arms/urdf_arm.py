@@ -18,9 +18,11 @@ from dvrk_gravity.arms.plausible_effort import with_plausible_efforts
 from dvrk_gravity.arms.urdf_file import (
     KINDS,
     PLACEHOLDER,
+    XacroError,
     attribute,
     check,
     dynamics,
+    expand,
     find_root,
     parse,
     read_joints,
@@ -29,7 +31,6 @@ from dvrk_gravity.arms.urdf_file import (
     stated_limit,
 )
 from dvrk_gravity.arms.urdf_inertia import doubts
-from dvrk_gravity.arms.xacro_file import XacroError, expand
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file

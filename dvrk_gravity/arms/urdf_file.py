@@ -1,4 +1,4 @@
-"""What a URDF must hold, checked before Pinocchio reads it, which would not say it clearly."""
+"""What a URDF must hold, checked before Pinocchio reads it; xacro expanded first."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import math
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from copy import deepcopy
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from dvrk_gravity.arms.description import JointKind
-from dvrk_gravity.arms.range import check_range
-from dvrk_gravity.arms.travel import check_travel
-from dvrk_gravity.arms.xacro_file import XacroError
+from dvrk_gravity.arms.limits import check_range, check_travel
 from dvrk_gravity.errors import ConfigError
 
 KINDS: dict[str, JointKind] = {
@@ -188,7 +187,7 @@ def stated_limit(name: str, joint: ElementTree.Element, key: str) -> float | Non
     """Return the effort or velocity limit that a joint states.
 
     ``None`` where there is none, or none that a joint can have: exporters write 0, -1 or inf where
-    nobody has said one.
+    none is stated.
     """
     value = _limit(name, joint, key)
     return value if 0.0 < value < math.inf else None
@@ -309,7 +308,7 @@ def dynamics(robot: ElementTree.Element) -> str:
             for key, text in part.items():
                 if key in _NAMES:
                     continue
-                with suppress(ValueError):  # what nobody checks, as nobody reads it
+                with suppress(ValueError):  # not read, so not checked
                     part.set(key, " ".join(repr(float(word)) for word in text.split()))
     return ElementTree.tostring(robot, encoding="unicode")
 
@@ -356,3 +355,32 @@ def _finite(field: str, text: str | None, count: int) -> list[float]:
             field, text, "a finite number" if count == 1 else f"{count} finite numbers"
         )
     return values
+
+
+class XacroError(ConfigError):
+    """A URDF with something of xacro left in it; the attributes are ``ConfigError``'s."""
+
+
+def expand(path: Path, found: XacroError) -> str:
+    """Return the text of the URDF that xacro makes of a file, with all arguments' defaults.
+
+    Args:
+        path: The file.
+        found: What is left of xacro in it.
+
+    Raises:
+        ConfigError: The package ``xacrodoc`` is not installed, or the file cannot be expanded.
+    """
+    name = path.name.removesuffix(".xacro")
+    target = name if name != path.name else f"{path.stem}_expanded.urdf"
+    by_hand = f"`xacro {path.name} > {target}`"
+    try:
+        from xacrodoc import XacroDoc
+    except ImportError:
+        expected = f"a URDF without xacro: {by_hand}, or `pip install xacrodoc`"
+        raise ConfigError(found.field, found.value, expected, path) from None
+    try:
+        return str(XacroDoc.from_file(path).to_urdf_string())
+    except Exception as error:  # the file's own expressions are run: anything may come of them
+        expected = f"what xacro expands with the defaults of all arguments; else {by_hand}"
+        raise ConfigError("", f"xacro's {type(error).__name__}: {error}", expected, path) from error

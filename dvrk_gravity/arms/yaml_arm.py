@@ -54,11 +54,9 @@ import pinocchio as pin
 from dvrk_gravity.arms import urdf_arm
 from dvrk_gravity.arms.description import Description, Joint, JointKind, in_newtons
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
-from dvrk_gravity.arms.mtm import parallelogram
-from dvrk_gravity.arms.mtm.published import PUBLISHED_ERROR
-from dvrk_gravity.arms.mtm.sizes import SIZES
-from dvrk_gravity.arms.range import check_range
-from dvrk_gravity.arms.travel import check_travel
+from dvrk_gravity.arms.limits import check_range, check_travel
+from dvrk_gravity.arms.mtm import bodies
+from dvrk_gravity.arms.mtm.defaults import PUBLISHED_ERROR, SIZES
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
@@ -80,7 +78,7 @@ def read(path: Path, source: str) -> Description:
 
     Args:
         path: The file.
-        source: What the arm is loaded from, as :meth:`Arm.load` was told.
+        source: The argument of :meth:`Arm.load`.
 
     Raises:
         ConfigError: Naming the file and the field.
@@ -160,7 +158,7 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
         isinstance(name, str) for name in frictionless
     ):
         raise ConfigError("frictionless", frictionless, "a list of joints")
-    if in_newtons(unit) and gains is None:  # said, and not only supposed
+    if in_newtons(unit) and gains is None:  # stated, not only assumed
         unit, gains, errors = "", np.ones(n), np.zeros(n)
     read, command = _has_gravity(content.get("effort_has_gravity", {}))
     return replace(
@@ -313,7 +311,7 @@ def _followers(
     content: dict[str, Any], joints: Sequence[Joint], table: Sequence[DHRow], convention: Convention
 ) -> tuple[Follower, ...]:
     names = tuple(joint.name for joint in joints)
-    if "parallelogram" in content or parallelogram.has_mtm_names(names):
+    if "parallelogram" in content or bodies.has_mtm_names(names):
         return _parallelogram(content, joints, table, convention)
     rows = content.get("followers", [])
     if not isinstance(rows, list):
@@ -370,8 +368,8 @@ def _parallelogram(
     side = _number("parallelogram", content.get("parallelogram"))
     if side <= 0:
         raise ConfigError("parallelogram", side, "a positive length")
-    parallelogram.check(joints, table)
-    return parallelogram.followers(table, side)
+    bodies.check(joints, table)
+    return bodies.followers(table, side)
 
 
 def _choice(field: str, value: Any, known: Sequence[Any]) -> Any:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
-from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.files import outputs
 from dvrk_gravity.validation import is_urdf
 
 NAME = "convert"
 EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"
 
-_YAML = (".yaml", ".yml")
+MODEL_SUFFIXES = (".yaml", ".yml")
+_TOPIC = "/measured_js"  # of a written bag, by default
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,63 +41,105 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         type=Path,
         nargs="+",
-        help="instead: can the console's files be used, and what to do? (status 1: one cannot be "
-        "used as it is)",
+        help="instead: check whether a console's files can be used (status 1: one needs a repair)",
     )
     parser.add_argument(
         "--json",
         metavar="REPORT",
         type=Path,
-        help="also write there: answers and findings of --check; what a model loses in a "
+        help="also write a report: of --check, or of the differences between a model and a "
         "console's .json",
     )
     parser.add_argument(
         "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="of a written bag"
     )
-    arm_options.add_reading(parser)
+    options.add_reading(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert by the kind of the input and return 0, or return the check's status."""
-    if arguments.check is not None:
-        from dvrk_gravity.cli import convert_console
-
-        if arguments.input is not None:
-            raise ConfigError("--check", str(arguments.input), "no IN or OUT beside it")
-        return convert_console.check(arguments.check, arguments.json)
-    if arguments.output is None:
-        raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
-    return _converter(arguments.input, arguments.output)(arguments)
-
-
-def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
-    # With SciPy and Pinocchio, each of these: not for --help.
+    # Pinocchio and SciPy, which these load, are slow to load and --help needs neither.
+    from dvrk_gravity.cli import convert_console
     from dvrk_gravity.recording import is_recording
 
-    if is_recording(path):
-        from dvrk_gravity.cli import convert_recording
-
-        return convert_recording.convert
-    of_arm = path.suffix.lower() in _YAML and target.suffix.lower() in _YAML
-    if of_arm or is_urdf(path):
-        from dvrk_gravity.cli import convert_urdf
-
-        return lambda arguments: convert_urdf.convert(
-            arguments.input, arguments.output, arguments.json
-        )
-    if path.suffix.lower() in (".json", *_YAML):
-        from dvrk_gravity.cli import convert_console
-
-        return lambda arguments: convert_console.convert(
-            arguments.input, arguments.output, arguments.json
-        )
+    source, target = arguments.input, arguments.output
+    if arguments.check is not None:
+        if source is not None:
+            raise ConfigError("--check", str(source), "no IN or OUT beside it")
+        return convert_console.check(arguments.check, arguments.json)
+    if target is None:
+        raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
+    if is_recording(source):
+        return _convert_recording(arguments)
+    kind = source.suffix.lower()
+    if is_urdf(source) or (kind in MODEL_SUFFIXES and target.suffix.lower() in MODEL_SUFFIXES):
+        return _convert_urdf(source, target, arguments.json)
+    if kind in (".json", *MODEL_SUFFIXES):
+        return convert_console.convert(source, target, arguments.json)
     raise RecordingError(
-        path,
+        source,
         "expected a recording (a .csv file, a rosbag2 folder, a .db3, .mcap or .bag file), "
         "a console's .json, a model's .yaml or an arm's .urdf",
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity convert``."""
-    return command_line.run(__name__, argv)
+def _refuse_report(report: Path | None) -> None:
+    if report is not None:
+        raise ConfigError("--json", str(report), "--check or a model beside it")
+
+
+def _convert_recording(arguments: argparse.Namespace) -> int:
+    """Convert a recording: CSV, rosbag2, ROS 1; print the numbers of samples read and left out."""
+    from dvrk_gravity.recording import (
+        Note,
+        Recording,
+        check_counts,
+        is_bag,
+        iterate_recording,
+        save_recording,
+    )
+
+    _refuse_report(arguments.json)
+    outputs.check({}, [arguments.input], {"OUT": arguments.output})
+    samples = 0
+    joints: tuple[str, ...] = ()
+    notes: list[Note] = []
+
+    def counted() -> Iterator[Recording]:
+        nonlocal samples, joints
+        given = options.reading(arguments)
+        if not is_bag(arguments.input):
+            given["topic"] = None  # of the bag that is written
+        for part in iterate_recording(arguments.input, **given):
+            samples += len(part)
+            notes.extend(part.found)
+            joints = part.joints
+            yield part
+
+    topic = arguments.topic or _TOPIC
+    save_recording(counted(), arguments.output, arguments.storage, topic)
+    for warning in check_counts(samples, notes):
+        print(f"data: {warning}", file=sys.stderr)
+    left_out = sum(note.count for note in notes)
+    rest = f", {left_out} left out" if left_out else ""
+    print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{rest}")
+    return 0
+
+
+def _convert_urdf(source: Path, target: Path, report: Path | None) -> int:
+    """Write the model of a URDF's masses (of ``robot.urdf#LINK``, or a YAML that names one)."""
+    from dvrk_gravity.cli.convert_console import expect_suffix
+    from dvrk_gravity.model import TorqueModel
+
+    _refuse_report(report)
+    outputs.check({}, [source], {"OUT": target})
+    expect_suffix(target, MODEL_SUFFIXES)
+    model = TorqueModel.load(source)
+    if not model.of_file:
+        expected = "an arm's .urdf, or a .yaml with one"
+        raise ConfigError("IN", "a model's parameters", expected, source)
+    for doubt in model.arm.doubts:
+        print(f"warning: {source}: {doubt}", file=sys.stderr)
+    model.save(target, f"The masses stated by {source.name}; nothing was measured.")
+    print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
+    return 0

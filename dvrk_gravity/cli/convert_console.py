@@ -27,29 +27,26 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel
 
-JSON_SUFFIX = ".json"
-MODEL_SUFFIXES = (".yaml", ".yml")
-
 _COMMENT = """Torque model from the dVRK console's {name} (version {version}).
 Units: rad, rad/s, N·m; g is inside beta. Outside valid_lower … valid_upper positions are held at
 the edge. The console's safe torque limits are in console.document only: nothing applies them."""
 
 
 def convert(source: Path, target: Path, report: Path | None = None) -> int:
-    """Convert a console file to a model file, or the other way round; return 0.
+    """Convert a console's .json to a model's .yaml, or the reverse; return 0.
 
     Args:
-        source: Console's .json or model's .yaml.
-        target: The other kind.
-        report: JSON file to write to what a console file costs.
+        source: The file.
+        target: A file of the other kind.
+        report: JSON file for the differences between model and console file.
 
     Raises:
-        ConfigError: Wrong kinds of files, or content that the other format cannot say.
+        ConfigError: Wrong kinds of files, or content that the other format cannot express.
         OSError: The output cannot be written.
     """
     outputs.check({"OUT": target}, [source])
-    if source.suffix.lower() == JSON_SUFFIX:
-        expect_suffix(target, MODEL_SUFFIXES)
+    if source.suffix.lower() == ".json":
+        expect_suffix(target, (".yaml", ".yml"))
         if report is not None:
             raise ConfigError("--json", str(report), "a model to convert to a console file")
         console = ConsoleFile.load(source)
@@ -60,12 +57,12 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
             raise error.in_file(source) from None
         answer = check_file(source).answer
         if answer.of_model:
-            more = f"`convert --check {source}` says what to do"
+            more = f"see `convert --check {source}`"
             print(f"warning: {source}: {answer.use} ({answer.reason}); {more}", file=sys.stderr)
         model.save(target, _COMMENT.format(name=source.name, version=console.version))
         print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
     else:
-        expect_suffix(target, (JSON_SUFFIX,))
+        expect_suffix(target, (".json",))
         model = TorqueModel.load(source)
         match = FILE_NAME.fullmatch(target.name)
         try:
@@ -80,17 +77,15 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         for finding in result.findings:
             print(f"{target}: serious: {finding.subject}: {finding.text}", file=sys.stderr)
         print(f"{target}: {result.file.document['ARM_NAME']}, version 2.0")
-        for line in (*_cost_table(result), *_not_in_it(result)):
+        notes = [f"  {note}" for note in result.file.notes]
+        header = ["the file differs from the model in:"] if notes else []
+        for line in (*_cost_table(result), *header, *notes):
             print(line)
     return 0
 
 
 def _require_name(path: Path, document: Mapping[str, Any]) -> None:
-    """Refuse a file whose name says another arm than its content: a console reads it by its name.
-
-    Raises:
-        ConfigError: Naming both.
-    """
+    """Refuse a file named for another arm than its content: a console reads it by its name."""
     match, arm = FILE_NAME.fullmatch(path.name), document["ARM_NAME"]
     if match and match["arm"] != arm:
         named = path.with_name(f"gc-{arm}-{match['serial']}.json").name
@@ -98,11 +93,11 @@ def _require_name(path: Path, document: Mapping[str, Any]) -> None:
 
 
 def _cost_table(result: Conversion) -> Iterator[str]:
-    """Yield the lines that say how far the console is from what the compensator commands."""
+    """Yield a table of the differences between the console's and the compensator's torque."""
     if result.exact:
-        yield "in the console's form already; differences are rounding and the blend's:"
+        yield "already in the console's form; differences come from rounding and the blend:"
     else:
-        yield "brought into the console's form by least squares; what that costs, mN·m:"
+        yield "projected onto the console's form by least squares; torque error, mN·m:"
     yield f"{'':<16}{'torque':>9}{'at rest':>18}{'moving':>18}{'range':>14}"
     yield f"{'joint':<16}{'RMS':>9}{'RMS':>9}{'max':>9}{'RMS':>9}{'max':>9}{'deg':>14}"
     edges = zip(np.degrees(result.lower), np.degrees(result.upper), strict=True)
@@ -114,23 +109,15 @@ def _cost_table(result: Conversion) -> Iterator[str]:
         )  # fmt: skip
 
 
-def _not_in_it(result: Conversion) -> Iterator[str]:
-    """Yield the lines that say what the file leaves out or has otherwise than the model."""
-    if result.file.notes:
-        yield "what the file does not say as the model does:"
-    for note in result.file.notes:
-        yield f"  {note}"
-
-
 def check(paths: Sequence[Path], report: Path | None = None) -> int:
-    """Print what is wrong with console files, and for each whether it can be used.
+    """Print for each console file whether it can be used, and its findings.
 
     Args:
         paths: The files.
-        report: JSON file to write answers and findings to, by file.
+        report: JSON file for answers and findings, by file.
 
     Returns:
-        0: all can be used; 1: some need a repair, or are not to be used; 2: one could not be read.
+        0: all can be used; 1: some need a repair, or must not be used; 2: one is unreadable.
 
     Raises:
         OSError: The report cannot be written.
@@ -168,10 +155,6 @@ def _summary(found: Sequence[ConsoleFinding]) -> str:
 
 
 def expect_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
-    """Refuse another kind of file.
-
-    Raises:
-        ConfigError: Naming it.
-    """
+    """Refuse another kind of file, or raise ConfigError."""
     if path.suffix.lower() not in suffixes:
         raise ConfigError("OUT", str(path), f"a file ending in {' or '.join(suffixes)}")

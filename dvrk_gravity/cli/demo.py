@@ -1,4 +1,4 @@
-"""See a simulated arm fall, float, be pushed, and be held when its compensator is killed."""
+"""Watch a simulated arm fall, float, be pushed, and be held when its compensator is killed."""
 
 from __future__ import annotations
 
@@ -8,22 +8,24 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
+import numpy as np
+
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.ros import Phase, Scenario
+    from dvrk_gravity.ros import Kill, Phase, Scenario
 
 NAME = "demo"
 EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
 PICTURE, BAG = "demo.png", "bag"  # in its folder
 _ARM = "mtmr"
 _TITLES = 34  # width of their column
+_STYLES = ("-", "--", ":")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", default="demo", help="folder for picture and bag")
     parser.add_argument("--arm", help="a name, or an arm's .yaml or .urdf file (default: that of "
                         f"--model, or {_ARM})")  # fmt: skip
-    parser.add_argument("--plant", default="", help="what is simulated: the name or file of a "
-                        "plant, or a model (default: the arm's plant)")  # fmt: skip
+    parser.add_argument("--plant", default="", help="plant to simulate: its name or file, or a "
+                        "model (default: the arm's plant)")  # fmt: skip
     parser.add_argument("--model", type=Path, help="the compensator's model (default: the one in "
                         "config/ for the arm, or else the plant's own terms)")  # fmt: skip
     parser.add_argument("--output", choices=("servo_jf", "array"), default="servo_jf",
@@ -45,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
-    # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
+    # ROS is slow to load, and --help does not need it.
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.ros import (
         MODEL,
@@ -55,7 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
         end_on_signals,
         private_domain,
     )
-    from dvrk_gravity.ros.demo import picture
 
     scale = SIMULATOR_PARAMETERS["friction_scale"]
     replace(scale, name="--friction-scale").check(arguments.friction_scale)
@@ -63,13 +64,13 @@ def run(arguments: argparse.Namespace) -> int:
     inputs = [arguments.model, of_arm, _file(arguments.plant)]
     written = [PICTURE] if arguments.model else [PICTURE, MODEL]
     out = outputs.check_folder("--out", arguments.out, written, inputs, [BAG])
-    arm = _arm(arguments)  # tells what is wrong with it before anything starts
+    arm = _arm(arguments)  # reports its errors before anything starts
     out.mkdir(parents=True, exist_ok=True)
     stage = Stage.of(arm, arguments.plant, arguments.model, out)
     bag = out / BAG
     if bag.exists():
         if not (bag / "metadata.yaml").is_file():
-            raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
+            raise ConfigError("--out", str(bag), "a new folder, or a bag of an earlier demo")
         shutil.rmtree(bag)
     start = time.monotonic()
     end_on_signals()
@@ -78,21 +79,21 @@ def run(arguments: argparse.Namespace) -> int:
         Scenario(stage, bag, arguments.friction_scale, arguments.output) as scenario,
     ):
         print(f"simulator, watchdog and compensator of {arm.name} run as three processes")
-        own = ": the simulated arm's own terms, so that it floats" if stage.own_model else ""
+        own = " (the simulated arm's own terms, so it floats)" if stage.own_model else ""
         print(f"the compensator's model is {stage.model}{own}\n")
         parts = _play(scenario, arm)
     fall, floats, pushed, rest, kill = parts
-    print(f"\nthe watchdog's hold came {kill.hold_after * 1e3:.0f} ms after the kill")
+    print(f"\nthe watchdog sent hold {kill.hold_after * 1e3:.0f} ms after the kill")
     for reason in scenario.interruptions:
-        print(f"a part was repeated, as the compensator had given up: {reason}")
+        print(f"repeated a part because the compensator stopped: {reason}")
     target = out / PICTURE
-    picture.draw(target, arm, fall, floats, pushed, rest, kill)
-    print(f"picture: {target}\nbag:     {bag}\n{time.monotonic() - start:.0f} s in all")
+    draw(target, arm, fall, floats, pushed, rest, kill)
+    print(f"picture: {target}\nbag:     {bag}\n{time.monotonic() - start:.0f} s in total")
     return 0
 
 
 def _file(plant: str) -> Path | None:
-    """Return the file that is a plant, ``None`` of one that comes with the package."""
+    """Return a plant's file, ``None`` for one of the package."""
     from dvrk_gravity.validation import is_urdf, split_link
 
     file = Path(split_link(plant)[0])
@@ -106,7 +107,7 @@ def _arm(arguments: argparse.Namespace) -> Arm:
     if arguments.arm or arguments.model is None:
         return Arm.load(arguments.arm or _ARM)
     model = TorqueModel.load(arguments.model)
-    arm_options.require_parameters(model, arguments.model)
+    options.require_parameters(model, arguments.model)
     return model.arm
 
 
@@ -116,7 +117,7 @@ def _play(scenario: Scenario, arm: Arm) -> tuple:
 
     units = shown_position(arm)
     widths = [max(len(name), 8) + 2 for name in arm.joint_names]
-    print(f"{'':{_TITLES}}largest distance of a joint from where it was let go of")
+    print(f"{'':{_TITLES}}largest displacement of each joint from its release")
     for words in (arm.joint_names, tuple(unit for _, unit in units)):
         cells = (f"{word:>{width}}" for word, width in zip(words, widths, strict=True))
         print(" " * _TITLES + "".join(cells))
@@ -137,6 +138,66 @@ def _play(scenario: Scenario, arm: Arm) -> tuple:
     return fall, floats, pushed, rest, kill
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity demo``."""
-    return command_line.run("dvrk_gravity.cli.demo", argv)
+def draw(
+    path: Path, arm: Arm, fall: Phase, floats: Sequence[Phase], pushed: Phase, rest: Phase,
+    kill: Kill,
+) -> None:  # fmt: skip
+    """Draw the motion of the joints from their release, a panel for each part.
+
+    Revolute joints are in the first row, in deg; prismatic ones in a second one, in mm.
+    """
+    import matplotlib
+
+    from dvrk_gravity.report import shown_position
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    parts: tuple[tuple[str, Sequence[Phase]], ...] = (
+        ("Without compensation", (fall,)),
+        (f"With it, at {len(floats)} poses", floats),
+        ("Pushed by hand, then released", (pushed, _going_on(pushed, rest))),
+        (f"Compensator killed: held after {kill.hold_after * 1e3:.0f} ms", (kill.after,)),
+    )
+    units = shown_position(arm)
+    rows = tuple(dict.fromkeys(units))
+    figure, grid = plt.subplots(
+        len(rows), len(parts), figsize=(15, 1.2 + 3.4 * len(rows)), sharey="row", sharex="col",
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    for (factor, unit), axes in zip(rows, grid, strict=True):
+        joints = [joint for joint in range(arm.n) if units[joint] == (factor, unit)]
+        for axis, (_, phases) in zip(axes, parts, strict=True):
+            _panel(axis, arm, joints, phases, factor)
+        axes[0].set_ylabel(f"displacement from release ({unit})")
+    for axis, (title, _) in zip(grid[0], parts, strict=True):
+        axis.set_title(title, fontsize=11)
+    for axis in grid[-1]:
+        axis.set_xlabel("time (s)")
+    handles = [line for axes in grid for line in axes[0].get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=7, fontsize=9)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _panel(
+    axis: Any, arm: Arm, joints: Sequence[int], phases: Sequence[Phase], factor: float
+) -> None:
+    for number, phase in enumerate(phases):
+        way = factor * (phase.position - phase.position[0])
+        for joint in joints:
+            axis.plot(
+                phase.time, way[:, joint], color=f"C{joint}", linewidth=1.6,
+                linestyle=_STYLES[number % len(_STYLES)],
+                label=arm.joint_names[joint] if number == 0 else None,
+            )  # fmt: skip
+    axis.grid(alpha=0.3)
+    axis.axhline(0.0, color="0.3", linewidth=0.6)
+
+
+def _going_on(first: Phase, then: Phase) -> Phase:
+    """Return a phase as the continuation of another, in its time and from its start."""
+    position = np.vstack([first.position[:1], then.position])
+    return replace(
+        then, time=np.concatenate([[np.nan], first.time[-1] + then.time]), position=position
+    )

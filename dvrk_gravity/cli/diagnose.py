@@ -1,21 +1,14 @@
-"""Tell what a model gets wrong about recordings: named effects, proof, extended model."""
+"""Diagnose what a model gets wrong: named effects, evidence, extended model."""
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
-from dvrk_gravity.cli.still_joints import add_at, require_unrecorded, still_joints
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
-
-if TYPE_CHECKING:
-    from dvrk_gravity.recording import Coordinates
 
 NAME = "diagnose"
 EXAMPLE = (
@@ -25,14 +18,13 @@ EXAMPLE = (
     "--out out/load"
 )
 
-
-# Share of the time that is over when each begins: of a diagnosis of a real MTM's motion with twelve
+# Share of the time at the beginning of each: of a diagnosis of a real MTM's motion with twelve
 # findings (half a minute), and of a real PSM's with one (nine seconds).
 STAGES = (
     ("reading", 0.0),
     ("building hypotheses", 0.03),
-    ("weighing hypotheses", 0.1),
-    ("looking for structure without a name", 0.85),
+    ("comparing hypotheses", 0.1),
+    ("looking for unexplained structure", 0.85),
     ("measuring gains on held-out blocks", 0.9),
     ("simulating motion and drift", 0.92),
 )
@@ -43,29 +35,27 @@ FINDINGS, EXTENDED, REPORT = WRITTEN = ("findings.json", "extended_model.yaml", 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="rosbag2 or CSV")
-    parser.add_argument(
-        "--model", type=Path, help="model file that is on trial; or a .urdf: its masses are"
-    )
+    parser.add_argument("--model", type=Path, help="model file to test; or a .urdf, for its masses")
     parser.add_argument("--reference", metavar="RECORDING",
-                        help="the same motion when all was well: what changed since is told, with "
-                        "--arm and no model, too")  # fmt: skip
-    parser.add_argument("--arm", help=f"{arm_options.arms()}, without --model")
+                        help="baseline recording of the same motion: report what changed since "
+                        "(with --arm, no model is needed)")  # fmt: skip
+    parser.add_argument("--arm", help=f"{options.arms()}, without --model")
     parser.add_argument("--known-payload", metavar="KG", type=float,
-                        help="mass that a link is said to carry: is the scale right?")  # fmt: skip
-    arm_options.add_drive_gains(parser)
+                        help="known mass of a payload, to check the effort scale")  # fmt: skip
+    options.add_drive_gains(parser)
     parser.add_argument(
         "--out", required=True, metavar="DIR",
         help="folder for findings.json, extended_model.yaml and report.html",
     )  # fmt: skip
     parser.add_argument(
         "--coordinates", choices=("joint", "actuator"),
-        help="what the recordings' columns are (default: what a plain model fits them better in, "
-        "of both alike with --reference; what is not joint coordinates is a finding)",
+        help="of the recordings (default: those that a plain model fits better; others than joint "
+        "are a finding)",
     )  # fmt: skip
-    add_at(parser)
-    arm_options.add_reading(parser)
-    parser.add_argument("--json", action="store_true", help="print findings.json, nothing else")
-    arm_options.add_verbose(parser)
+    options.add_at(parser)
+    options.add_reading(parser)
+    parser.add_argument("--json", action="store_true", help="print findings.json only")
+    parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -74,34 +64,30 @@ def run(args: argparse.Namespace) -> int:
     Returns:
         0, or 1 if the recordings are of the other arm than the model.
     """
-    # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import arm_for, diagnose
-    from dvrk_gravity.identification import contradiction
+    from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
-    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text
 
+    references = [] if args.reference is None else [args.reference]
     read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
     read += [] if args.arm is None else [Arm.file(args.arm)]
-    read += [] if args.reference is None else [args.reference]
     beside = uncertainty_file(Path(EXTENDED)).name
-    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *read])
+    files = [*args.recordings, *references]
+    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*files, *read])
     model = None if args.model is None else TorqueModel.load(args.model)
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)
     if model is None:
-        arm = arm_options.with_drive_gains(arm, args)
+        arm = options.with_drive_gains(arm, args)
     else:
-        model = arm_options.of_model(model, args)
+        model = options.of_model(model, args)
         arm = model.arm
-    still = still_joints(args.at, arm)
-    files = [*args.recordings, *([] if args.reference is None else [args.reference])]
-    read_as: Coordinates = args.coordinates or "joint"
-    given = arm_options.reading(args)
-    recordings = [RecordingFile(path, coordinates=read_as, arm=arm, **given) for path in files]
-    require_unrecorded(args.at, recordings)
-    reference = None if args.reference is None else recordings.pop()
+    still = options.still_joints(args.at, arm)
+    recordings = options.recordings(files, args, arm, args.coordinates or "joint")
+    options.require_unrecorded(args.at, recordings)
+    reference = recordings.pop() if references else None
     try:
         with command_line.Progress(NAME, 1.0) as progress:
             diagnosis = diagnose(
@@ -129,12 +115,3 @@ def run(args: argparse.Namespace) -> int:
             print(line)
         print(f"written: {out}/{', '.join(WRITTEN)}")
     return int(bool(contradiction(diagnosis.warnings)))
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the verb and return its exit status."""
-    return command_line.run(__name__, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,14 +1,12 @@
-"""The error of a model on recordings, by joint; status 1 if it is not to be compensated with."""
+"""The error of a model on recordings, by joint; status 1 if it is unfit to compensate with."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -18,37 +16,33 @@ EXAMPLE = "python -m dvrk_gravity evaluate other.csv --model model.yaml"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    options.add_recordings(parser)
     parser.add_argument(
-        "recordings", metavar="RECORDING", type=Path, nargs="+",
-        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
-    )  # fmt: skip
-    parser.add_argument(
-        "--model", type=Path, required=True, help="model: a parameter file; or a .urdf: its masses"
+        "--model", type=Path, required=True, help="model file; or a .urdf, for its masses"
     )
-    parser.add_argument("--json", type=Path, help="file to write the result to")
+    parser.add_argument("--json", type=Path, help="file for the result")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
-                        help="of the recordings (default: found out)")  # fmt: skip
-    arm_options.add_drive_gains(parser)
-    arm_options.add_reading(parser)
-    arm_options.add_verbose(parser)
+                        help="of the recordings (default: detected)")  # fmt: skip
+    options.add_drive_gains(parser)
+    options.add_reading(parser)
+    parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate, write the JSON and print the table.
 
     Returns:
-        0, or 1 if the model is not to be compensated with, by these errors or by the verdict in
-        its file, or if the recordings are of the other arm.
+        0, or 1 if the model is unfit to compensate with, by these errors or by the verdict in its
+        file, or if the recordings are of the other arm.
     """
-    from dvrk_gravity.identification import POOR, by_errors, contradiction, evaluate
+    from dvrk_gravity.identification import POOR, by_errors, evaluate
+    from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, evaluation_text
 
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
-    model = arm_options.of_model(TorqueModel.load(arguments.model), arguments)
-    given = arm_options.reading(arguments)
-    recordings = [RecordingFile(path, arm=model.arm, **given) for path in arguments.recordings]
+    model = options.of_model(TorqueModel.load(arguments.model), arguments)
+    recordings = options.recordings(arguments.recordings, arguments, model.arm)
     try:
         result = evaluate(model, recordings, arguments.coordinates)
     except ConfigError as error:
@@ -60,8 +54,3 @@ def run(arguments: argparse.Namespace) -> int:
     alone = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
     levels = {model.verdict, *(verdict.level for verdict in alone.values())}
     return int(POOR in levels or bool(contradiction(result.warnings)))
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity evaluate``."""
-    return command_line.run(__name__, argv)

@@ -1,10 +1,10 @@
-"""Drive an arm, simulated or real, through a motion that tells its model, and record it."""
+"""Move an arm, simulated or real, along a motion for identification, and record it."""
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
@@ -29,34 +29,34 @@ DURATIONS = (8.0, 600.0)  # s; below, a motion that eases in and out has hardly 
 MOTIONS = (1, 20)
 RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
 TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
-# s by which a motion may take longer and count as undisturbed. Chosen: a measurement every 10 ms
+# A motion may take longer by this, s, and count as undisturbed. Chosen: a measurement every 10 ms
 # and one late step of 20 ms lie within.
 PAUSED = 0.05
-COVERED = 0.8  # part of a joint's range, below which it is reported. Chosen
+COVERED = 0.8  # part of a joint's range; less is reported. Chosen
 REHEARSAL = 3.0  # times as long as the motion: a ninth of its acceleration
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--arm", required=True, help=arm_options.arms())
+    parser.add_argument("--arm", required=True, help=options.arms())
     parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
     parser.add_argument("--namespace", help="of the arm's topics (default: its name, as /MTMR)")
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",
                         help="of the motion, s (default: 60)")  # fmt: skip
     parser.add_argument("--rate", type=float, default=200.0, metavar="HZ",
-                        help="positions commanded a second (default: 200); measured_js is "
-                        "recorded at the rate at which it comes")  # fmt: skip
+                        help="positions per second (default: 200); every measured_js is "
+                        "recorded")  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="of the first motion (default: 1)")
     parser.add_argument("--motions", type=int, default=1, metavar="N",
-                        help="record so many, of as many seeds (default: 1); each goes through the "
+                        help="record so many, of as many seeds (default: 1); each covers the "
                         "joints' range")  # fmt: skip
     parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
-                        help="without measured_js for so long the arm is held, s "
+                        help="hold the arm after so long without measured_js, s "
                         "(default: 0.1)")  # fmt: skip
     parser.add_argument("--no-rehearsal", action="store_true",
-                        help=f"leave out the motion at 1/{REHEARSAL:g} of its speed that comes "
-                        "before")  # fmt: skip
+                        help=f"skip the rehearsal of the motion at 1/{REHEARSAL:g} of its "
+                        "speed")  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arms import Arm
 
     if arguments.ros_args:
-        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: it is --namespace")
+        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
     outputs.check({}, [Arm.file(arguments.arm)], {"--out": arguments.out})
     arm = Arm.load(arguments.arm)
     bounds = (
@@ -87,12 +87,12 @@ def run(arguments: argparse.Namespace) -> int:
         count, seconds, longer = _drive(mover, arm, arguments)
     if longer > PAUSED:
         print(
-            f"note: the motion took {longer:.2f} s longer than its {seconds:g} s, as this computer "
-            "was busy: it paused, and its accelerations are not those that were planned; record "
-            "again on a quiet computer if the model is poor, or for `diagnose --reference`"
+            f"note: the motion took {longer:.2f} s longer than its {seconds:g} s, because "
+            "this computer was busy: accelerations differ from the plan; record again on "
+            "an idle computer if the model is poor, or for `diagnose --reference`"
         )
     print(
-        f"recorded {count} messages, {count / (seconds + longer):.0f} a second, in "
+        f"recorded {count} messages, {count / (seconds + longer):.0f} per second, in "
         f"{arguments.out}; the arm is held. Next: identify {arguments.out} --arm {arguments.arm} "
         "--out model.yaml"
     )
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, float, float]:
-    """Return how many messages were recorded, of how many seconds, and how much longer it took."""
+    """Return the number of recorded messages, the planned seconds, and the excess over them."""
     from dvrk_gravity.planning import MotionLimits, Move, coverage, covering_motion
     from dvrk_gravity.recording import BagWriter
 
@@ -111,16 +111,16 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
     least = int(np.argmin(part))
     if part[least] < COVERED:
         print(
-            f"note: {arm.joint_names[least]} goes through {100 * part[least]:.0f} % of its range: "
-            "a longer --duration, or more --motions, show the model the rest",
+            f"note: {arm.joint_names[least]} covers {100 * part[least]:.0f} % of its range: a "
+            "longer --duration, or more --motions, would cover more",
             flush=True,
         )
     where, longer = mover.connect(), 0.0
-    # A joint that turns without end stays within the turn in which it is.
+    # A continuous joint stays within its present turn.
     endless = ~np.isfinite(arm.upper - arm.lower)
     turns = np.where(endless, 2.0 * np.pi * np.round(where / (2.0 * np.pi)), 0.0)
     motions = [replace(motion, middle=motion.middle + turns) for motion in motions]
-    # Opened before anything moves: what cannot be written is known then, and no time is lost later.
+    # Opened before anything moves: errors in writing show, and no time is lost later.
     with BagWriter(arguments.out) as bag:
         bag.add_topic(mover.topic, _JOINT_STATE)
 
@@ -130,7 +130,7 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
         for number, motion in enumerate(motions, start=1):
             of = f" {number} of {len(motions)}" if len(motions) > 1 else ""
             begin, _ = motion.at(0.0)
-            # Half of the limits: the way there goes through places that nobody has seen yet.
+            # Half of the limits: the approach passes through untested space.
             approach = Move(where, begin, 0.5 * limits.velocity, 0.5 * limits.acceleration)
             _follow(mover, f"approach{of}", approach.at, approach.duration)
             if not arguments.no_rehearsal:
@@ -138,7 +138,7 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
                 _follow(mover, f"rehearsal{of}", partial(_slowly, motion), slowly)
             longer += _follow(mover, f"motion{of}, recorded", motion.at, motion.duration, record)
             where, _ = motion.at(motion.duration)
-        mover.hold()  # before the bag is closed, which may take a slow disk its time
+        mover.hold()  # before the bag is closed, which may take time on a slow disk
         return bag.count, len(motions) * arguments.duration, longer
 
 
@@ -161,8 +161,3 @@ def _follow(
         return mover.follow(path, duration, record, lambda part: progress.update(round(100 * part)))
     finally:
         progress.done()
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity excite``."""
-    return command_line.run(__name__, argv)

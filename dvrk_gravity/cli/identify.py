@@ -1,4 +1,4 @@
-"""Identify a torque model from recordings; status 1 if it is not to be compensated with.
+"""Identify a torque model from recordings; status 1 if it is unfit to compensate with.
 
 Terms are chosen by held-out error.
 """
@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
-from dvrk_gravity.cli.still_joints import add_at, require_unrecorded, still_joints
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.identification import KnownPayload
+    from dvrk_gravity.intake import KnownPayload
     from dvrk_gravity.recording import Coordinates
 
 NAME = "identify"
@@ -30,8 +28,8 @@ EXAMPLE = (
     "--known-payload 2.8 --out model.yaml"
 )
 
-# Share of the time that is over when each begins: of motions of a real MTM, PSM and UR10e (one to
-# five seconds), and of static poses of a real MTM.
+# Share of the time at the beginning of each: of motions of a real MTM, PSM and UR10e (one to five
+# seconds), and of static poses of a real MTM.
 STAGES = (
     ("reading", 0.0),
     ("coordinates", 0.1),
@@ -47,47 +45,44 @@ STAGES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "recordings", metavar="RECORDING", type=Path, nargs="+",
-        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
-    )  # fmt: skip
-    parser.add_argument("--arm", required=True, help=arm_options.arms())
+    options.add_recordings(parser)
+    parser.add_argument("--arm", required=True, help=options.arms())
     parser.add_argument("--out", type=Path, required=True, help="model .yaml to write")
     parser.add_argument("--report", type=Path, help="HTML report (default: OUT with .html)")
-    parser.add_argument("--json", type=Path, help="file to write the result to")
-    parser.add_argument("--terms", help="comma-separated effects that may be used (default: all)")
+    parser.add_argument("--json", type=Path, help="file for the result")
+    parser.add_argument("--terms", help="comma-separated candidate effects (default: all)")
     parser.add_argument("--validate", metavar="RECORDING", type=Path, nargs="+", default=[],
-                        help="recordings kept out of the fit, to judge it by")  # fmt: skip
+                        help="recordings held out of the fit, to evaluate it")  # fmt: skip
     parser.add_argument("--coordinates",
-                        help="joint or actuator, one for all or a comma-separated one for each "
-                        "recording (default: found out)")  # fmt: skip
-    add_at(parser)
+                        help="joint or actuator, for all recordings or a comma-separated one for "
+                        "each (default: detected)")  # fmt: skip
+    options.add_at(parser)
     parser.add_argument("--physical", action="store_true",
-                        help="links that can exist: pseudo-inertias positive definite")  # fmt: skip
+                        help="physically consistent links (positive definite "
+                        "pseudo-inertias)")  # fmt: skip
     parser.add_argument("--for-console", action="store_true",
-                        help="what `convert` can write to the console's file")  # fmt: skip
-    arm_options.add_drive_gains(parser)
+                        help="only terms that `convert` can write to a console's file")  # fmt: skip
+    options.add_drive_gains(parser)
     parser.add_argument("--known-payload", metavar="KG", type=float,
-                        help="the last recording, and no other, was made with a load of this mass: "
-                        "it tells the drive gains; the model is fitted to the others")  # fmt: skip
+                        help="the last recording, and no other, was made with a payload of this "
+                        "mass, which sets the drive gains; the others are fitted")  # fmt: skip
     parser.add_argument("--payload-link", metavar="LINK",
                         help="link that carries it (default: the last joint's)")  # fmt: skip
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
                         help="its centre of mass in the link's frame, m, if known")  # fmt: skip
-    arm_options.add_reading(parser)
-    arm_options.add_verbose(parser)
+    options.add_reading(parser)
+    parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fit, write the model, the report and the JSON, and print what was found.
+    """Fit, write the model, the report and the JSON, and print a summary.
 
     Returns:
-        0, or 1 if the model, which is written all the same, is not to be compensated with.
+        0, or 1 if the model, which is written nevertheless, is unfit to compensate with.
     """
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
     from dvrk_gravity.model import VERDICTS, uncertainty_file
-    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, fit_text, identification_page
     from dvrk_gravity.validation import is_urdf
 
@@ -100,31 +95,24 @@ def run(arguments: argparse.Namespace) -> int:
             "--out": arguments.out,
             "--report": report,
             "--json": arguments.json,
-            "--out, how sure it is": uncertainty,
+            "--out, its uncertainty": uncertainty,
         },
         [*arguments.recordings, *arguments.validate, Arm.file(arguments.arm)],
     )
-    arm = arm_options.with_drive_gains(Arm.load(arguments.arm), arguments)
+    arm = options.with_drive_gains(Arm.load(arguments.arm), arguments)
     carried = _known_payload(arguments)
     coordinates = _coordinates(arguments.coordinates)
-    still = still_joints(arguments.at, arm)
-    given = arm_options.reading(arguments)
-    recordings = [RecordingFile(path, arm=arm, **given) for path in arguments.recordings]
-    require_unrecorded(arguments.at, recordings)
-    validate = [RecordingFile(path, arm=arm, **given) for path in arguments.validate]
+    still = options.still_joints(arguments.at, arm)
+    recordings = options.recordings(arguments.recordings, arguments, arm)
+    options.require_unrecorded(arguments.at, recordings)
+    validate = options.recordings(arguments.validate, arguments, arm)
+    terms = arguments.terms.split(",") if arguments.terms else None
     with command_line.Progress(NAME, 1.0) as progress:
+        stages = command_line.Stages(progress, STAGES)
         fit = identify(
-            recordings,
-            arm,
-            coordinates,
-            arguments.terms.split(",") if arguments.terms else None,
-            validate,
-            arguments.physical,
-            command_line.Stages(progress, STAGES),
-            still,
-            arguments.for_console,
-            carried,
-        )
+            recordings, arm, coordinates, terms, validate, arguments.physical, stages, still,
+            arguments.for_console, carried,
+        )  # fmt: skip
     sources = ", ".join(str(path) for path in arguments.recordings)
     fit.model.save(
         arguments.out,
@@ -138,12 +126,12 @@ def run(arguments: argparse.Namespace) -> int:
         text_file.write(arguments.json, json.dumps(fit.to_json(), indent=1) + "\n")
     for line in fit_text(fit, arguments.verbose, columns()):
         print(line)
-    print(f"written: {arguments.out}, {uncertainty} (how sure it is), {report}")
+    print(f"written: {arguments.out}, {uncertainty} (its uncertainty), {report}")
     return int(fit.verdict.level == VERDICTS[-1])
 
 
 def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
-    from dvrk_gravity.identification import KnownPayload
+    from dvrk_gravity.intake import KnownPayload
 
     link, centre = arguments.payload_link, arguments.payload_centre
     if arguments.known_payload is None:
@@ -151,11 +139,10 @@ def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
             if value is not None:
                 raise ConfigError(option, value, "--known-payload beside it")
         return None
-    com = None
-    if centre is not None:
-        x, y, z = arm_options.numbers("--payload-centre", centre, 3)
-        com = (x, y, z)
-    return KnownPayload(arguments.known_payload, link or "", com)
+    if centre is None:
+        return KnownPayload(arguments.known_payload, link or "", None)
+    x, y, z = options.numbers("--payload-centre", centre, 3)
+    return KnownPayload(arguments.known_payload, link or "", (x, y, z))
 
 
 def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
@@ -169,8 +156,3 @@ def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
     if len(sure) < len(found):
         raise ConfigError("--coordinates", text, "joint or actuator, one for all or for each")
     return sure[0] if len(sure) == 1 else sure
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity identify``."""
-    return command_line.run(__name__, argv)

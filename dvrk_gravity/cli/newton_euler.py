@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -25,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("mechanism", type=Path, help="YAML description of chain and motion")
     parser.add_argument(
-        "--json", type=Path, metavar="FILE", help="also write everything, unrounded, to FILE"
+        "--json", type=Path, metavar="FILE", help="also write all results, unrounded, to FILE"
     )
     parser.add_argument(
         "--decimals", type=_decimals, default=2, help="printed decimals, 0 to 15 (default: 2)"
@@ -41,7 +38,6 @@ def _decimals(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Compute and print; return the exit status."""
-    # Here and not above: Pinocchio is slow to load and --help needs none of it.
     from dvrk_gravity.newton_euler import JointType, inverse_dynamics, read
 
     outputs.check({"--json": args.json}, [args.mechanism])
@@ -95,12 +91,3 @@ def run(args: argparse.Namespace) -> int:
 def _fixed(value: float, decimals: int) -> str:
     """Return a number with fixed decimals and no minus before zero."""
     return f"{value:z.{decimals}f}"
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the verb and return its exit status."""
-    return command_line.run(__name__, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.ros import PRIVATE, NodeProcess, ProcessError, end_on_signals, private_domain
@@ -26,14 +27,14 @@ if TYPE_CHECKING:
 NAME = "replay"
 EXAMPLE = "python -m dvrk_gravity replay my_bag --model config/mtmr_28002.yaml --out my_bag_answers"
 
-TOLERANCE = 1e-9  # N·m or N between the node's effort and what is due
+TOLERANCE = 1e-9  # N·m or N between the node's effort and the expected one
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 # Messages on the way at once when answers set the pace: enough to keep both processes busy.
 _WINDOW = 20
 
 
 def _bare(n: int) -> dict[str, Any]:
-    # All of friction, and no message left out; a replayed compensator has no limits.
+    # The whole friction, and every message answered; a replayed compensator has no limits.
     return {
         "allow_poor_model": True,
         "position_margin": 1e9,
@@ -46,15 +47,15 @@ def _bare(n: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Result:
-    """What a replay found.
+    """The result of a replay.
 
     Attributes:
         messages: Messages in the bag.
         valid: Messages that can be answered.
-        answered: Answers that came.
-        in_order: Every answer bears the stamp of the message it is due to, in order.
-        largest_difference: Largest |effort - torque that is due|; ``None`` if not comparable.
-        seconds: How long it took.
+        answered: Answers received.
+        in_order: Answers bear the stamps of their messages, in order.
+        largest_difference: Largest |effort - expected torque|; ``None`` if not comparable.
+        seconds: Duration.
         unit: Of the difference: the joints' N·m, or N where they slide.
     """
 
@@ -80,17 +81,16 @@ class Result:
 def replay(
     bag: Path, model_file: Path, out: Path | None, topic: str | None = None, recorded: bool = False
 ) -> Result:
-    """Play a bag into a compensator of its own and compare its answers with what is due.
+    """Play a bag into a compensator of its own and compare the answers with the model.
 
-    The node is the compensator without its supervisor, on topics that no arm has. Due is what the
-    model compensates (:func:`~dvrk_gravity.cli.replay_reference.compensation`) with all of
-    its friction, and without limits.
+    The node is the compensator without its supervisor, on topics that no arm has. Expected is
+    :func:`compensation` with the whole friction, and without limits.
 
     Args:
         bag: rosbag2 folder or file.
         model_file: Parameter file of the compensator.
-        out: Bag to write messages and answers to; ``None`` for none.
-        topic: Topic of the bag; ``None`` finds the one with JointStates.
+        out: Bag for messages and answers; ``None``: none.
+        topic: Topic of the bag; ``None``: the one with JointStates.
         recorded: Play at the recorded speed rather than as fast as answers come.
 
     Raises:
@@ -103,7 +103,7 @@ def replay(
     from dvrk_gravity.ros import namespace_of
 
     model = TorqueModel.load(model_file)
-    arm_options.require_parameters(model, model_file)
+    options.require_parameters(model, model_file)
     with BagReader(bag) as reader:
         name = reader.joint_state_topic(topic, model.arm.name, model.arm.joint_names)
         messages = [(received, data) for _, received, data in reader.raw(name)]
@@ -125,11 +125,7 @@ def replay(
 
 
 def _expected(bag: Path, topic: str, model: TorqueModel) -> list[Sample]:
-    """Return the samples that the node should answer: all but those it is to drop.
-
-    Raises:
-        RecordingError: All are to be dropped; why, is told of the first.
-    """
+    """Return the samples that the node should answer, or raise RecordingError if there is none."""
     from dvrk_gravity.compensate import DroppedSampleError, SampleReader
     from dvrk_gravity.recording import read_joint_states
 
@@ -152,14 +148,10 @@ def _expected(bag: Path, topic: str, model: TorqueModel) -> list[Sample]:
 
 
 def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
-    """Return (N, n) efforts that are due, friction only where a velocity came along.
-
-    In N·m, or in what the arm takes.
-    """
-    from dvrk_gravity.cli.replay_reference import compensation
+    """Return the (N, n) expected efforts, N·m or the arm's unit; friction needs a velocity."""
     from dvrk_gravity.parameters import node_parameters
 
-    # As the node gets them: the model file's settings, and over them those of the replay.
+    # As for the node: the model file's settings, overridden by those of the replay.
     settings, defaults = {**model.node, **_bare(model.arm.n)}, node_parameters(model.arm)
     ratio, dead_band = (
         np.array(settings.get(name, defaults[name].default))
@@ -174,6 +166,41 @@ def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
     return model.arm.reading_of_torque(torque)
 
 
+def compensation(
+    model: TorqueModel, position: Array, velocity: Array | None, ratio: Array, dead_band: Array
+) -> Array:
+    """Return the torque that compensates an arm, before any limit, from the terms themselves.
+
+    It shares the terms' formulae with the compensator, and none of its code: each term computes all
+    samples at once, through its own ``torque``. Weights and elastic torques count, and of friction
+    the asked part; not inertia of links or payloads, effects with memory, or sensor effects.
+
+    Args:
+        model: The model.
+        position: (N, n) measured positions, rad.
+        velocity: (N, n) rad/s; ``None``: unknown, without friction.
+        ratio: (n,) part of friction that is compensated, at each joint and motor.
+        dead_band: (n,) rad/s below which a joint's velocity counts as zero in friction.
+
+    Returns:
+        (N, n) N·m.
+    """
+    from dvrk_gravity.effects import State
+
+    q = position - model.joint_offset
+    sliding = None if velocity is None else np.where(np.abs(velocity) < dead_band, 0.0, velocity)
+    torque = np.zeros_like(q)
+    for term in model.terms:
+        if not term.COMPENSATED or (term.WEIGHT_OF_ARM and not model.arm.gravity_in_command):
+            continue
+        smooth, friction = term.split(ratio)
+        if smooth is not None:
+            torque += smooth.torque(State(q))  # at rest: of a payload its weight
+        if friction is not None:
+            torque += friction.torque(State(q, sliding))
+    return torque
+
+
 def _play(
     messages: Sequence[tuple[int, bytes]],
     model_file: Path,
@@ -181,10 +208,7 @@ def _play(
     due: int,
     recorded: bool,
 ) -> tuple[list[tuple[int, bytes]], list[tuple[int, int, Any, bytes]]]:
-    """Return what was sent and what was answered.
-
-    Sent: time (ns) and CDR bytes. Answered: time (ns), stamp (ns), effort (n,), CDR bytes.
-    """
+    """Return messages, time (ns) and CDR, and answers, time, stamp (ns), (n,) effort and CDR."""
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import JointState
 
@@ -221,7 +245,7 @@ def _play(
             )  # fmt: skip
             sent = _feed(client, publisher, messages, answers, due, recorded)
         except ProcessError as error:
-            raise ProcessError(f"{error}; it said: {node.lines[-1:] or 'nothing'}") from error
+            raise ProcessError(f"{error}; its last output: {node.lines[-1:] or 'none'}") from error
     if node.process.returncode != 0:
         raise ProcessError(f"the compensator ended with status {node.process.returncode}: "
                            f"{node.lines[-1] if node.lines else 'no output'}")  # fmt: skip
@@ -232,7 +256,7 @@ def _feed(
     client: Any, publisher: Any, messages: Sequence[tuple[int, bytes]], answers: list[Any],
     due: int, recorded: bool,
 ) -> list[tuple[int, bytes]]:  # fmt: skip
-    """Publish all messages, wait for the last answers; return when each was sent (ns)."""
+    """Publish all messages, wait for the last answers; return the messages with times (ns)."""
     published = []
     progress = command_line.Progress("replay", len(messages))
     start, first = time.monotonic(), messages[0][0]
@@ -241,7 +265,7 @@ def _feed(
             while (ahead := (received - first) * 1e-9 - (time.monotonic() - start)) > 0.0:
                 client.spin_once(ahead)
         else:
-            # A message that is not to be answered leaves the window after a moment.
+            # A message without answer leaves the window after a moment.
             patience = time.monotonic() + 0.1
             while sent - len(answers) >= _WINDOW and time.monotonic() < patience:
                 client.spin_once(0.01)
@@ -283,43 +307,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", type=Path, required=True, help="model: a parameter file")
     parser.add_argument("--topic", help="topic of the bag, if it has several with JointStates")
     parser.add_argument("--speed", choices=("fast", "recorded"), default="fast",
-                        help="as fast as it answers (default), or as recorded")  # fmt: skip
-    parser.add_argument("--out", type=Path, help="bag to write messages and answers to")
-    parser.add_argument("--json", type=Path, help="file to write the result to")
+                        help="as fast as the node answers (default), or as recorded")  # fmt: skip
+    parser.add_argument("--out", type=Path, help="bag for messages and answers")
+    parser.add_argument("--json", type=Path, help="file for the result")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay, print what was found; status 1 if an answer is missing or wrong."""
-    outputs.check(
-        {"--json": arguments.json},
-        [arguments.bag, arguments.model],
-        {"--out": arguments.out},
-    )
+    """Replay and print the result; status 1 if an answer is missing or wrong."""
+    bag, model, out = arguments.bag, arguments.model, arguments.out
+    outputs.check({"--json": arguments.json}, [bag, model], {"--out": out})
     end_on_signals()
-    result = replay(
-        arguments.bag,
-        arguments.model,
-        arguments.out,
-        arguments.topic,
-        arguments.speed == "recorded",
-    )
+    result = replay(bag, model, out, arguments.topic, arguments.speed == "recorded")
     difference = result.largest_difference
     shown = "not comparable" if difference is None else f"{difference:.2e} {result.unit}"
     print(
         f"{arguments.bag}: {result.answered} of {result.valid} answered in {result.seconds:.1f} s"
     )
-    if result.valid < result.messages:
-        print(
-            f"  {result.messages - result.valid} further messages are invalid: not to be answered"
-        )
-    print(f"  in order, each with its own stamp: {'yes' if result.in_order else 'NO'}")
-    print(f"  largest difference to the compensated terms offline: {shown} (allowed {TOLERANCE:g})")
+    invalid = result.messages - result.valid
+    if invalid:
+        print(f"  {invalid} further messages are invalid, rightly unanswered")
+    print(f"  in order, with the stamps of their messages: {'yes' if result.in_order else 'NO'}")
+    print(f"  largest difference from the model offline: {shown} (allowed {TOLERANCE:g})")
     if arguments.json is not None:
         content = asdict(result) | {"passed": result.passed}
         text_file.write(arguments.json, json.dumps(content, indent=1) + "\n")
     return 0 if result.passed else 1
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity replay``."""
-    return command_line.run(__name__, argv)

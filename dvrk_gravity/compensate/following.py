@@ -1,4 +1,4 @@
-"""How an arm follows the positions that it is commanded, and where it is to stop."""
+"""How an arm follows commanded positions, and where to stop it."""
 
 from __future__ import annotations
 
@@ -11,40 +11,35 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.sample import Sample
 from dvrk_gravity.errors import DvrkGravityError
 
+# Largest following error of an arm that is no MTM, beside its lag, rad (Arm.scale): that of the
+# first joints of one.
 FOLLOWING_ERROR = np.radians(8.0)
-"""How far an arm that is no MTM may be from its set point, rad (see Arm.scale), beside its lag: as
-the first joints of one."""
-
-LAG = 0.1
-"""How late the arm may be there, s: servos lag by some 0.05 s, the simulated one by 0.08 s, and a
-measurement is up to 0.01 s old."""
-
-STILL = np.radians(1.0)
-"""How far an arm at rest may move in half of the time of listening, and, twice, until the first
-command, rad (see Arm.scale). Chosen: encoders' noise is a tenth of it."""
-
+# Part of a joint's range that it may be from its set point at most. Chosen: a joint with a small
+# range that does not move at all is noticed, too.
 MOST_OF_RANGE = 0.25
-"""Part of a joint's range that it may be from its set point at most. Chosen: a joint with a small
-range that does not move at all is noticed, too."""
-
+# Largest lag, s: servos lag by some 0.05 s, the simulated one by 0.08 s, and a measurement is up to
+# 0.01 s old.
+LAG = 0.1
+# An arm at rest may move so far in half of the time of listening, and twice as far until the first
+# command, rad (Arm.scale). Chosen: encoders' noise is a tenth of it.
+STILL = np.radians(1.0)
+# So many consecutive readings have to agree on where a joint is stopped. Chosen: two nodes that
+# measure, or an encoder that slips, are noticed within three.
 AGREE = 5
-"""So many readings in a row have to agree before a joint is stopped where they say. Chosen: two
-nodes that measure, or an encoder that slips, are noticed within three."""
 
 
 class MotionError(DvrkGravityError):
-    """The arm could not be moved, or was stopped on its way."""
+    """The arm could not be moved, or was stopped."""
 
 
 class Following:
-    """Compares set points with where an arm is measured.
+    """Compares set points with measured positions.
 
     Attributes:
-        last: The last measurement that is believed; ``None`` before the first.
+        last: The last believed measurement; ``None`` before the first.
     """
 
     def __init__(self, arm: Arm) -> None:
-        """Know nothing of the arm yet."""
         self._arm = arm
         error = mtm.defaults.FOLLOWING_ERROR if mtm.is_mtm(arm) else FOLLOWING_ERROR * arm.scale
         lower, upper = arm.range
@@ -53,14 +48,14 @@ class Following:
         self.last: Sample | None = None
 
     def add(self, sample: Sample) -> None:
-        """Take a measurement that is believed."""
+        """Add a believed measurement."""
         self.last = sample
         self._recent.append(sample)
 
     @property
     def position(self) -> Array:
-        """(n,) where the arm was last, rad or m."""
-        assert self.last is not None  # who asks has waited for it
+        """(n,) of the last measurement, rad or m."""
+        assert self.last is not None  # the caller has waited for it
         return self.last.position
 
     @property
@@ -70,10 +65,7 @@ class Following:
         return self.last.stamp * 1e-9
 
     def at_rest(self, heard: Array) -> Array:
-        """Return the (n,) median of positions: a single wrong reading does not count.
-
-        Args:
-            heard: (N, n) positions over the time of listening, rad or m.
+        """Return the (n,) median of (N, n) positions of an arm at rest, rad or m.
 
         Raises:
             MotionError: The arm moves.
@@ -84,18 +76,18 @@ class Following:
         if not moved[worst] <= STILL * self._arm.scale[worst]:
             joint = self._arm.joints[worst]
             raise MotionError(
-                f"{joint.name} moves by {joint.shown(moved[worst])} while nobody is to move it: "
-                "let the arm rest, or stop what moves it"
+                f"{joint.name} moves by {joint.shown(moved[worst])} before the first command: let "
+                "the arm rest, or stop what moves it"
             )
         median: Array = np.median(heard, axis=0)
         return median
 
     def check(self, position: Array, velocity: Array, first: bool) -> None:
-        """Refuse a set point that is too far from where the arm is.
+        """Refuse a set point that is too far from the measured position.
 
         Args:
             position: (n,) set point, rad or m.
-            velocity: (n,) how fast it moves, rad/s or m/s: the arm lags.
+            velocity: (n,) its velocity, rad/s or m/s: the arm lags.
             first: The arm has rested until now.
 
         Raises:
@@ -109,19 +101,20 @@ class Following:
             joint = self._arm.joints[worst]
             raise MotionError(
                 f"{joint.name} is {joint.shown(error[worst], 1)} from its set point, at most "
-                f"{joint.shown(allowed[worst], 1)} allowed at this speed: something is in its way, "
-                "or the console does not let it move"
+                f"{joint.shown(allowed[worst], 1)} allowed at this speed: is something in its way, "
+                "or does the console not move it?"
             )
 
     def resting_place(self, commanded: Array, velocity: Array, moving: Array) -> Array:
-        """Return (n,) where an arm that follows comes to rest, by its lag; one that is stuck, is.
+        """Return the (n,) positions at which an arm that follows comes to rest, by its lag.
 
-        Of a joint whose last readings differ by more than its motion: its set point.
+        A stuck joint stays where it is; a joint whose last readings differ by more than its motion
+        goes to its set point.
 
         Args:
-            commanded: (n,) last set point, which it does not go beyond, rad or m.
-            velocity: (n,) how fast that moved, rad/s or m/s.
-            moving: (n,) how fast the arm is measured to move, rad/s or m/s.
+            commanded: (n,) last set point, which is not passed, rad or m.
+            velocity: (n,) of the set point, rad/s or m/s.
+            moving: (n,) measured velocity, rad/s or m/s.
         """
         recent = np.array([sample.position for sample in self._recent])
         measured = np.median(recent, axis=0)

@@ -1,25 +1,36 @@
-"""What everything that commands an arm asks of a measurement before it believes it."""
+"""What a measurement must pass before a command answers it: it is current, and it is possible."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import FASTEST, UNTIMED_STEP, Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate.freshness import Freshness
-from dvrk_gravity.compensate.plausibility import MotionCheck
-from dvrk_gravity.compensate.sample import Sample
+from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
+
+# Stamps have to cover this part of the time that passes: simulated time may run at a tenth of real
+# time; what is slower (nanoseconds a message, say) stands still for all that matters here.
+LEAST_PACE = 0.1
+
+# Reported and observed velocities are compared so often, s, through low-pass filters of this time
+# constant, s: longer than consoles' own velocity filters (some 10 ms), and at 0.006 rad a step and
+# 100 Hz an encoder's steps leave 0.1 rad/s of ripple.
+INTERVAL, TIME_CONSTANT = 0.005, 0.05
+# They may differ by five times that ripple, rad/s, and by this part of the larger one.
+SLACK, SHARE = 0.5, 0.5
 
 
 class Admitted(NamedTuple):
     """A measurement that is believed.
 
     Attributes:
-        sample: It, the velocity zero at joints where it cannot be true.
-        step: Time since the one before it, s.
+        sample: It, with velocity zero at joints where the reported one cannot be true.
+        step: Time since the last admitted one, s.
         gap: Time since the stamp last advanced before it, s.
     """
 
@@ -29,29 +40,38 @@ class Admitted(NamedTuple):
 
 
 class InputGate:
-    """Admits samples that are of now and that a joint can have reached since the last one.
+    """Admits current samples whose positions each joint can have reached since the last one.
 
-    Times are seconds of a monotonic clock.
+    Stamps are checked against each other, the node's clock and the time that passes. Times are
+    seconds of a monotonic clock: a step of the wall clock or of simulated time neither hides stale
+    input nor makes fresh input look stale.
     """
 
     def __init__(self, arm: Arm) -> None:
-        """Start with nothing received of an arm."""
-        self._fresh = Freshness()
         self._motion = MotionCheck(arm.joint_names, scale=arm.scale)
+        self._valid = -math.inf  # when the last message with a good stamp came
+        self._advance = -math.inf  # when the stamp last advanced
+        self._advanced_to = -(2**63)
+        self._stamp = 0  # of the last admitted message
+        self._seen = 0  # of the last message, admitted or not
 
     @property
     def velocity(self) -> Array:
-        """(n,) of the last sample, rad/s or m/s; from the positions where it is not believed."""
+        """(n,) of the last sample, rad/s or m/s; from positions where the reported is doubtful."""
         return self._motion.velocity
 
     @property
     def doubtful(self) -> NDArray[np.bool_]:
-        """(n,) joints whose velocity was not believed in the last sample."""
+        """(n,) joints whose reported velocity was not believed in the last sample."""
         return self._motion.doubtful
 
     def silence(self, now: float, timeout: float) -> str:
         """Return what has been missing for longer than ``timeout`` seconds, ``""``: nothing."""
-        return self._fresh.silence(now, timeout)
+        if now - self._valid > timeout:
+            return f"no valid measured_js for {timeout:g} s"
+        if now - self._advance > timeout:
+            return f"the stamp of measured_js has not advanced for {timeout:g} s"
+        return ""
 
     def admit(
         self, sample: Sample, now: float, clock: int, timeout: float, oldest: float, active: bool
@@ -59,17 +79,161 @@ class InputGate:
         """Return the sample if it is believed.
 
         Args:
-            sample: What came.
-            now: Monotonic time at which it came, s.
-            clock: The node's clock, ns, to which stamps are compared.
+            sample: The sample.
+            now: Monotonic time of its arrival, s.
+            clock: The node's clock, ns.
             timeout: Longest time without fresh input, s.
-            oldest: How far the stamp may be from the clock, s; 0: not checked.
+            oldest: Largest difference between stamp and clock, s; 0: not checked.
             active: The arm is under our command.
 
         Raises:
-            DroppedSampleError: Its stamp, or where it says that the arm is, disqualifies it.
+            DroppedSampleError: Its stamp or its positions disqualify it.
         """
-        step, gap = self._fresh.judge(sample.stamp, now, clock, timeout, oldest, active)
+        stamp = sample.stamp
+        known, self._seen = (self._stamp, self._seen), stamp
+        if stamp < self._stamp:
+            # After a long time without valid input, the clock has been stepped for good.
+            if active or now - self._valid <= timeout:
+                late = (self._stamp - stamp) * 1e-9
+                raise DroppedSampleError(
+                    "stamp_backwards", f"stamp {late:.3f} s before the last one"
+                )
+            self._advanced_to = min(self._advanced_to, stamp)
+        if oldest > 0.0:
+            _require_recent(stamp, clock, oldest)
+        step, gap = now - self._valid, now - self._advance
+        due = LEAST_PACE * min(gap, timeout)
+        advances = stamp not in known and (stamp - self._advanced_to) * 1e-9 >= due
+        if not advances and gap > timeout:
+            self._valid = now
+            raise DroppedSampleError("stamp_repeated", "the stamp does not advance")
         believed = self._motion.check(sample, now, timeout)
-        self._fresh.accept(sample.stamp, now)
+        # A message that waited in a queue while the process or the arm stood still is the first
+        # after a gap, and is not answered: times count for messages that pass.
+        self._valid, self._stamp = now, stamp
+        if advances:
+            self._advance, self._advanced_to = now, stamp
         return Admitted(believed, step, gap)
+
+
+def _require_recent(stamp: int, clock: int, oldest: float) -> None:
+    age = (clock - stamp) * 1e-9
+    if abs(age) <= oldest:
+        return
+    if clock == 0:
+        raise DroppedSampleError("no_clock", "use_sim_time is set, but nothing publishes /clock")
+    cause, where = ("stamp_too_old", "behind") if age > 0.0 else ("stamp_ahead", "ahead of")
+    raise DroppedSampleError(
+        cause,
+        f"stamp {abs(age):.3f} s {where} this computer's clock, at most {oldest:g} s allowed: "
+        "stale data, or unsynchronised computers (max_stamp_age 0 disables this check)",
+    )
+
+
+class MotionCheck:
+    """Compares each measurement with those before it.
+
+    Attributes:
+        doubtful: (n,) joints whose reported velocity was not believed in the last sample.
+        velocity: (n,) of the last sample, rad/s: as reported; where it is missing or not believed,
+            from the positions, filtered.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], scale: Array | None = None) -> None:
+        """Start without history; ``scale`` (n,): what counts as much as a rad, ``Arm.scale``."""
+        self._names = joint_names
+        self._scale = np.ones(len(joint_names)) if scale is None else scale
+        self._least = float(self._scale.min())
+        self._last: Sample | None = None
+        self._time = 0.0  # monotonic, of the last one's arrival
+        self._dropped: Sample | None = None  # the last one, if it was out of reach
+        self._anchor: Sample | None = None  # the last one at which velocities were compared
+        self._observed = self._reported = self.velocity = np.zeros(len(joint_names))
+        self.doubtful: NDArray[np.bool_] = np.zeros(len(joint_names), dtype=bool)
+        self._any_doubtful = False
+
+    def check(self, sample: Sample, now: float, timeout: float) -> Sample:
+        """Return the sample, with velocity zero at joints where the reported one cannot be true.
+
+        At zero velocity no friction is compensated, which never drives a joint. After ``timeout``
+        without a sample nothing is compared. For the arguments see :meth:`InputGate.admit`.
+
+        Raises:
+            DroppedSampleError: A joint cannot have got there since the last sample.
+        """
+        last = self._last
+        if last is None or now - self._time > timeout:
+            self._anchor = sample
+            self._observed = self._reported = np.zeros(len(self._names))
+            self.doubtful, self._any_doubtful = np.zeros(len(self._names), dtype=bool), False
+        else:
+            step = (sample.stamp - last.stamp) * 1e-9
+            if step < 0.0:
+                return sample  # out of order, or another clock: its stamp decides
+            change = sample.position - last.position
+            # Where the joints' way together is short, each one's is: that is quick to check.
+            reach = (UNTIMED_STEP + FASTEST * min(step, timeout)) * self._least
+            near = self._dropped is None and change.dot(change) <= reach * reach
+            if not near and (
+                not self._within_reach(last, sample, timeout)
+                or (
+                    self._dropped is not None and self._within_reach(self._dropped, sample, timeout)
+                )
+            ):
+                self._dropped = sample  # later ones near it are out of reach, too
+                raise self._jumped(change, step)
+        self._last, self._time, self._dropped = sample, now, None
+        self._compare(sample)
+        return self._believed(sample)
+
+    def _compare(self, sample: Sample) -> None:
+        """Compare reported velocities with those of the positions, through the same filter."""
+        anchor = self._anchor
+        assert anchor is not None  # set by the first sample
+        step = (sample.stamp - anchor.stamp) * 1e-9
+        if step < INTERVAL:
+            return
+        moved = (sample.position - anchor.position) / step
+        part = step / (step + TIME_CONSTANT)
+        self._observed = self._observed + part * (moved - self._observed)
+        if sample.velocity is None:
+            self._reported = self._observed
+        else:
+            most = 2 * FASTEST * self._scale
+            reported = np.minimum(np.maximum(sample.velocity, -most), most)
+            self._reported = self._reported + part * (reported - self._reported)
+        self._anchor = sample
+        larger = np.maximum(np.abs(self._observed), np.abs(self._reported))
+        difference = np.abs(self._observed - self._reported)
+        self.doubtful = difference > SLACK * self._scale + SHARE * larger
+        self._any_doubtful = bool(self.doubtful.any())
+
+    def _believed(self, sample: Sample) -> Sample:
+        velocity = sample.velocity
+        if velocity is None:
+            self.velocity = self._observed
+            return sample
+        self.velocity = velocity
+        if not self._any_doubtful and velocity.dot(velocity) <= (FASTEST * self._least) ** 2:
+            return sample
+        doubtful = np.abs(velocity) > FASTEST * self._scale
+        doubtful |= self.doubtful
+        if np.count_nonzero(doubtful) == 0:
+            return sample
+        self.velocity = np.where(doubtful, self._observed, velocity)
+        return replace(sample, velocity=np.where(doubtful, 0.0, velocity))
+
+    def _within_reach(self, last: Sample, sample: Sample, timeout: float) -> bool:
+        step = min((sample.stamp - last.stamp) * 1e-9, timeout)
+        farthest = (UNTIMED_STEP + FASTEST * step) * self._scale
+        return bool((np.abs(sample.position - last.position) <= farthest).all())
+
+    def _jumped(self, change: Array, step: float) -> DroppedSampleError:
+        joint = int(np.argmax(np.abs(change / self._scale)))
+        unit = "rad" if self._scale[joint] == 1.0 else "m"
+        return DroppedSampleError(
+            "position_jump",
+            f"{self._names[joint]} by {change[joint]:.3g} {unit} in {step * 1e3:.3g} ms, faster "
+            f"than {FASTEST * self._scale[joint]:g} {unit}/s: a broken encoder, or another arm's "
+            "messages?",
+        )

@@ -11,17 +11,23 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 
-# N·m that stand for a limit of zero: what rounding leaves of zero in the other space is less.
-_NOTHING = 1e-12
+# Part of a joint's effort limit from which on a torque counts as support that an arm misses. Real
+# dry friction holds about that: efforts of MTMR-28002's static poses differ from its calibrated
+# model by 0.004 to 0.19 of the limits, RMS (DVRK_GRAVITY_DATA's poses).
+CONSIDERABLE = 0.1
+# Considerable changes take at least so long, s: a person's reaction to a touch takes 0.15 to 0.2 s.
+LEAST_RAMP = 0.2
+
+# N·m; less than these is rounding: of a difference, and of a limit of zero in the other space.
+_NO_DIFFERENCE, _NO_LIMIT = 1e-9, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class EffortLimits:
     """Boxes in joint space and in actuator space that a command stays within.
 
-    Both boxes contain zero and are convex, so that scaling towards zero, or
-    moving along the segment between two commands that satisfy them, never
-    leaves them.
+    Both are convex and contain zero: scaling towards zero never leaves them, nor does the segment
+    between two commands within them.
 
     Attributes:
         arm: The arm, for its transmission.
@@ -36,8 +42,8 @@ class EffortLimits:
     def clip(self, torque: Array) -> Array:
         """Return (n,) joint torques as near as simple clipping gets, within both boxes.
 
-        Torques near the largest number there is are clipped like others, but numpy tells of the
-        overflow on the way (``np.errstate``).
+        Torques near the largest float are clipped like others; numpy warns of the overflow unless
+        ``np.errstate`` is set.
         """
         if np.count_nonzero(np.abs(self._to_both.dot(torque)) <= self._both) == len(self._both):
             return torque
@@ -50,8 +56,8 @@ class EffortLimits:
 
     def _shrink(self, torque: Array) -> Array:
         """Return ``torque``, coupled joints scaled towards zero alike, until within both boxes."""
-        joint = np.abs(torque) / np.maximum(self.joint, _NOTHING)
-        motor = np.abs(self.arm.actuator_effort(torque)) / np.maximum(self.actuator, _NOTHING)
+        joint = np.abs(torque) / np.maximum(self.joint, _NO_LIMIT)
+        motor = np.abs(self.arm.actuator_effort(torque)) / np.maximum(self.actuator, _NO_LIMIT)
         excess = np.maximum(joint, motor)[self.coupled].max(initial=1.0)
         return np.where(self.coupled, torque / excess, torque)
 
@@ -74,12 +80,12 @@ class EffortLimits:
 
     @cached_property
     def coupled(self) -> NDArray[np.bool_]:
-        """(n,) whether a joint shares a motor; the others' boxes are their own affair."""
+        """(n,) whether a joint shares a motor; the others' boxes are independent."""
         mixed = self.arm.actuator_to_joint != np.diag(np.diag(self.arm.actuator_to_joint))
         return mixed.any(axis=0) | mixed.any(axis=1)
 
     def contains(self, torque: Array, tolerance: float = 1e-9) -> bool:
-        """Tell whether (n,) joint torques are within both boxes."""
+        """Return whether (n,) joint torques are within both boxes."""
         motor = self.arm.actuator_effort(torque)
         return bool(
             (np.abs(torque) <= self.joint + tolerance).all()
@@ -110,3 +116,40 @@ def slew(previous: Array, target: Array, step: Array, limits: EffortLimits) -> A
     held_back = limits.coupled & (np.abs(change) > step)
     part = (step[held_back] / np.abs(change[held_back])).min(initial=1.0)
     return np.where(limits.coupled, previous + part * change, command)
+
+
+class Ramp:
+    """Fades out the difference between a first command and the wanted torque, without a jump.
+
+    Only the difference fades: the command follows the wanted torque from the beginning where the
+    arm is moved meanwhile, however often ramps begin. Limits that were lowered below the first
+    command come down with it; the torque under a person's hand does not jump into them.
+
+    Attributes:
+        over: The wanted torque has been reached.
+    """
+
+    def __init__(self, first: Array, wanted: Array, now: float, duration: float, arm: Arm) -> None:
+        """Begin at monotonic time ``now`` between (n,) commands at the same measurement, N·m.
+
+        The ``duration``, s, is longer if their difference is considerable, zero if it is rounding.
+        """
+        self.over = False
+        self._joint, self._actuator = np.abs(first), np.abs(arm.actuator_effort(first))
+        self._start = now
+        self._difference = first - wanted
+        size = np.abs(self._difference)
+        considerable = (size > CONSIDERABLE * arm.effort_limit).any()
+        self._duration = max(duration, LEAST_RAMP if considerable else 0.0)
+        if (size <= _NO_DIFFERENCE).all():
+            self._duration = 0.0
+
+    def blend(self, wanted: Array, now: float, limits: EffortLimits) -> Array:
+        """Return the (n,) torque on the way to ``wanted``, within the limits, N·m."""
+        elapsed = now - self._start
+        if elapsed >= self._duration:
+            self.over = True
+            return wanted
+        part = 1.0 - elapsed / self._duration
+        widened = limits.widened(part * self._joint, part * self._actuator)
+        return widened.clip(wanted + part * self._difference)

@@ -1,11 +1,11 @@
-"""A passivity observer for friction compensation: it takes back what it may have fed into the arm.
+"""A passivity observer for friction compensation: it takes back energy that it may have fed in.
 
 Friction compensation pushes along the motion. Where it pushes with more than the arm's friction
-takes out, the arm runs away, and an arm in a springy hand swings higher and higher. How much
-friction there is, nobody knows; supposed is that it is at least half of what the model says
-(`sure`: a model that takes it to be up to 100 % more than it is).
+takes out, the arm runs away, and an arm in a springy hand swings higher and higher. The friction is
+not known; it is assumed to be at least half of the model's (`sure`: the model may overestimate it
+by up to 100 %).
 
-**What is observed.** Let f v be the power of the compensation at full factor, friction torque times
+**Observed.** Let f v be the power of the compensation at full factor, friction torque times
 velocity, and `part` the part of the modelled friction that f is. With a factor s applied,
 
     net power into arm and hand  <=  (s - sure / part) f v,
@@ -16,32 +16,31 @@ the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity contr
 interfaces", IEEE Trans. Robotics and Automation 18:1, with a known loss on the device's side.
 
 Delay does not spoil the bound: f(v(t - d)) v(t) is at most |f| |v(t)| for dry friction, and for
-viscous friction its integral is at most that without delay (Cauchy and Schwarz). What is passive
-without delay is so with it. But the account runs on a late velocity: it misses some of what is fed
-while a joint accelerates, and books some payment too much while it slows down.
+viscous friction its integral is at most that without delay (Cauchy and Schwarz). But the account
+uses a late velocity: it misses some of the energy fed while a joint accelerates, and overestimates
+some payment while it slows down.
 
-**What is done.** A controller that takes all of it back at once would compensate half the friction,
-whatever the model is worth: a hand that works against the friction that is left and a hand that is
-being worked upon can show the same motion. But it is growth that does harm, and the growth of a
-passive hand's motion (springs, masses, dampers of any size) shows: at the top speed of a swing all
-of its energy and the arm's is kinetic. So, for each joint:
+**Done.** A controller that took all of it back at once would compensate half the friction, however
+good the model is: a hand that works against the remaining friction and a hand that is worked upon
+can show the same motion. But only growth does harm, and the growth of a passive hand's motion
+(springs, masses, dampers of any size) shows: at the top speed of a swing all of its energy and the
+arm's is kinetic. So, for each joint:
 
 1. `fed` is the energy since the top of the last swing.
 2. A joint that is faster than its `allowance` and than `growth` times its `base` speed owes `fed`:
    the last top was below that speed, and nothing else but a hand can have driven it beyond.
-3. While it owes, no friction is compensated; what friction surely takes out pays.
-4. When that is paid, a passive hand and the arm have no more energy than that speed stands for. A
-   joint that `settling` later is still faster is driven by a hand that works: its speed is the new
-   base. Any other keeps its base.
+3. While it owes, no friction is compensated; the friction that is certain pays.
+4. Then a passive hand and the arm have no more energy than that speed stands for. A joint that is
+   still faster `settling` later is driven by a hand that works: its speed is the new base. Any
+   other keeps its base.
 5. The base falls towards the tops of slower swings, and to zero after a rest.
 
-So a passive hand and arm get no faster than `growth` times the base, or the allowance, but for what
-a single swing feeds, what the delay hides and what coupled joints pass on: the base does not rise
-without a hand's work. A
-hand that works loses its compensation for about a tenth of a second each time that it moves a
-joint faster by `growth` than it has been lately. No inertia enters. Joints that share motors
-have one factor, the least of theirs: parts of a motor's friction that differ by joint would feed
-energy of their own.
+So a passive hand and arm get no faster than `growth` times the base, or the allowance, except for
+the energy of a single swing, the effect of delay and what coupled joints pass on: the base does not
+rise without a hand's work. A hand that works loses its compensation for about a tenth of a second
+each time that it moves a joint faster by `growth` than lately. No inertia enters. Joints that share
+motors have one factor, the least of theirs: parts of a motor's friction that differ by joint would
+feed energy of their own.
 
 `benchmark/passivity.py` measures both.
 """
@@ -58,27 +57,26 @@ from dvrk_gravity.arrays import Array
 
 @dataclass(frozen=True)
 class PassivitySettings:
-    """What is supposed, and how quickly it acts; speeds are rad/s (``Arm.scale``).
+    """Assumptions and time constants; speeds are rad/s (``Arm.scale``).
 
-    `benchmark/passivity.py` holds with these; its cases have set those without a reason of their
-    own.
+    `benchmark/passivity.py` passes with these; its cases set those without a reason of their own.
 
     Attributes:
-        sure: Part of the modelled friction that the arm surely has: 1 / (1 + 100 %).
-        growth: Growth of a joint's top speed that passes unasked. A smaller one asks at the
+        sure: Part of the modelled friction that is certain: 1 / (1 + 100 %).
+        growth: Growth of a joint's top speed that is allowed. A smaller one interferes with the
             ordinary unevenness of a hand's motion.
         settling: s from payment to judgement: 30 ms of delay, 20 ms until the factor is down, and
-            as long again in which a joint that nobody drives slows down. With 0.05 s a delayed
+            as long again in which a joint without a hand slows down. With 0.05 s a delayed
             velocity passes for a hand's.
         moves: Speed that counts as motion: the default dead band, below which nothing is fed.
-        rest: A hand's spring that cannot move a joint for so long, s, has no energy to give back.
+        rest: A hand's spring that cannot move a joint for so long, s, has no energy to return.
         forget: The base is kept longer, s, so that a hand that pauses between its moves is not
-            asked at each.
+            slowed at each.
         kept: Part of the base that is kept at each slower swing.
         certain: A speed is certainly beyond a limit by this factor…
         certain_by: … and by this: encoders' steps and noise.
         period: Motions of a hand are below 20 Hz: every fifth sample at 1 kHz, s, is often enough.
-        fade: From one end of the factor to the other, s, so that it is no blow.
+        fade: From one end of the factor to the other, s: not a jolt.
     """
 
     sure: float = 0.5
@@ -111,13 +109,13 @@ class PassivityObserver:
         coupled: NDArray[np.bool_],
         scale: Array | None = None,
     ) -> None:
-        """Start with everything at rest.
+        """Start at rest.
 
         Args:
             part: (n,) part of the modelled friction that is compensated at full factor.
             allowance: (n,) speeds below which growth does no harm, rad/s.
             coupled: (n,) whether a joint shares a motor with others.
-            scale: (n,) what counts as much as a rad (``Arm.scale``); ``None``: a rad.
+            scale: (n,) ``Arm.scale``; ``None``: 1.
         """
         self._per_scale = 1.0 / (np.ones(len(part)) if scale is None else scale)
         self._joints = [_Joint() for _ in part]
@@ -128,14 +126,14 @@ class PassivityObserver:
         self._last = -np.inf
 
     def limit(self, part: Array, allowance: Array) -> None:
-        """Take another (n,) part and allowance, as at the start; what is owed stays owed."""
+        """Replace the (n,) part and allowance; debts stay."""
         sure = SETTINGS.sure / np.maximum(part, 1e-9)
         reach = (allowance * self._per_scale).tolist()
         for joint, *values in zip(self._joints, sure.tolist(), reach, strict=True):
             joint.sure, joint.allowance = values
 
     def update(self, velocity: Array | None, friction: Array, now: float) -> Array:
-        """Take a sample; return the (n,) factor to apply to its friction torque.
+        """Return the (n,) factor to apply to a sample's friction torque.
 
         Args:
             velocity: (n,) rad/s; ``None`` where unknown: then no friction is compensated either.
@@ -169,7 +167,7 @@ class PassivityObserver:
 
 
 class _Joint:
-    """The account of one joint; see the module's text for what each name stands for."""
+    """The account of one joint; the module's text explains each name."""
 
     __slots__ = (
         "allowance", "base", "debt", "factor", "fed", "fed_since_top", "owes", "paid_for",
@@ -191,7 +189,7 @@ class _Joint:
         self.resting = 0.0  # s
 
     def go(self, velocity: float, power: float, applied: float, step: float) -> float:
-        """Go one step on and return the factor that this joint asks for."""
+        """Advance by one step, s, and return the factor of this joint."""
         speed = abs(velocity)
         if speed < SETTINGS.moves:
             self.resting += step
@@ -235,7 +233,7 @@ class _Joint:
         self.top, self.fed = 0.0, self.fed_since_top
 
     def _judge(self, speed: float) -> None:
-        """Decide, the debt being paid, whether a hand keeps up the speed."""
+        """Decide, after payment, whether a hand keeps up the speed."""
         limit = max(SETTINGS.growth * self.base, self.allowance)
         if speed > SETTINGS.certain * limit + SETTINGS.certain_by:
             self.base = speed

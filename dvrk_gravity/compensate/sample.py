@@ -1,4 +1,4 @@
-"""One measured joint state, checked: what may be answered with a command and what may not."""
+"""One measured joint state, checked: whether a command may answer it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ class DroppedSampleError(DvrkGravityError):
     """
 
     def __init__(self, cause: str, detail: str) -> None:
-        """Store the cause; the text says what was found."""
         self.cause = cause
         super().__init__(detail)
 
@@ -77,11 +76,17 @@ class SampleReader:
         arm: str = "",
         held: Mapping[str, float] | None = None,
     ) -> None:
-        """Read samples of these joints, in this order, between (n,) positions, rad or m.
+        """Read samples of these joints, in this order.
 
-        Efforts are multiplied by (n,) drive gains, where the arm reads them in another unit. Of a
-        shipped arm's name, joints of a larger shipped arm are refused. Joints that the model has
-        as held at a position are to be there, where messages tell.
+        Args:
+            joint_names: The joints.
+            lower: (n,) least positions allowed, rad or m.
+            upper: (n,) greatest positions allowed, rad or m.
+            units: Of the positions (default: rad).
+            gains: (n,) factors from efforts as read to N·m or N; ``None``: they are.
+            arm: Name of the arm; of a shipped one, joints of a larger shipped arm are refused.
+            held: Joints that the model holds fixed, and where, rad or m; checked in messages that
+                have them.
         """
         self._arm, self._held = arm, held or {}
         self._gains = None if gains is None else np.asarray(gains, dtype=float)
@@ -91,7 +96,7 @@ class SampleReader:
         self._upper = np.broadcast_to(upper, len(self._joints)).astype(float)
         self._names: tuple[str, ...] = self._joints
         self._index: NDArray[np.intp] | None = None  # None: the message's order is the arm's
-        self._held_at: list[tuple[int, str, float]] = []  # of those that messages tell
+        self._held_at: list[tuple[int, str, float]] = []  # held joints that the messages have
 
     def read(
         self,
@@ -104,10 +109,10 @@ class SampleReader:
         """Return the sample in a message's fields.
 
         Raises:
-            DroppedSampleError: It cannot be answered with a command.
+            DroppedSampleError: No command may answer it.
         """
         if stamp == 0:
-            raise DroppedSampleError("no_stamp", "stamp 0: the console marks invalid data so")
+            raise DroppedSampleError("no_stamp", "stamp 0, the console's mark of invalid data")
         self._match(tuple(names))
         values = self._pick("position", position)
         if values is None:
@@ -119,9 +124,9 @@ class SampleReader:
             if not abs(position[index] - at) <= STAYS:
                 raise DroppedSampleError(
                     "not_held",
-                    f"{name} is at {position[index]:.4g}, and the model's arm holds it at {at:.4g}",
+                    f"{name} is at {position[index]:.4g}, the model expects it fixed at {at:.4g}",
                 )
-        # The measured effort only sets what is begun with: without it the message stands.
+        # The measured effort serves the start alone: without it the message is still valid.
         try:
             applied = self._pick("effort", effort)
         except DroppedSampleError:
@@ -131,7 +136,7 @@ class SampleReader:
         return Sample(stamp, values, self._pick("velocity", velocity), applied)
 
     def _match(self, names: tuple[str, ...]) -> None:
-        """Find the joints among the names; remembered, since names hardly ever change."""
+        """Find the joints among the names, which hardly ever change."""
         if names == self._names:
             return
         indices = []

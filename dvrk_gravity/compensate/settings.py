@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
-from dvrk_gravity.effects import State, Term, terms
+from dvrk_gravity.effects import Evaluator, State, Term, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     BY_EFFECTS,
@@ -26,52 +25,24 @@ from dvrk_gravity.model import (
 )
 from dvrk_gravity.parameters import Value, check_all
 
+Parts = Callable[[Array, "Array | None", "Array | None"], tuple[Array, Array]]
+"""Torque without friction and friction, (n,) each, from positions, velocities, and the velocities
+at which friction is taken."""
 
-@dataclass(frozen=True)
-class ChangeSettings:
-    """How fast torque may change whatever the parameters say.
-
-    Attributes:
-        considerable: Part of a joint's effort limit from which on a torque counts as support that
-            an arm feels the lack of. What real dry friction holds is about that: efforts of
-            MTMR-28002's static poses differ from its calibrated model by 0.004 to 0.19 of the
-            limits, RMS (DVRK_GRAVITY_DATA's poses).
-        full_scale_time: From nothing to its effort limit a joint's command takes at least so long,
-            s: the longest step that a command answers (see the supervisor), so that no parameter
-            makes it jump in one sample.
-        least_ramp: Considerable changes take at least so long, s: a person's reaction to a touch
-            takes 0.15 to 0.2 s.
-    """
-
-    considerable: float = 0.1
-    full_scale_time: float = 0.02
-    least_ramp: float = 0.2
-
-
-CHANGE = ChangeSettings()
+# From zero to its effort limit a joint's command takes at least so long, s: the longest step that a
+# command answers (see the supervisor), so that no parameter makes it jump in one sample.
+FULL_SCALE_TIME = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """One complete and consistent set of the compensator's parameters.
+    """One complete and consistent set of the compensator's parameters (``parameters/nodes.py``).
 
     Attributes:
         model: The torque model.
         limits: Effort limits in both spaces, never above the arm's own.
-        slew_limit: (n,) fastest change of a joint's command, N·m/s.
-        ramp_time: Time of the blend from the effort that is there to the model's, s.
-        timeout: Longest time without valid input, s.
-        position_margin: Positions further outside the arm's limits than this are refused, rad.
-        start_tolerance: Part of the effort limits by which measured and modelled effort may
-            differ at a start.
-        max_stamp_age: Farthest stamp from the node's clock, s; 0 if not checked.
-        friction_ratio: (n,) part of friction that is compensated, at each joint and motor.
-        friction_dead_band: (n,) rad/s below which it is not.
-        allowance: (n,) speed up to which a motion may grow by friction compensation, rad/s.
-        speed_limit: (n,) speed beyond which a joint must not be driven, rad/s.
-        enabled: Whether to command at all.
-        resume_automatically: Go on by itself after a fault of the input.
-        disable_builtin: Switch the arm's own compensation off when it is on.
+        slew_limit: (n,) N·m/s, ``FULL_SCALE_TIME`` considered.
+        friction_ratio, friction_dead_band, allowance, speed_limit: (n,) rad/s, or a part.
     """
 
     model: TorqueModel
@@ -95,14 +66,12 @@ class Settings:
     def from_parameters(cls, values: Mapping[str, Any], before: Settings | None = None) -> Settings:
         """Build settings from parameter names and values; absent ones take their defaults.
 
-        Args:
-            values: Values by parameter name.
-            before: Settings that these replace: their arm stays, whatever has become of its
-                file, and their model where no parameter of it changes.
+        The arm of settings ``before``, which these replace, stays, whatever has become of its file,
+        and so does their model where no parameter of it changes.
 
         Raises:
-            ConfigError: An unknown name, a value that fails its check, no weight: an arm that is
-                commanded zero torque falls; or a model that was found not fit to compensate with.
+            ConfigError: An unknown name, a value that fails its check, no weight (an arm without
+                torque falls), or a model found unfit to compensate with.
         """
         arm = arm_of(values) if before is None else before.model.arm
         declared = all_parameters(arm)
@@ -126,25 +95,27 @@ class Settings:
             np.minimum(value["effort_limit"] or np.inf, arm.effort_limit),
             np.minimum(value["actuator_effort_limit"] or np.inf, arm.actuator_effort_limit),
         )
-        fastest = arm.effort_limit / CHANGE.full_scale_time
+        fastest = arm.effort_limit / FULL_SCALE_TIME
         slew_limit = np.array(value["slew_limit"])
+        ratio, dead_band, allowance = (
+            np.array(value[f"friction_compensation.{name}"])
+            for name in ("ratio", "dead_band", "allowance")
+        )
+        unchanged = (
+            "ramp_time", "timeout", "position_margin", "start_tolerance", "max_stamp_age",
+            "enabled", "disable_builtin",
+        )  # fmt: skip
         return cls(
-            model,
-            limits,
-            np.minimum(np.where(slew_limit > 0.0, slew_limit, np.inf), fastest),
-            value["ramp_time"],
-            value["timeout"],
-            value["position_margin"],
-            value["start_tolerance"],
-            value["max_stamp_age"],
-            np.array(value["friction_compensation.ratio"]),
-            np.array(value["friction_compensation.dead_band"]),
-            np.array(value["friction_compensation.allowance"]),
-            np.array(value["speed_limit"]),
-            value["enabled"],
-            value["resume"] == "automatic",
-            value["disable_builtin"],
-            of_model,
+            model=model,
+            limits=limits,
+            slew_limit=np.minimum(np.where(slew_limit > 0.0, slew_limit, np.inf), fastest),
+            friction_ratio=ratio,
+            friction_dead_band=dead_band,
+            allowance=allowance,
+            speed_limit=np.array(value["speed_limit"]),
+            resume_automatically=value["resume"] == "automatic",
+            _given=of_model,
+            **{name: value[name] for name in unchanged},
         )
 
     @cached_property
@@ -156,8 +127,8 @@ class Settings:
     def torque(self, q: Array, qd: Array | None) -> Array:
         """Return the (n,) torque to apply at (n,) positions and velocities, before limits, N·m.
 
-        It is the model's torque but for friction, of which only the asked part
-        is compensated: pushing the whole of it makes an arm run away on its own.
+        Of the model's friction only ``friction_ratio`` is compensated: with the whole of it an arm
+        runs away on its own.
         """
         conservative, friction = self.parts(q, qd)
         return conservative + friction
@@ -167,7 +138,7 @@ class Settings:
         return self.limits.clip(self.torque(q, None))
 
     def asks_as(self, other: Settings) -> bool:
-        """Tell whether other settings ask for the same torque, wherever the arm is."""
+        """Return whether other settings command the same torque at every state of the arm."""
         return self is other or (
             self.model is other.model
             and np.array_equal(self.friction_ratio, other.friction_ratio)
@@ -179,7 +150,7 @@ class Settings:
     def parts(self, q: Array, qd: Array | None) -> tuple[Array, Array]:
         """Return :meth:`torque` as its two parts, (n,) each: without friction, and friction."""
         if self._offset is not None:
-            q = q - self._offset  # what the terms are functions of
+            q = q - self._offset  # the terms are functions of true positions
         moving = None if qd is None else qd * (np.abs(qd) >= self.friction_dead_band)
         return self._parts(q, qd, moving)
 
@@ -190,7 +161,7 @@ class Settings:
         for term in self.model.terms:
             if term.COMPENSATED:
                 part = np.maximum(part, term.friction_part(self.friction_ratio))
-        # What rubs at a motor is felt at each joint that it moves.
+        # A motor's friction acts at each joint that it moves.
         coupled = self.limits.coupled
         return np.where(coupled, part[coupled].max(initial=0.0), part)
 
@@ -204,7 +175,7 @@ class Settings:
         return prepare_parts(terms, self.friction_ratio)
 
     def _left(self, term: Term) -> bool:
-        """Tell whether a term is left to the arm, which holds its weight itself."""
+        """Return whether the arm itself compensates a term: its own weight."""
         return term.WEIGHT_OF_ARM and not self.model.arm.gravity_in_command
 
     def weight(self, q: Array) -> Array:
@@ -212,7 +183,7 @@ class Settings:
         return self._at_rest(q, (term for term in self.model.terms if term.WEIGHT_OF_ARM))
 
     def holding(self, q: Array) -> Array:
-        """Return the (n,) efforts that hold the arm still, its own share of them, too, N·m."""
+        """Return the (n,) efforts that hold the arm still, with the arm's own share, N·m."""
         torque = self.torque(q, None)
         return torque if self.model.arm.gravity_in_command else torque + self.weight(q)
 
@@ -228,11 +199,7 @@ class Settings:
 
 
 def _with_limits(arm: Arm, given: tuple[float, ...]) -> Arm:
-    """Return an arm with effort limits that are stated, by its file or by the parameter.
-
-    Raises:
-        ConfigError: Neither states one of some joint.
-    """
+    """Return the arm with effort limits of its file or of the parameter, or refuse it."""
     missing = [joint for joint in arm.joints if not joint.effort_stated]
     if not missing:
         return arm
@@ -265,3 +232,62 @@ def _require_weight(arm: Arm, value: Mapping[str, Any]) -> None:
             field = f"{field.split('.')[0]}.*"
         expected = f"{weights[0].meaning}, from --params-file for instance"
         raise ConfigError(field, [], expected)
+
+
+def prepare_parts(terms: Iterable[Term], part: Array) -> Parts:
+    """Return the evaluator of a sum of terms for one sample, with friction apart.
+
+    A term's own ``torque`` takes any number of samples. For one, nearly all of its time goes into
+    calls of numpy: ``prepare`` computes beforehand all that does not depend on the sample.
+
+    Args:
+        terms: The terms, with their whole friction.
+        part: (n,) part of friction to take, at each joint and motor.
+    """
+    # Friction is scaled where it acts: parts of a motor's friction that differ by joint would put
+    # more power into the arm than the friction dissipates.
+    fused: list[Evaluator] = []
+    smooth: list[Evaluator] = []
+    rubbing: list[Evaluator] = []
+    for term in terms:
+        together = term.prepare_parts(part)
+        if together is not None:
+            fused.append(together)
+            continue
+        for found, kind in zip(term.split(part), (smooth, rubbing), strict=True):
+            if found is not None:
+                kind.append(found.prepare())
+    conservative, friction = _sum(smooth), _sum(rubbing)
+    if not fused:
+        return lambda q, qd, moving: (conservative(q, qd), friction(q, moving))
+    both = _sum(fused)
+    if not rubbing:
+
+        def without(q: Array, qd: Array | None, moving: Array | None) -> tuple[Array, Array]:
+            elastic, alone = both(q, moving)
+            return conservative(q, qd) + elastic, alone
+
+        return without
+
+    def evaluate(q: Array, qd: Array | None, moving: Array | None) -> tuple[Array, Array]:
+        elastic, more = both(q, moving)
+        return conservative(q, qd) + elastic, friction(q, moving) + more
+
+    return evaluate
+
+
+def prepare_sum(terms: Iterable[Term]) -> Evaluator:
+    """Return the evaluator of a sum of terms; of none, it returns zeros."""
+    return _sum([term.prepare() for term in terms])
+
+
+def _sum(evaluators: list[Evaluator]) -> Evaluator:
+    return reduce(_add, evaluators) if evaluators else _zeros
+
+
+def _add(first: Evaluator, second: Evaluator) -> Evaluator:
+    return lambda q, qd: first(q, qd) + second(q, qd)
+
+
+def _zeros(q: Array, qd: Array | None) -> Array:
+    return np.zeros(q.shape)

@@ -1,68 +1,49 @@
 """When to command and when to hold: the compensator's state machine, without ROS.
 
-The arm keeps the last effort for ever. Whatever ends commanding, therefore,
-ends in a `hold`: :attr:`Supervisor.hold_due` asks the node for it.
+The arm keeps the last effort for ever. Whatever ends commanding therefore ends in a `hold`, which
+:attr:`Supervisor.hold_due` requests from the node.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate.accepted import Accepted
 from dvrk_gravity.compensate.input_gate import InputGate
-from dvrk_gravity.compensate.limits import slew
+from dvrk_gravity.compensate.limits import Ramp, slew
 from dvrk_gravity.compensate.passivity import PassivityObserver
-from dvrk_gravity.compensate.ramp import Ramp
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.speed_guard import SpeedGuard
-from dvrk_gravity.compensate.start import Start, StartRefusedError
+from dvrk_gravity.compensate.start import Accepted, Start, StartRefusedError
 
 BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "
     "on use_gravity_compensation"
 )
 OR_BY_US = ", or set disable_builtin to true"
+LEFT_OUT = "gravity is not compensated (gravity_enabled: false): the holding effort fades out"
 
-
-LEFT_OUT = "gravity is left out (gravity_enabled: false): what holds the arm fades out"
-
-
-@dataclass(frozen=True)
-class SupervisorSettings:
-    """When it gives up, and what it tells.
-
-    Attributes:
-        shortest_step: Time between messages that counts at least, s: two at one time leave some
-            way.
-        longest_step: And at most, s: a longer one is a hiccup of the input, not time in which
-            torque may run on.
-        interruptions: So often the arm's own compensation may come on again while we command and
-            may switch it off. Chosen: more often, somebody wants it on.
-        outside: Beyond the arm's limits a position is told from here on, rad (``Arm.scale``), 5
-            deg: encoders' zeros are off by less where an arm has been homed.
-        cut: Less of a command that a limit takes is rounding, N·m or N.
-        compared: So often changed parameters are compared with those of the last start, s: in it a
-            joint at its fastest (``FASTEST``) goes 0.2 rad.
-        longest_lag: So long a command may be far from what is asked for, s: as the guard of speed.
-    """
-
-    shortest_step: float = 1e-6
-    longest_step: float = 0.02
-    interruptions: int = 2
-    outside: float = 0.087
-    cut: float = 1e-9
-    compared: float = 0.005
-    longest_lag: float = 0.1
-
-
-SETTINGS = SupervisorSettings()
+# Time between messages counts within these, s: two at one time leave some way; a longer one is a
+# hiccup of the input, not time in which torque may run on.
+SHORTEST_STEP, LONGEST_STEP = 1e-6, 0.02
+# So often the arm's own compensation may come on again while we command and may switch it off.
+# Chosen: more often, somebody wants it on.
+INTERRUPTIONS = 2
+# Positions further outside the arm's limits are reported, rad (Arm.scale), 5 deg: encoders' zeros
+# are off by less where an arm has been homed.
+OUTSIDE = 0.087
+# Less of a command that a limit takes is rounding, N·m or N.
+CUT = 1e-9
+# So often changed parameters are compared with those of the last start, s: in it a joint at its
+# fastest (FASTEST) goes 0.2 rad.
+COMPARED = 0.005
+# So long a command may be far from the wanted one, s: as the guard of speed.
+LONGEST_LAG = 0.1
 
 
 class Status(Enum):
@@ -77,22 +58,21 @@ class Status(Enum):
 
 
 class Supervisor:
-    """Turns valid samples into commands while everything is well, and nothing otherwise.
+    """Answers valid samples with commands while nothing speaks against it.
 
     Times are seconds of a monotonic clock.
 
     Attributes:
         status: What it is doing.
         reason: Why, in words for a person.
-        hold_due: A hold must be sent now; the node clears it when it has done so.
+        hold_due: A hold must be sent now; the node clears it after sending one.
         dropped: Messages dropped, by cause.
-        saturated: (n,) whether the last command was cut by a limit.
-        origin: What the last start began with, in words; ``""`` before the first.
-        change: What changes of parameters have done to the arm's support since the start, in words.
+        saturated: (n,) whether a limit cut the last command.
+        origin: Source of the first command of the last start, in words; ``""`` before the first.
+        change: How changed parameters have changed the arm's support since the start, in words.
     """
 
     def __init__(self, settings: Settings) -> None:
-        """Start in the state that the settings ask for; nothing is commanded yet."""
         names = settings.model.arm.joint_names
         self.settings = settings
         self.dropped: Counter[str] = Counter(dict.fromkeys(CAUSES, 0))
@@ -127,14 +107,14 @@ class Supervisor:
 
     @property
     def doubtful(self) -> NDArray[np.bool_]:
-        """(n,) joints whose velocity was not believed in the last sample."""
+        """(n,) joints whose reported velocity was not believed in the last sample."""
         return self._gate.doubtful
 
     @property
     def outside(self) -> NDArray[np.bool_]:
-        """(n,) joints that are further than 5 deg (or 9 mm) outside the arm's limits."""
+        """(n,) joints further than 5 deg (or 9 mm) outside the arm's limits."""
         arm, position = self.settings.model.arm, self._position
-        slack = SETTINGS.outside * arm.scale
+        slack = OUTSIDE * arm.scale
         return (position < arm.lower - slack) | (position > arm.upper + slack)
 
     @property
@@ -144,14 +124,14 @@ class Supervisor:
 
     @property
     def begins_by_itself(self) -> bool:
-        """Whether the arm, not under our command yet, will be as soon as all is well."""
+        """Whether commanding starts without ~/enable as soon as nothing speaks against it."""
         if self.status is Status.FAULT:
             return self._input_fault and self.settings.resume_automatically
         return self.status in (Status.WAITING, Status.STARTING)
 
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
-        if not self.active:  # while it is commanded there is no start to ask for
+        if not self.active:  # else there is no start to ask for
             self._asked = True
         if self.status in (Status.DISABLED, Status.FAULT):
             self._interruptions = 0
@@ -162,38 +142,41 @@ class Supervisor:
         self._stop(Status.DISABLED, "switched off")
 
     def fail(self, reason: str) -> None:
-        """Stop commanding for an error of our own; only :meth:`enable` leads out of it."""
+        """Stop commanding, for a reason that only :meth:`enable` clears."""
         self._input_fault = False
         self._stop(Status.FAULT, reason)
 
     @np.errstate(over="ignore", invalid="ignore")
     def configure(self, settings: Settings, now: float) -> None:
-        """Take other settings; the torque goes to the new one by the ramp, without a jump."""
+        """Replace the settings; the torque goes to the new one by the ramp, without a jump."""
         before, self.settings = self.settings, settings
         self._changed = not settings.asks_as(self._accepted.settings)
         if self._command is not None and not self._deviates(self._position, now):
             self.change = self._accepted.change(settings, self._position)
-            # What they know of the motion, a debt above all, stays: parameters may change often.
+            # Their history, a debt above all, stays: parameters may change often.
             self._passivity.limit(settings.friction_part, settings.allowance)
             self._guard.limit(settings.speed_limit)
-            self.status, self.reason = Status.RAMPING, "blending to the changed settings' torque"
+            self.status, self.reason = (
+                Status.RAMPING,
+                "blending to the changed parameters' torque",
+            )
             try:
                 self._begin_ramp(self._command, self._position, self._velocity, now)
             except ArithmeticError as error:
                 self.fail(f"internal error: {error}")
         elif self._start is not None:
-            self._wait()  # what has been collected belongs to the settings before
+            self._wait()  # the samples collected so far belong to the previous settings
         if settings.enabled and not before.enabled:
             self.enable()
         elif before.enabled and not settings.enabled:
             self.disable()
 
     def obstruct(self, cause: str, reason: str, wait: bool = False) -> None:
-        """Take note of something outside for which the arm must not be commanded.
+        """Note an outside reason not to command the arm.
 
         Args:
-            cause: Short name of it.
-            reason: Why, in words for a person; ``""``: it is gone.
+            cause: Its short name.
+            reason: In words for a person; ``""``: it is gone.
             wait: An arm under our command is left only until it is gone.
         """
         if reason == self._obstacles.get(cause, "") and not (reason and self.active):
@@ -214,21 +197,21 @@ class Supervisor:
         return "builtin" in self._obstacles
 
     def observe_builtin(self, effort: Array) -> bool:
-        """Take a message of the arm's own gravity compensation; return whether to switch it off.
+        """Note the (n,) efforts of the arm's own compensation; return whether to switch it off.
 
-        Only where the arm is ours, or is about to be: it may carry the arm for somebody else.
+        Only where we command the arm, or are about to: it may carry the arm for somebody else.
         """
         on = bool(np.any(effort))  # NaN counts as on
         ours = self.active or self.begins_by_itself
-        # Whoever switches it on again and again, after a start, is not to be fought.
+        # We do not fight a person who switches it on again and again after a start.
         self._interruptions += on and not self.builtin_active and not self._asked
-        wait = self.settings.disable_builtin and self._interruptions <= SETTINGS.interruptions
+        wait = self.settings.disable_builtin and self._interruptions <= INTERRUPTIONS
         help_ = BUILTIN_HELP if self.settings.disable_builtin else BUILTIN_HELP + OR_BY_US
         self.obstruct("builtin", help_ if on else "", wait)
         return on and wait and ours
 
     def check_input(self, now: float) -> None:
-        """Notice that valid input has stopped; to be called a few times within the timeout."""
+        """Stop if valid input has stopped; to be called a few times within the timeout."""
         if not self.active and self._start is None:
             return
         silence = self._gate.silence(now, self.settings.timeout)
@@ -239,9 +222,9 @@ class Supervisor:
             self._wait()
 
     def in_time(self, now: float) -> bool:
-        """Tell whether the command that was just computed may still be sent.
+        """Return whether the command just computed may still be sent.
 
-        The process may have stood still since its input came: what is late by now is no answer.
+        The process may have stood still since its input came: a late command is no answer.
         """
         self.check_input(now)
         return self.active
@@ -255,13 +238,10 @@ class Supervisor:
     def command(self, sample: Sample, now: float, clock: int) -> Array | None:
         """Return the (n,) effort that answers a valid sample, ``None`` if there is none.
 
-        Args:
-            sample: The sample.
-            now: Monotonic time at which it came, s.
-            clock: The node's clock, ns, to which stamps are compared.
+        ``now`` is the monotonic time of its arrival, s, ``clock`` the node's clock, ns.
 
         Raises:
-            DroppedSampleError: Its stamp, or where it says that the arm is, disqualifies it.
+            DroppedSampleError: Its stamp or its positions disqualify it.
         """
         self.check_input(now)
         settings = self.settings
@@ -276,7 +256,10 @@ class Supervisor:
         try:
             if self.status is Status.WAITING and not self._obstacles:
                 self._start = Start(now, settings.model.arm)
-                self.status, self.reason = Status.STARTING, "measuring what holds the arm"
+                self.status, self.reason = (
+                    Status.STARTING,
+                    "measuring the holding effort",
+                )
             if self._start is not None:
                 self._collect(self._start, sample, now)
             if not self.active:
@@ -287,7 +270,7 @@ class Supervisor:
             return None
 
     def _collect(self, start: Start, sample: Sample, now: float) -> None:
-        """Begin, once there are enough samples, with the effort that holds the arm."""
+        """Begin, with enough samples, with the effort that holds the arm."""
         settings = self.settings
         start.add(sample, self._finite(settings.torque(sample.position, None)), now)
         if not start.complete(now):
@@ -300,7 +283,7 @@ class Supervisor:
             self.fail(str(error))
             return
         self._start = None
-        # Else nothing has been compared, nor confirmed: small changes do not add up.
+        # Else nothing was compared or confirmed: small changes must not add up.
         if self._asked or settings.weightless or start.measures():
             self._accepted = Accepted(settings)
         self._asked = False
@@ -313,14 +296,13 @@ class Supervisor:
     def _begin_ramp(
         self, command: Array, position: Array, velocity: Array | None, now: float
     ) -> None:
-        """Begin with a command at (n,) positions and velocities, rad and rad/s."""
         settings = self.settings
         conservative, friction = settings.parts(position, velocity)
         torque = self._finite(conservative + friction * self._passivity.factor)
-        self._ramp = Ramp(command, settings.limits.clip(torque), now, settings)
+        wanted = settings.limits.clip(torque)
+        self._ramp = Ramp(command, wanted, now, settings.ramp_time, settings.model.arm)
 
     def _watch_energy(self) -> None:
-        """Know nothing of the arm's motion until now."""
         settings, arm = self.settings, self.settings.model.arm
         self._passivity = PassivityObserver(
             settings.friction_part, settings.allowance, settings.limits.coupled, arm.scale
@@ -328,7 +310,7 @@ class Supervisor:
         self._guard = SpeedGuard(arm.joint_names, settings.speed_limit, arm.units)
 
     def _finite(self, torque: Array) -> Array:
-        """Return (n,) torques of the model, N·m, if they are numbers."""
+        """Return (n,) torques, N·m, or raise ArithmeticError."""
         finite = np.isfinite(torque)
         if not finite.all():
             joint = self.settings.model.arm.joint_names[int(np.argmin(finite))]
@@ -350,15 +332,15 @@ class Supervisor:
         factor = self._passivity.update(sample.velocity, friction, now)
         target = conservative + friction * factor
         within = settings.limits.clip(target)
-        if within is not target:  # what is within the limits as it is, is finite, too
+        if within is not target:  # torques within the limits are finite
             self._finite(target)
-        self.saturated = self._uncut if within is target else np.abs(within - target) > SETTINGS.cut
+        self.saturated = self._uncut if within is target else np.abs(within - target) > CUT
         if self._ramp is not None:
-            within = self._ramp.blend(within, now, settings)
+            within = self._ramp.blend(within, now, settings.limits)
             if self._ramp.over:
                 self._ramp = None
                 self.status, self.reason = Status.COMMANDING, "compensating"
-        step = min(max(step, SETTINGS.shortest_step), SETTINGS.longest_step)
+        step = min(max(step, SHORTEST_STEP), LONGEST_STEP)
         largest = settings.slew_limit * step
         self._command = slew(previous, within, largest, settings.limits)
         if self._command is not within and self._lags(within, self._command, now):
@@ -367,32 +349,32 @@ class Supervisor:
         return self._command
 
     def _deviates(self, position: Array, now: float) -> bool:
-        """Hold an arm for which changed parameters ask for what no start has compared."""
-        self._compare_at = now + SETTINGS.compared
+        """Hold the arm if changed parameters command torque that no start has compared."""
+        self._compare_at = now + COMPARED
         deviation = self._accepted.deviation(self.settings, position)
         if deviation is None:
             return False
         if deviation.measurable:
-            more = "the arm is held, and what holds it is measured anew"
-            self._stop(Status.WAITING, f"{deviation.reason}: {more}")
+            more = "the arm is held while the effort is measured anew"
+            self._stop(Status.WAITING, f"{deviation.reason}; {more}")
         else:
-            self.fail(f"{deviation.reason}: ~/enable takes it as it is")
+            self.fail(f"{deviation.reason}; ~/enable accepts it")
         return True
 
     def _lags(self, asked: Array, command: Array, now: float) -> bool:
-        """Hold an arm whose command ``slew_limit`` keeps from what is asked for too long."""
+        """Hold an arm whose command ``slew_limit`` keeps too far behind for too long."""
         lag = np.abs(asked - command) / self.settings.model.arm.effort_limit
         worst = int(np.argmax(lag))
         if lag[worst] <= self.settings.start_tolerance:
             self._lagging_since = np.inf
             return False
         self._lagging_since = min(self._lagging_since, now)
-        if now - self._lagging_since < SETTINGS.longest_lag:
+        if now - self._lagging_since < LONGEST_LAG:
             return False
         joint = self.settings.model.arm.joints[worst]
         self.fail(
-            f"{joint.name} is commanded {command[worst]:.3g} {joint.effort_unit} where "
-            f"{asked[worst]:.3g} are asked for: slew_limit is too small for how the arm moves"
+            f"the command of {joint.name} lags: {command[worst]:.3g} of {asked[worst]:.3g} "
+            f"{joint.effort_unit}; slew_limit is too small for this motion"
         )
         return True
 

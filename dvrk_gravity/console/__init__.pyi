@@ -1,3 +1,5 @@
+from .answer import ConsoleFinding as ConsoleFinding
+from .answer import Severity as Severity
 from .answer import Use as Use
 from .check import Checked as Checked
 from .check import check_file as check_file
@@ -11,5 +13,3 @@ from .file import N_GRAVITY as N_GRAVITY
 from .file import N_POLYNOMIALS as N_POLYNOMIALS
 from .file import N_POWERS as N_POWERS
 from .file import ConsoleFile as ConsoleFile
-from .finding import ConsoleFinding as ConsoleFinding
-from .finding import Severity as Severity

@@ -1,10 +1,10 @@
-"""Whether a console's calibration file can be used: yes, after a repair, or not; and what to do."""
+"""What a check of a console's calibration file found, and whether the file is usable."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,33 @@ import numpy as np
 
 from dvrk_gravity.arms import GRAVITY
 from dvrk_gravity.console.file import ARMS, ConsoleFile, safe_limits
-from dvrk_gravity.console.finding import ConsoleFinding, Severity
+
+
+class Severity(StrEnum):
+    """How much a finding matters."""
+
+    SERIOUS = "serious"
+    WARNING = "warning"
+    NOTE = "note"
+
+
+@dataclass(frozen=True)
+class ConsoleFinding:
+    """One thing that is wrong, or worth knowing, about a console file.
+
+    Attributes:
+        code: Kind of the finding, one word.
+        severity: How much it matters.
+        subject: Joint or field.
+        numbers: The numbers behind it, by name; the unit ends the name.
+        text: All of it in one line.
+    """
+
+    code: str
+    severity: Severity
+    subject: str
+    text: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 class Use(StrEnum):

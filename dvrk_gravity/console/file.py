@@ -4,7 +4,7 @@ The console multiplies a 7 x 40 regressor by one set of parameters for motion up
 for motion down: ten gravity columns (g is in its regressor, so they are in kg·m), then
 q_j^0 … q_j^4 of joints 1 to 6. It blends the two products by velocity and clips the sum to
 ``safe_lower/upper_torque_limit``. That clipping is the only part that a model does not
-take over; ``docs/console_files.md`` tells what else differs.
+take over; ``docs/console_files.md`` lists what else differs.
 """
 
 from __future__ import annotations

@@ -1,61 +1,43 @@
-"""Efforts that no model can be judged by: noise, or without the gravity that the model has.
+"""Refusal of efforts that no model can be judged by: noise, or without the model's gravity.
 
-Whatever is tried on such efforts takes some of the error away, and none of it is the cause.
+Any effect reduces the error on such efforts a little, and none of them is the cause.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.recording_faults import beginning
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import (
-    READ_WITHOUT,
-    ConstantSettings,
-    HeldWeightSettings,
-    bears_weight,
-    beats,
-    predictable,
-)
+from dvrk_gravity.estimation import beats
+from dvrk_gravity.identification import GONE, READ_WITHOUT, bears_weight
+from dvrk_gravity.intake import predictable
 from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.units import quantity
 
-
-@dataclass(frozen=True)
-class FitToJudgeSettings:
-    """When efforts are fit to judge a model by.
-
-    Attributes:
-        constant: When a prediction counts as better than a constant. Its standard errors are
-            chosen: of two predictions at each of seven joints one in fifty is by chance.
-        share: Part of what inertia and friction leave of a joint's effort, squared, that the
-            weights of all joints explain, below which they are not in it. Chosen: smooth functions
-            of the positions explain some of any error.
-        samples: Samples looked at: a bound on time.
-    """
-
-    constant: ConstantSettings = field(default_factory=lambda: ConstantSettings(deviations=3.0))
-    share: float = 0.25
-    samples: int = 4000
-
-
-_SETTINGS = FitToJudgeSettings()
+# Standard errors by which a prediction must beat a constant. Chosen: of two predictions at each of
+# seven joints one in fifty does by chance.
+_DEVIATIONS = 3.0
+# Part of what inertia and friction leave of a joint's effort, squared, that the weights of all
+# joints explain, below which they are not in it. Chosen: smooth functions of the positions explain
+# some of any error.
+_EXPLAINED = 0.25
+_SAMPLES = 4000  # that are looked at: a bound on time
 
 
 def require_predictable(
     motion: MeasuredMotion, recordings: Sequence[Recording | RecordingFile]
 ) -> None:
-    """Refuse efforts that nothing predicts: neither the model, nor a plain one fitted to them.
+    """Refuse efforts that neither the model predicts, nor a plain one fitted to them.
 
     Args:
         motion: The motion, with the model on trial.
-        recordings: What it was read from, put right.
+        recordings: Its recordings, corrected.
 
     Raises:
         RecordingError: Efforts of which those of no joint are predicted better than by a constant.
@@ -64,11 +46,11 @@ def require_predictable(
         return  # no plain model is determined there
     usable = ~motion.silent
     error, off = (np.where(usable, each, 0.0) for each in (motion.residual, _centred(motion)))
-    if beats(error**2, off**2, _SETTINGS.constant).any():
+    if beats(error**2, off**2, _DEVIATIONS).any():
         return
     for recording in recordings:
         try:
-            if predictable(beginning(recording), motion.arm, _SETTINGS.constant):
+            if predictable(beginning(recording), motion.arm, _DEVIATIONS):
                 return
         except RecordingError:  # too short a one for a plain model
             return
@@ -80,39 +62,37 @@ def require_predictable(
 
 
 def _centred(motion: MeasuredMotion) -> Array:
-    """Return (N, n) efforts less their means where they say something."""
+    """Return (N, n) efforts less their means over usable samples."""
     usable = ~motion.silent
     count = np.maximum(usable.sum(axis=0), 1)
     return motion.effort - np.where(usable, motion.effort, 0.0).sum(axis=0) / count
 
 
 def require_gravity(motion: MeasuredMotion, source: str) -> None:
-    """Refuse efforts without the gravity that the model has.
+    """Refuse efforts without the model's gravity.
 
-    Those of most joints that bear weight; a joint's alone may be one of a balance, or a broken one.
-    Efforts of another sign or scale, or exchanged, are explained by the weights of the joints.
+    Most joints that bear weight must lack it; a single one may be balanced, or broken. Efforts of
+    another sign or scale, or exchanged, are explained by the weights of the joints.
 
     Raises:
-        RecordingError: Naming the joints, and how to say that efforts are read without gravity.
+        RecordingError: Naming the joints, and the option for efforts read without gravity.
     """
     arm = motion.arm
     if not arm.gravity_in_reading:
         return
     terms = tuple(term for term in motion.model.terms if term.WEIGHT_OF_ARM)
-    rows = slice(None, None, max(1, len(motion.q) // _SETTINGS.samples))
+    rows = slice(None, None, max(1, len(motion.q) // _SAMPLES))
     weight = sum(
         (term.torque(State.of(motion.true_q[rows])) for term in terms),
         np.zeros_like(motion.q[rows]),
     )
     size = np.sqrt(np.mean(weight**2, axis=0))
-    bearing = np.flatnonzero(
-        bears_weight(size, arm, HeldWeightSettings()) & motion.moves & (size > 0.0)
-    )
+    bearing = np.flatnonzero(bears_weight(size, arm) & motion.moves & (size > 0.0))
     held = {joint: _held(motion, rows, weight, joint) for joint in bearing.tolist()}
     gone = {
         joint: found
         for joint, (found, share) in held.items()
-        if share < _SETTINGS.share and found < HeldWeightSettings().gone * size[joint]
+        if share < _EXPLAINED and found < GONE * size[joint]
     }
     if 2 * len(gone) <= len(held):
         return
@@ -124,14 +104,14 @@ def require_gravity(motion: MeasuredMotion, source: str) -> None:
     raise RecordingError(
         source,
         f"gravity is not in the efforts of {shown}, RMS, that the model holds there: does the "
-        f"driver take it out? {READ_WITHOUT} says so",
+        f"driver subtract it? {READ_WITHOUT} says so",
     )
 
 
 def _held(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> tuple[float, float]:
     """Return the RMS of a joint's effort that the (N, n) weights explain, and their share of it.
 
-    Beside all else that the model predicts, a constant, friction and a rotor.
+    Beside the rest of the model, a constant, friction and a rotor.
     """
     usable = ~motion.silent[rows, joint]
     speed = motion.qd[rows, joint]

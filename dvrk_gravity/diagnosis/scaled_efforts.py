@@ -1,68 +1,52 @@
-"""Efforts that are read at another scale: in another unit, or by a gain that is far off.
+"""Efforts at another scale: in another unit, or with a gain that is far off.
 
-The factor is in every sample, whatever moves, and takes all other error with it: nothing can be
-told beside it. Efforts that are clipped stay at a level; these do not.
+The factor is in every sample and dominates all other error: nothing is identifiable beside it.
+Clipped efforts stay at a level; these do not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import ANY_UNIT
-from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import Estimate, Reading, TorqueScale
 from dvrk_gravity.estimation import NORMAL_95
 
-
-@dataclass(frozen=True)
-class EffortScaleSettings:
-    """When efforts are those of the model, at another scale.
-
-    Attributes:
-        scales: Read over true efforts, between which it is looked for: N·mm for N·m, and as much
-            the other way.
-        grid: Scales that are tried first: then a step is 3 %.
-        like: Correlation of the efforts of a joint with what the model predicts, from which on
-            they are these at some scale. Chosen: less than a third of them is then left, and a
-            square wave, to which clipping takes a sine, has .90.
-        level: Part of the square of what clipping leaves, that a scale may leave. Chosen: where a
-            joint's effort is dry friction alone, both leave the same.
-        spans: Parts of the recording, each of which is left out in turn for the interval.
-    """
-
-    scales: tuple[float, float] = (0.5e-3, 2e3)
-    grid: int = 500
-    like: float = 0.95
-    level: float = 0.5
-    spans: int = 8
+# Read over true efforts, between which a scale is looked for: N·mm for N·m, and as much the other
+# way; and scales of a first grid: then a step is 3 %.
+_SCALES = (0.5e-3, 2e3)
+_GRID = 500
+# Correlation of a joint's efforts with the model's, from which on they are these at some scale.
+# Chosen: less than a third of them is then left, and a square wave, to which clipping takes a sine,
+# has .90.
+_LIKE = 0.95
+# Part of the squared residual of clipping that a scale may leave. Chosen: where a joint's effort is
+# dry friction alone, both leave the same.
+_LEVEL = 0.5
+_SPANS = 8  # parts of the recording, each of which is left out in turn for the interval
 
 
-_SETTINGS = EffortScaleSettings()
-
-
-def effort_scales(
-    few: MeasuredMotion, usable: NDArray[np.bool_], least: Array
-) -> Iterator[Reading]:
+def effort_scales(few: MeasuredMotion, usable: Mask, least: Array) -> Iterator[Reading]:
     """Yield the scales by which efforts are the model's, of all joints and of each alone.
 
-    Only those beyond what ``torque_scale`` supposes as a cause beside others.
+    Only those beyond the range of ``torque_scale``, a cause beside others.
 
     Args:
         few: Samples of a motion.
-        usable: (N, n) which of their efforts say something.
-        least: (n,) mean square of what the model may be off by, (N·m)².
+        usable: (N, n) their usable efforts.
+        least: (n,) mean square of the model's known error, (N·m)².
     """
     arm = few.arm
     if few.reference is not None or arm.read_in == ANY_UNIT:
         return
     products = _products(few, usable)
     read, both, modelled = products.sum(axis=0).T
-    like = both > _SETTINGS.like * np.sqrt(read * modelled)
+    like = both > _LIKE * np.sqrt(read * modelled)
     like &= (modelled > 0.0) & ~_clipped(few, usable)
     count = np.maximum(usable.sum(axis=0), 1)
     groups = [np.array([joint]) for joint in np.flatnonzero(like & few.moves)]
@@ -70,8 +54,8 @@ def effort_scales(
         groups.insert(0, np.arange(arm.n))
     meaning = TorqueScale.meaning("factor")
     for joints in groups:
-        told = joints[like[joints]]
-        scale = _estimate(products[:, told], count[told], least[told])
+        used = joints[like[joints]]
+        scale = _estimate(products[:, used], count[used], least[used])
         if meaning.least <= scale.value <= meaning.greatest:
             continue
         own = tuple(joints.tolist()) if len(joints) == 1 < arm.n else ()
@@ -86,14 +70,14 @@ def effort_scales(
         yield Reading(words, own, np.eye(arm.n), np.diag(factors), scale=scale)
 
 
-def _products(few: MeasuredMotion, usable: NDArray[np.bool_]) -> Array:
+def _products(few: MeasuredMotion, usable: Mask) -> Array:
     """Return (S, n, 3) sums over each span: of squares of the efforts, of the model's, and between.
 
     In the order effort², effort times model, model². Beside a constant, and beside friction and a
     rotor where the model comes from a file that states neither.
     """
-    span = np.arange(len(few.q)) * _SETTINGS.spans // len(few.q)
-    result = np.zeros((_SETTINGS.spans, few.arm.n, 3))
+    span = np.arange(len(few.q)) * _SPANS // len(few.q)
+    result = np.zeros((_SPANS, few.arm.n, 3))
     for joint in range(few.arm.n):
         rows = usable[:, joint]
         columns = [np.ones(len(few.q))]
@@ -108,14 +92,14 @@ def _products(few: MeasuredMotion, usable: NDArray[np.bool_]) -> Array:
     return result
 
 
-def _clipped(few: MeasuredMotion, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _clipped(few: MeasuredMotion, usable: Mask) -> Mask:
     """Return (n,) joints whose efforts are the model's, clipped, as well as at another scale."""
     read, modelled = (np.where(usable, torque, 0.0) for torque in (few.effort, few.modelled))
     level = np.abs(read).max(axis=0)
     size = np.maximum((modelled**2).sum(axis=0), 1e-300)
     scaled = read - (read * modelled).sum(axis=0) / size * modelled
     clipped = read - np.clip(modelled, -level, level)
-    left = _SETTINGS.level * (clipped**2).sum(axis=0)
+    left = _LEVEL * (clipped**2).sum(axis=0)
     return np.asarray((scaled**2).sum(axis=0) > left)
 
 
@@ -126,7 +110,7 @@ def _estimate(products: Array, count: NDArray[np.int_], least: Array) -> Estimat
     # Efforts may be predicted to a hundredth; less is the noise of few joints.
     least = least + 1e-4 * products[..., 2].sum(axis=0) / count
 
-    def best(kept: NDArray[np.bool_]) -> float:
+    def best(kept: Mask) -> float:
         read, both, modelled = products[kept].sum(axis=0).T / count
 
         def misfit(log: float) -> float:
@@ -134,8 +118,8 @@ def _estimate(products: Array, count: NDArray[np.int_], least: Array) -> Estimat
             error = part**2 * read - 2.0 * part * both + modelled
             return float((0.5 * np.log(np.maximum(error, 0.0) + least) + log).sum())
 
-        least_log, most_log = np.log(_SETTINGS.scales).tolist()
-        grid = np.linspace(least_log, most_log, _SETTINGS.grid)
+        least_log, most_log = np.log(_SCALES).tolist()
+        grid = np.linspace(least_log, most_log, _GRID)
         middle = grid[int(np.argmin([misfit(log) for log in grid]))]
         step = grid[1] - grid[0]
         bounds = middle - step, middle + step
@@ -143,10 +127,10 @@ def _estimate(products: Array, count: NDArray[np.int_], least: Array) -> Estimat
         found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=options)
         return float(found.x)
 
-    spans = np.arange(_SETTINGS.spans)
+    spans = np.arange(_SPANS)
     whole = best(spans >= 0)
     # Efron and Tibshirani (1993), An Introduction to the Bootstrap, chapter 11: the jackknife.
     without = np.array([best(spans != number) for number in spans])
-    error = np.sqrt((_SETTINGS.spans - 1) * np.mean((without - without.mean()) ** 2))
+    error = np.sqrt((_SPANS - 1) * np.mean((without - without.mean()) ** 2))
     low, value, high = (float(np.exp(whole + z * NORMAL_95 * error)) for z in (-1.0, 0.0, 1.0))
     return Estimate(value, low, high, "")

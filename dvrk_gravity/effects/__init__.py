@@ -1,221 +1,29 @@
 """Effects, one file each; a torque model is the sum of those that are terms.
 
-Their order is how readily a cause is believed when the data cannot tell it from another: the
-earlier is the more parsimonious. Effects from outside the package are registered by
-:func:`register`, or by their package's entry point in the group ``dvrk_gravity.effects``; they are
-believed less readily than those of the package.
+The effect of a file is the class whose ``NAME`` is the file's. Effects from outside the package are
+registered by :func:`register`, or by their package's entry point in the group
+``dvrk_gravity.effects``.
 """
 
-from __future__ import annotations
+from importlib import import_module
 
-from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
-from dvrk_gravity.effects.base.by_joint import write_rows
-from dvrk_gravity.effects.base.effect import (
-    MOST_LESS,
-    Effect,
-    Hypothesis,
-    Setting,
-    Values,
-    compared_with,
-    spread,
-)
-from dvrk_gravity.effects.base.evidence import Motion, Residual
-from dvrk_gravity.effects.base.late import mean_slope_by_delay
-from dvrk_gravity.effects.base.link_prior import (
-    base_directions,
-    beta_map,
-    link_sizes,
-    prior_scale,
-    samples,
-    weight_directions,
-)
-from dvrk_gravity.effects.base.links import (
-    joint_of_link,
-    joints_with_weight,
-    last_link,
-    links_of_joints,
-    links_told_apart,
-)
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
-from dvrk_gravity.effects.base.merging import added
-from dvrk_gravity.effects.base.plant_part import (
-    SLOWEST,
-    FrictionWithMemory,
-    PlantPart,
-    secant_damping,
-)
-from dvrk_gravity.effects.base.polynomial import MAX_DEGREE, Range, evaluate
-from dvrk_gravity.effects.base.registry import (
-    ENTRY_POINTS,
-    effects,
-    is_friction,
-    named,
-    of_others,
-    rank,
-    register,
-    terms,
-)
-from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, PER_LINK
-from dvrk_gravity.effects.base.site import THE_ARM, Kind
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotors
-from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Term, Unknowns
-from dvrk_gravity.effects.base.unknowns import PART, Column, ColumnTable, ModelChange
-from dvrk_gravity.effects.base_tilt import LEANS, BaseTilt
-from dvrk_gravity.effects.cogging import Cogging, RippleHypothesis
-from dvrk_gravity.effects.contact import Contact, PushHypothesis, WallHypothesis, push_window
-from dvrk_gravity.effects.coulomb_friction import AllFrictionHypothesis, CoulombFriction
-from dvrk_gravity.effects.directional_cable import DirectionalCable
-from dvrk_gravity.effects.effort_saturation import EffortSaturation
-from dvrk_gravity.effects.elastic_cable import CableHypothesis, ElasticCable
-from dvrk_gravity.effects.gravity import Gravity
-from dvrk_gravity.effects.held_load import HeldLoad, pose_functions
-from dvrk_gravity.effects.joint_coupling import JointCoupling
-from dvrk_gravity.effects.joint_offset import JointOffset
-from dvrk_gravity.effects.link_com import LinkCom
-from dvrk_gravity.effects.link_inertia import LinkInertia
-from dvrk_gravity.effects.link_weight import LinkWeight
-from dvrk_gravity.effects.payload import Payload, PayloadHypothesis
-from dvrk_gravity.effects.presliding_hysteresis import PreslidingHypothesis, PreslidingHysteresis
-from dvrk_gravity.effects.rotor_inertia import RotorInertia
-from dvrk_gravity.effects.shown_torque import ShownTorque
-from dvrk_gravity.effects.stribeck_friction import StribeckFriction
-from dvrk_gravity.effects.thermal_drift import ThermalDrift
-from dvrk_gravity.effects.time_delay import DelayHypothesis, TimeDelay
-from dvrk_gravity.effects.time_scale import TimeScale
-from dvrk_gravity.effects.torque_offset import OffsetHypothesis, TorqueOffset
-from dvrk_gravity.effects.torque_scale import TorqueScale
-from dvrk_gravity.effects.unknown import Unknown, nameless
-from dvrk_gravity.effects.velocity_scale import UNITS, VelocityScale
-from dvrk_gravity.effects.viscous_friction import ViscousFriction, ViscousHypothesis
-from dvrk_gravity.effects.wrong_coordinates import Reading, WrongCoordinates, readings
+import lazy_loader
 
-for _effect in (
-    Gravity,
-    LinkWeight,
-    WrongCoordinates,
-    TimeScale,
-    VelocityScale,
-    CoulombFriction,
-    ViscousFriction,
-    TorqueOffset,
-    ElasticCable,
-    DirectionalCable,
-    Payload,
-    LinkCom,
-    JointOffset,
-    BaseTilt,
-    TorqueScale,
-    RotorInertia,
-    LinkInertia,
-    TimeDelay,
-    StribeckFriction,
-    PreslidingHysteresis,
-    ThermalDrift,
-    EffortSaturation,
-    JointCoupling,
-    Cogging,
-    Contact,
-    HeldLoad,
-    ShownTorque,
-    Unknown,
-):
-    register(_effect)
+from dvrk_gravity.effects.base import registry
 
-__all__ = [
-    "ENTRY_POINTS",
-    "LEANS",
-    "MAX_DEGREE",
-    "MORE",
-    "MOST_LESS",
-    "OF_WEIGHT",
-    "PART",
-    "PER_LINK",
-    "SLOWEST",
-    "THE_ARM",
-    "UNITS",
-    "AllFrictionHypothesis",
-    "BaseTilt",
-    "CableHypothesis",
-    "Cogging",
-    "Column",
-    "ColumnTable",
-    "Contact",
-    "CoulombFriction",
-    "DelayHypothesis",
-    "DirectionalCable",
-    "Effect",
-    "ElasticCable",
-    "Estimate",
-    "Evaluator",
-    "FrictionWithMemory",
-    "Gravity",
-    "HeldLoad",
-    "Hypothesis",
-    "Kind",
-    "LinearTerm",
-    "LinkInertia",
-    "LinkWeight",
-    "ModelChange",
-    "Motion",
-    "OffsetHypothesis",
-    "Payload",
-    "PayloadHypothesis",
-    "PlantPart",
-    "PreslidingHypothesis",
-    "PreslidingHysteresis",
-    "PushHypothesis",
-    "Range",
-    "Reading",
-    "Residual",
-    "RippleHypothesis",
-    "RotorInertia",
-    "Setting",
-    "ShownTorque",
-    "State",
-    "StribeckFriction",
-    "Term",
-    "TorqueOffset",
-    "Unknowns",
-    "Values",
-    "ViscousFriction",
-    "ViscousHypothesis",
-    "WallHypothesis",
-    "added",
-    "as_array",
-    "as_value",
-    "base_directions",
-    "beta_map",
-    "compared_with",
-    "diagonal_columns",
-    "effects",
-    "evaluate",
-    "is_friction",
-    "joint_array",
-    "joint_of_link",
-    "joints_with_weight",
-    "last_link",
-    "link_sizes",
-    "links_of_joints",
-    "links_told_apart",
-    "mean_slope_by_delay",
-    "meanings",
-    "named",
-    "nameless",
-    "of_others",
-    "pose_functions",
-    "prior_scale",
-    "push_window",
-    "rank",
-    "readings",
-    "register",
-    "samples",
-    "secant_damping",
-    "size",
-    "spread",
-    "supposed_inertias",
-    "supposed_rotors",
-    "terms",
-    "weight_directions",
-    "write_rows",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+# By parsimony: where data cannot separate two causes, the earlier one is preferred. Effects from
+# outside come after these.
+_BY_PARSIMONY = (
+    "gravity", "link_weight", "wrong_coordinates", "time_scale", "velocity_scale",
+    "coulomb_friction", "viscous_friction", "torque_offset", "elastic_cable", "directional_cable",
+    "payload", "link_com", "joint_offset", "base_tilt", "torque_scale", "rotor_inertia",
+    "link_inertia", "time_delay", "stribeck_friction", "presliding_hysteresis", "thermal_drift",
+    "effort_saturation", "encoder_scale", "joint_coupling", "joint_spring", "cogging", "contact",
+    "held_load", "shown_torque", "unknown",
+)  # fmt: skip
+
+for _name in _BY_PARSIMONY:
+    _module = vars(import_module(f"{__name__}.{_name}"))
+    registry.register(next(e for e in _module.values() if getattr(e, "NAME", None) == _name))

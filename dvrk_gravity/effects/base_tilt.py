@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,16 +12,17 @@ import pinocchio as pin
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body, site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, or_extended
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.link_prior import prior_scale
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.arrays import Values
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, or_extended
+from dvrk_gravity.effects.base.links import prior_scale
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import THE_BASE
 from dvrk_gravity.effects.gravity import Gravity, with_beta
 from dvrk_gravity.effects.link_weight import with_weight
 
-LEANS = 0.6
+MAX_TILT = 0.6
 """rad: a base that leans further was mounted so. Chosen."""
 
 _SHAFT = 0.03  # N·m that link 1 may plausibly weigh on its joint in a base that is tilted
@@ -31,7 +33,7 @@ _LEVEL = 12  # entries of beta that an upright base shows
 
 
 class BaseTilt(Effect):
-    """Gravity comes from another direction than the model takes it to."""
+    """Gravity has another direction in the base frame than the model assumes."""
 
     NAME = "base_tilt"
     REMEDY = "level the base"
@@ -42,24 +44,31 @@ class BaseTilt(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: a base that leans, and one that is mounted otherwise."""
         if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
             return
         shaft = _unknown_of_shaft(motion)
         of_shaft = (shaft, shaft) if shaft else ()
         yield TiltHypothesis(
-            arm=motion.arm, site=site.THE_BASE, setting={"roll": 0.0, "pitch": 0.0},
-            knows_shaft=not shaft, plausible_size=(np.inf, np.inf, *of_shaft) if shaft else (),
+            arm=motion.arm, site=THE_BASE, setting={"roll": 0.0, "pitch": 0.0},
+            knows_shaft=not shaft, prior_std=(np.inf, np.inf, *of_shaft) if shaft else (),
         )  # fmt: skip
         yield MountingHypothesis(
-            arm=motion.arm, site=site.THE_BASE, form="mounting",
+            arm=motion.arm, site=THE_BASE, form="mounting",
             gravity=tuple(motion.gravity.tolist()),
-            knows_shaft=not shaft, plausible_size=(*3 * (np.inf,), *of_shaft) if shaft else (),
+            knows_shaft=not shaft, prior_std=(*3 * (np.inf,), *of_shaft) if shaft else (),
         )  # fmt: skip
+
+
+class ChangesModelTorque(ABC):
+    """A hypothesis beside which the model's own parameters produce other torques."""
+
+    @abstractmethod
+    def applied_to(self, model: Any, theta: Array) -> Any:
+        """Return a :class:`~dvrk_gravity.model.TorqueModel` as it is with (k,) theta present."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _OfBase(Hypothesis):
+class _OfBase(ChangesModelTorque, Hypothesis):
     """The base is tilted.
 
     Attributes:
@@ -68,7 +77,7 @@ class _OfBase(Hypothesis):
     """
 
     EFFECT = BaseTilt
-    CLAIM = "the base is tilted against {model}'s, by {roll} of roll and {pitch} of pitch"
+    CLAIM = "the base is tilted relative to {model}'s, by {roll} of roll and {pitch} of pitch"
 
     knows_shaft: bool
 
@@ -78,9 +87,8 @@ class _OfBase(Hypothesis):
             shaft[:, :, 0] = _shaft_torque(motion.true_q)
         return np.stack([*columns, *shaft], axis=2)
 
-    def acting_on(self, model: Any, theta: Array) -> Any:
-        """See :meth:`Hypothesis.acting_on`: weights pull another way."""
-        vector = _turned(model.gravity, **self.describe(theta, self.setting))
+    def applied_to(self, model: Any, theta: Array) -> Any:
+        vector = _turned(model.gravity, **self.parameters(theta))
         weighing = (
             term if term.gravity_vector is None else term.with_gravity(vector)
             for term in model.terms
@@ -88,8 +96,7 @@ class _OfBase(Hypothesis):
         return replace(model, terms=tuple(weighing))
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
-        vector = _turned(motion.gravity, **self.describe(theta, self.setting))
+        vector = _turned(motion.gravity, **self.parameters(theta))
         values = {**values, "gravity_vector": tuple(vector.tolist())}
         if self.knows_shaft:
             return values
@@ -111,25 +118,24 @@ class _OfBase(Hypothesis):
 
     @property
     def subject(self) -> str:
-        """See :meth:`Hypothesis.subject`."""
         return "a tilt of the base"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TiltHypothesis(_OfBase):
-    """The base leans by no more than an arm is put down wrongly."""
+    """The base is tilted by a small angle, at most :data:`MAX_TILT`."""
 
     fixed_point: tuple[str, ...] = ("roll", "pitch")
     alignment: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`.
+    def regressor(self, motion: Motion) -> Array:
+        """Return the mean torque of each turn before and after the other (Shapley's value).
 
-        What a turn adds before and after the other one, on average (Shapley's value): so both
-        together are the torque of the tilt, however large it is.
+        Both together are then the torque of the tilt, however large it is.
         """
         roll, pitch = (
-            angle if abs(angle) > _STEP else _STEP for angle in (setting["roll"], setting["pitch"])
+            angle if abs(angle) > _STEP else _STEP
+            for angle in (self.setting["roll"], self.setting["pitch"])
         )
         level, rolled, pitched, both = (
             _weight_torque(motion, _turned(motion.gravity, *angles))
@@ -141,14 +147,11 @@ class TiltHypothesis(_OfBase):
         ]
         return self._with_shaft(motion, columns)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"roll": float(theta[0]), "pitch": float(theta[1])}
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`."""
-        return bool(np.abs(theta[:2]).max() <= LEANS) and super().plausible(theta)
+        return bool(np.abs(theta[:2]).max() <= MAX_TILT) and super().plausible(theta)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -161,30 +164,26 @@ class MountingHypothesis(_OfBase):
 
     gravity: tuple[float, ...]
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`: per m/s^2 along each axis of the base."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """Return torques per m/s^2 of gravity along each axis of the base."""
         level = _weight_torque(motion, motion.gravity)
         along = [_weight_torque(motion, motion.gravity + axis) - level for axis in np.eye(3)]
         return self._with_shaft(motion, along)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         roll, pitch = _angles(np.array(self.gravity), np.array(self.gravity) + theta[:3])
         # Walls and ceilings are away from where the angle jumps by a turn.
         jumps = -0.75 * np.pi
         return {"roll": (roll - jumps) % (2.0 * np.pi) + jumps, "pitch": pitch}
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`: gravity's size stays, its direction does not."""
+        """Gravity's magnitude must be right, and the angle beyond :data:`MAX_TILT`."""
         had = np.array(self.gravity)
         size = float(np.linalg.norm(had + theta[:3]) / np.linalg.norm(had))
-        angles = self.describe(theta, self.setting).values()
-        return abs(size - 1.0) <= _SIZE and max(map(abs, angles)) > LEANS
+        angles = self.parameters(theta).values()
+        return abs(size - 1.0) <= _SIZE and max(map(abs, angles)) > MAX_TILT
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`."""
         return or_extended("mount the base as the model has it", carried)
 
 

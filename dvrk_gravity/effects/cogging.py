@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import by_joint, site
-from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
+from dvrk_gravity.effects.base.arrays import Values, as_value, check_count, numbers, position_offset
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-from dvrk_gravity.effects.base.merging import position_offset
-from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.motion import Filtered, Motion, Residual, State
+from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -62,7 +60,6 @@ class Cogging(Term):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return tuple(
             Parameter(
                 f"cogging.{field}.{joint}", (), unit, f"{meaning}, {joint}",
@@ -74,24 +71,22 @@ class Cogging(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Cogging | None:
-        """See :meth:`Term.from_parameters`; every ripple needs all three numbers."""
         motors: list[int] = []
-        numbers: dict[str, list[float]] = {field: [] for field, _, _ in _FIELDS}
+        ripples: dict[str, list[float]] = {field: [] for field, _, _ in _FIELDS}
         for motor, joint in enumerate(arm.joint_names):
-            names = [f"{cls.NAME}.{field}.{joint}" for field in numbers]
-            given = [by_joint.numbers(values, name) for name in names]
+            names = [f"{cls.NAME}.{field}.{joint}" for field in ripples]
+            given = [numbers(values, name) for name in names]
             count = max(map(len, given))
             expected = f"{count}: amplitude, cycles_per_revolution, phase of each ripple"
-            for total, name, ripples in zip(numbers.values(), names, given, strict=True):
-                by_joint.check_count(name, ripples, count, expected)
-                total.extend(ripples)
+            for total, name, more in zip(ripples.values(), names, given, strict=True):
+                check_count(name, more, count, expected)
+                total.extend(more)
             motors += [motor] * count
         if not motors:
             return None
-        return cls(arm, np.array(motors), *(np.array(ripples) for ripples in numbers.values()))
+        return cls(arm, np.array(motors), *(np.array(each) for each in ripples.values()))
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         numbers = (self.amplitude, self.cycles, self.phase)
         return {
             f"{self.NAME}.{field}.{joint}": as_value(array[self.motor == motor])
@@ -138,7 +133,7 @@ class Cogging(Term):
                 power += (target @ wave) ** 2 / np.maximum(scale @ wave**2, 1e-30)
             cycles = float(waves.grid[np.argmax(power)])
             yield RippleHypothesis(
-                arm=residual.data.motion.arm, site=site.motor(waves.motor), joints=(waves.motor,),
+                arm=residual.data.motion.arm, site=Site.motor(waves.motor),
                 setting={"cycles_per_revolution": cycles},
             )  # fmt: skip
 
@@ -164,35 +159,32 @@ class RippleHypothesis(Hypothesis):
     """A ripple of one motor's torque at one frequency, as cosine and sine."""
 
     EFFECT = Cogging
-    CLAIM = "{where} has a ripple of {amplitude}, {cycles_per_revolution}"
+    CLAIM = "{where} has a torque ripple of {amplitude} at {cycles_per_revolution}"
 
     refine: tuple[str, ...] = ("cycles_per_revolution",)
-    searched: int = _FREQUENCIES
+    n_comparisons: int = _FREQUENCIES
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
+    def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)
-        angle = setting["cycles_per_revolution"] * (motion.q @ row)
+        angle = self.setting["cycles_per_revolution"] * (motion.q @ row)
         return spread(row, np.cos(angle), np.sin(angle))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {
             "amplitude": float(np.hypot(*theta)),
-            "cycles_per_revolution": setting["cycles_per_revolution"],
+            "cycles_per_revolution": self.setting["cycles_per_revolution"],
             "phase": float(np.arctan2(-theta[1], theta[0])),
         }
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        """See :meth:`Hypothesis.search_range`: to the next frequency of the search."""
+        """Return the bounds up to the next frequencies of the grid."""
         way = float(np.max(motion.travel[1]))
         return self.setting[name] - 0.5 / way, self.setting[name] + 0.5 / way
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`: a ripple more; an encoder's zero shifts its phase."""
-        del motion
+        """Append a ripple, its phase corrected by the encoders' zeros."""
         motor = self.site.index
-        ripple = self.describe(theta, self.setting)
+        ripple = self.parameters(theta)
         # The motor's angle is read off as far as the joints' are.
         angle = self.site.row(self.arm) @ position_offset(self.arm, values)
         ripple["phase"] += ripple["cycles_per_revolution"] * float(angle)

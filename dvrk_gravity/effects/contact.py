@@ -1,4 +1,4 @@
-"""Something outside that a joint runs into: an elastic wall at a position."""
+"""Contact with the environment: an elastic wall at a position, or a push for a while."""
 
 from __future__ import annotations
 
@@ -10,13 +10,18 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion, Residual
+from dvrk_gravity.effects.base.arrays import (
+    Values,
+    as_array,
+    as_value,
+    joint_arrays,
+    number_array,
+    position_offset,
+)
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
-from dvrk_gravity.effects.base.merging import array, position_offset
-from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.motion import Motion, Residual, State
+from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -64,7 +69,6 @@ class Contact(Term):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         declared = (
             ("above", "N·m/rad", "stiffness of a wall above a position"),
             ("above_position", "rad", "where it begins"),
@@ -75,7 +79,6 @@ class Contact(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Contact | None:
-        """See :meth:`Term.from_parameters`; a stiffness needs a position."""
         n = arm.n
         arrays: list[Array] = []
         for side in ("above", "below"):
@@ -89,7 +92,6 @@ class Contact(Term):
         return term if term.above.any() or term.below.any() else None
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         used = [side for side in ("above", "below") if getattr(self, side).any()]
         names = [name for side in used for name in (side, f"{side}_position")]
         return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
@@ -97,14 +99,13 @@ class Contact(Term):
     @classmethod
     def search(cls, basis: Any, residual: Residual) -> Iterator[Hypothesis]:
         """Yield walls all over each joint's way, and when each joint is pushed most."""
-        del basis
         motion = residual.data.motion
         for joint in np.flatnonzero(motion.moves).tolist():
             for percentile in _PERCENTILES:
                 for side, edge in ((1.0, percentile), (-1.0, 100.0 - percentile)):
                     position = float(np.percentile(motion.q[:, joint], edge))
                     yield WallHypothesis(
-                        arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                        arm=motion.arm, site=Site.joint(joint),
                         form="above a position" if side > 0.0 else "below a position",
                         side=side, setting={"position": position},
                     )  # fmt: skip
@@ -122,7 +123,7 @@ class Contact(Term):
             if begin <= time.min() + _BIN:
                 begin = float(motion.time[0])
             yield PushHypothesis(
-                arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                arm=motion.arm, site=Site.joint(joint),
                 setting={"start": begin, "end": end},
             )  # fmt: skip
 
@@ -138,24 +139,22 @@ class PushHypothesis(Hypothesis):
     """Something pushes a joint for a while: no function of the state, and in no model file."""
 
     EFFECT = Contact
-    CLAIM = "something outside pushes {joint} with {torque} between {start} and {end}"
+    CLAIM = "an external force pushes {joint} with {torque} between {start} and {end}"
 
     form: str = "for a while"
     refine: tuple[str, ...] = ("start", "end")
     edges: tuple[str, ...] = ("start", "end")
     variable: str = "time"
-    searched: int = _WINDOWS
-    of_state: bool = False
+    n_comparisons: int = _WINDOWS
+    extrapolates: bool = False
     transient: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        inside = (motion.time >= setting["start"]) & (motion.time < setting["end"])
+    def regressor(self, motion: Motion) -> Array:
+        inside = (motion.time >= self.setting["start"]) & (motion.time < self.setting["end"])
         return spread(self.site.row(self.arm), inside.astype(float))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"torque": float(theta[0]), **setting}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        return {"torque": float(theta[0]), **self.setting}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -170,21 +169,17 @@ class WallHypothesis(Hypothesis):
 
     side: float
     refine: tuple[str, ...] = ("position",)
-    searched: int = len(_PERCENTILES)
-    of_state: bool = False
+    n_comparisons: int = len(_PERCENTILES)
+    extrapolates: bool = False
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        depth = self.side * (motion.q[:, self.site.index] - setting["position"])
+    def regressor(self, motion: Motion) -> Array:
+        depth = self.side * (motion.q[:, self.site.index] - self.setting["position"])
         return spread(self.site.row(self.arm), np.maximum(depth, 0.0))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"stiffness": float(self.side * theta[0]), **setting}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        return {"stiffness": float(self.side * theta[0]), **self.setting}
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        """See :meth:`Hypothesis.search_range`."""
-        del motion
         return self.setting[name] - _WALL_REACH, self.setting[name] + _WALL_REACH
 
     @property
@@ -192,11 +187,12 @@ class WallHypothesis(Hypothesis):
         return "above" if self.side > 0.0 else "below"
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`; a joint has one wall on either side."""
-        del motion
-        joint, wall = self.site.index, self.describe(theta, self.setting)
+        """``None`` if the joint has a wall on that side already."""
+        joint, wall = self.site.index, self.parameters(theta)
         name = f"{self.effect}.{self._above}"
-        stiffness, position = (array(self.arm, values, n) for n in (name, f"{name}_position"))
+        stiffness, position = (
+            number_array(self.arm, values, n) for n in (name, f"{name}_position")
+        )
         if stiffness[joint]:
             return None
         stiffness[joint] = wall["stiffness"]
@@ -206,16 +202,15 @@ class WallHypothesis(Hypothesis):
         }  # fmt: skip
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         stiffness = parameters["stiffness"]
         way = "back" if stiffness.value > 0.0 else "onwards"
         return (
-            f"something outside pushes {self.names[0]} {way} {self._above} "
-            f"{self._told(parameters)['position']}, with {stiffness.magnitude.shown}"
+            f"an external force pushes {self.names[0]} {way} {self._above} "
+            f"{self._in_words(parameters)['position']}, with {stiffness.magnitude.shown}"
         )
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`: what always pulls from a position on may be a cable."""
+        """A cable may pull from a position on, too."""
         more = f"look at the cables and springs across {self.names[0]}, one may pull from there on"
         return f"{super().remedy(carried)}; or {more}"
 

@@ -10,11 +10,22 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import polynomial
-from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_arrays
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Term
+from dvrk_gravity.effects.base.arrays import (
+    Range,
+    as_array,
+    as_value,
+    declare_coefficients,
+    declare_range,
+    diagonal_columns,
+    evaluate,
+    joint_arrays,
+    prepare_polynomials,
+    prepare_powers,
+    read_coefficients,
+)
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -47,7 +58,7 @@ class DirectionalCable(LinearTerm):
     arm: Arm
     positive: Array
     negative: Array
-    valid: polynomial.Range
+    valid: Range
     dead_band: Array
     saturation_velocity: Array
     ratio: Array
@@ -55,7 +66,6 @@ class DirectionalCable(LinearTerm):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         name = cls.NAME
         blend = (
             ("dead_band", "rad/s", "both sets averaged below"),
@@ -63,9 +73,9 @@ class DirectionalCable(LinearTerm):
             ("ratio", "", "part of the difference applied"),
         )
         return (
-            *polynomial.declare_coefficients(arm, f"{name}.positive", "cable torque moving up"),
-            *polynomial.declare_coefficients(arm, f"{name}.negative", "cable torque moving down"),
-            *polynomial.declare_range(arm, name),
+            *declare_coefficients(arm, f"{name}.positive", "cable torque moving up"),
+            *declare_coefficients(arm, f"{name}.negative", "cable torque moving down"),
+            *declare_range(arm, name),
             *joint_arrays(arm, name, blend, lower=0.0),
             Parameter(
                 f"{name}.blend", "linear", "",
@@ -76,9 +86,8 @@ class DirectionalCable(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> DirectionalCable | None:
-        """See :meth:`Term.from_parameters`."""
-        positive = polynomial.read_coefficients(arm, f"{cls.NAME}.positive", values)
-        negative = polynomial.read_coefficients(arm, f"{cls.NAME}.negative", values)
+        positive = read_coefficients(arm, f"{cls.NAME}.positive", values)
+        negative = read_coefficients(arm, f"{cls.NAME}.negative", values)
         if positive is None and negative is None:
             return None
         if positive is None or negative is None or positive.shape != negative.shape:
@@ -98,12 +107,11 @@ class DirectionalCable(LinearTerm):
         ratio = as_array(values.get(f"{cls.NAME}.ratio"), n, 1.0)
         if (ratio > 1).any():
             raise ConfigError(f"{cls.NAME}.ratio", ratio.max(), "0 to 1")
-        valid = polynomial.Range.from_parameters(arm, cls.NAME, values)
+        valid = Range.from_parameters(arm, cls.NAME, values)
         shape = str(values.get(f"{cls.NAME}.blend", "linear"))
         return cls(arm, positive, negative, valid, dead_band, saturation, ratio, shape)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         # Zeros too: a set without them would be missing, and with it the whole term.
         sets = {
             f"{self.NAME}.{direction}.{joint}": as_value(coefficients[:, column])
@@ -137,15 +145,12 @@ class DirectionalCable(LinearTerm):
         return replace(self, positive=half, negative=-half, ratio=ratio)
 
     def split(self, part: Array) -> tuple[Term, Term]:
-        """See :meth:`Term.split`."""
         return self.elastic(), self.scaled(part)
 
     def friction_part(self, part: Array) -> Array:
-        """See :meth:`Term.friction_part`."""
         return np.minimum(self.ratio, part)
 
     def whole(self) -> DirectionalCable:
-        """See :meth:`Term.whole`: the whole difference between the directions."""
         return replace(self, ratio=np.ones_like(self.ratio))
 
     def blend(self, state: State) -> Array | None:
@@ -162,21 +167,18 @@ class DirectionalCable(LinearTerm):
 
     @property
     def full_speed(self) -> Array:
-        """See :meth:`Term.full_speed`."""
         return np.where(self._half_difference.any(axis=0), self.saturation_velocity, 0.0)
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`: of moving up, power by power, then of moving down."""
+        """(2 (degree + 1) n,) coefficients of moving up, power by power, then of moving down."""
         return np.concatenate([self.positive.ravel(), self.negative.ravel()])
 
     def with_theta(self, theta: Array) -> DirectionalCable:
-        """See :meth:`LinearTerm.with_theta`."""
         positive, negative = np.reshape(theta, (2, *self.positive.shape))
         return replace(self, positive=positive, negative=negative)
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         held, blend = self.valid.hold(state.q), self.blend(state)
         blend = np.zeros_like(held) if blend is None else blend
         sides = (0.5 * (1.0 + blend), 0.5 * (1.0 - blend))
@@ -187,19 +189,18 @@ class DirectionalCable(LinearTerm):
     def torque(self, state: State) -> Array:
         """Return (…, n) cable torques, N·m."""
         q = self.valid.hold(state.q)
-        torque = polynomial.evaluate(self._mean, q)
+        torque = evaluate(self._mean, q)
         blend = self.blend(state)
         if blend is not None:
-            torque += blend * polynomial.evaluate(self._half_difference, q)
+            torque += blend * evaluate(self._half_difference, q)
         return torque
 
     def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`."""
         parts, sum_up = self.prepare_parts(self.ratio), np.ones(2).dot
         return lambda q, qd: sum_up(parts(q, qd))
 
     def prepare_parts(self, part: Array) -> Evaluator:
-        """See :meth:`Term.prepare_parts`: both parts share their powers of the position."""
+        """Both parts share the powers of the position."""
         elastic, friction = self.elastic(), self.scaled(part)
         if friction.shape != "linear":
             return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
@@ -209,7 +210,7 @@ class DirectionalCable(LinearTerm):
         # A velocity cut at the one less the same velocity cut at the other: the blend's ramp.
         edges = np.array([friction.saturation_velocity, friction.dead_band])
         lowest, full_less_dead = -edges, np.array([1.0, -1.0]).dot
-        powers = polynomial.prepare_powers(elastic.valid, count)
+        powers = prepare_powers(elastic.valid, count)
         sum_up = np.repeat(np.eye(2), count, axis=1).dot
         factors = np.zeros((2 * count, n))
         plain, blended = factors[:count], factors[count:]
@@ -223,13 +224,13 @@ class DirectionalCable(LinearTerm):
         return evaluate
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: the mean, and half of the difference as dry friction.
+        """The mean, and half of the difference as dry friction.
 
         The arm has all of the difference: dead band, saturation velocity and ratio are a
         compensator's caution. Where a fit made it negative its size counts, since friction takes
         energy.
         """
-        values = polynomial.prepare(self.valid, self._mean, self._half_difference)
+        values = prepare_polynomials(self.valid, self._mean, self._half_difference)
         n = self.positive.shape[1]
 
         def at(q: Array, qd: Array) -> tuple[Array, Array | None]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
-from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import Site
 
 _PERCENTILES = (90.0, 95.0, 98.0, 99.5)  # of the measured effort, where limits are tried
 
@@ -29,13 +29,12 @@ class EffortSaturation(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         for joint in np.flatnonzero(motion.present).tolist():
             for percentile in _PERCENTILES:
                 limit = float(np.percentile(np.abs(motion.effort[:, joint]), percentile))
                 if limit > 0.0:
                     yield ClippedHypothesis(
-                        arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                        arm=motion.arm, site=Site.joint(joint),
                         setting={"limit": limit},
                     )  # fmt: skip
 
@@ -48,21 +47,17 @@ class ClippedHypothesis(Hypothesis):
     CLAIM = "the effort of {joint} is clipped at {limit}"
 
     refine: tuple[str, ...] = ("limit",)
-    searched: int = len(_PERCENTILES)
+    n_comparisons: int = len(_PERCENTILES)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        joint, limit = self.site.index, setting["limit"]
+    def regressor(self, motion: Motion) -> Array:
+        joint, limit = self.site.index, self.setting["limit"]
         torque = np.zeros((*motion.q.shape, 1))
         modelled = motion.acting[:, joint]
         torque[:, joint, 0] = np.clip(modelled, -limit, limit) - modelled
         return torque
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"limit": setting["limit"], "share": float(theta[0])}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        return {"limit": self.setting["limit"], "share": float(theta[0])}
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        """See :meth:`Hypothesis.search_range`."""
-        del motion
         return 0.9 * self.setting[name], 1.1 * self.setting[name]

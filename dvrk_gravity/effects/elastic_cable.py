@@ -10,23 +10,33 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import polynomial, site
-from dvrk_gravity.effects.base.arrays import diagonal_columns
-from dvrk_gravity.effects.base.by_joint import write_rows
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
-from dvrk_gravity.effects.base.merging import position_offset
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
-from dvrk_gravity.effects.base.unknowns import (
-    PART,
+from dvrk_gravity.effects.base.arrays import (
+    Range,
+    Values,
+    declare_coefficients,
+    declare_range,
+    diagonal_columns,
+    evaluate,
+    legendre,
+    position_offset,
+    prepare_polynomials,
+    prepare_powers,
+    read_coefficients,
+    write_rows,
+)
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.linear_term import (
+    PRIOR_FRACTION,
     ColumnTable,
+    LinearTerm,
     ModelChange,
-    effort_of_motor,
+    Unknowns,
     site_columns,
 )
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import Kind, Site, effort_limits
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
 DEGREE = 7  # highest power of a joint's own position that identification tries
@@ -57,36 +67,32 @@ class ElasticCable(LinearTerm):
 
     arm: Arm
     coefficients: Array
-    valid: polynomial.Range
+    valid: Range
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (
-            *polynomial.declare_coefficients(arm, cls.NAME, "elastic torque k0, k1, …"),
-            *polynomial.declare_range(arm, cls.NAME),
+            *declare_coefficients(arm, cls.NAME, "elastic torque k0, k1, …"),
+            *declare_range(arm, cls.NAME),
         )
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ElasticCable | None:
-        """See :meth:`Term.from_parameters`."""
-        coefficients = polynomial.read_coefficients(arm, cls.NAME, values)
+        coefficients = read_coefficients(arm, cls.NAME, values)
         if coefficients is None:
             return None
-        return cls(arm, coefficients, polynomial.Range.from_parameters(arm, cls.NAME, values))
+        return cls(arm, coefficients, Range.from_parameters(arm, cls.NAME, values))
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         coefficients = write_rows(self.arm, self.NAME, self.coefficients)
         return coefficients | self.valid.parameters(self.NAME)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) elastic torques, N·m."""
-        return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
+        return evaluate(self.coefficients, self.valid.hold(state.q))
 
     @classmethod
     def meaning(cls, name: str) -> Meaning:
-        """See :meth:`Effect.meaning`; coefficients are for programs."""
         if name.startswith("k"):
             unit = "N·m" if name == "k0" else f"N·m/rad^{name[1:]}"
             return Meaning(unit, listed=False)
@@ -94,37 +100,34 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def listed(cls, names: Iterable[str]) -> list[str]:
-        """See :meth:`Effect.listed`; one slope says little of a curve."""
+        """The slope of a curve in its middle is not listed."""
         names = super().listed(names)
         return [name for name in names if name != "stiffness" or "lowest" not in names]
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         middle, half = motion.travel
         for joint in np.flatnonzero(motion.moves).tolist():
             for degree in _DEGREES:
                 yield CableHypothesis(
-                    arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                    arm=motion.arm, site=Site.joint(joint),
                     form=f"degree {degree}", degree=degree,
                     middle=float(middle[joint]), half=float(half[joint]),
                 )  # fmt: skip
 
     def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`."""
         coefficients = self.coefficients
-        powers = polynomial.prepare_powers(self.valid, len(coefficients))
+        powers = prepare_powers(self.valid, len(coefficients))
         sum_up = np.ones(len(coefficients)).dot
         return lambda q, qd: sum_up(coefficients * powers(q))
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`."""
-        values = polynomial.prepare(self.valid, self.coefficients)
+        values = prepare_polynomials(self.valid, self.coefficients)
         return PlantPart(at=lambda q, qd: (values(q), None))
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
-        """See :meth:`LinearTerm.moves`: polynomials of higher degree, and of one degree less.
+        """Polynomials of higher degree, and of one degree less.
 
         A cubic may help where neither a slope nor a parabola does.
         """
@@ -143,37 +146,33 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:
-        """See :meth:`LinearTerm.plainest`: a constant torque."""
         return table.select(effect=cls.NAME, index=0)
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`: all joints' k0, then all their k1, …."""
+        """((degree + 1) n,) all joints' k0, then all their k1, …."""
         return self.coefficients.ravel()
 
     def with_theta(self, theta: Array) -> ElasticCable:
-        """See :meth:`LinearTerm.with_theta`."""
         return replace(self, coefficients=np.reshape(theta, (-1, self.coefficients.shape[1])))
 
     @classmethod
-    def unknowns(cls, arm: Arm, valid: polynomial.Range) -> Unknowns:
-        """See :meth:`LinearTerm.unknowns`: as Legendre polynomials over the range."""
-        scale = PART * effort_of_motor(arm, site.Kind.JOINT)
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
+        """Legendre polynomials over the range, which are well conditioned."""
+        scale = PRIOR_FRACTION * effort_limits(arm, Kind.JOINT)
         columns = [
             column
             for power in range(DEGREE + 1)
-            for column in site_columns(cls.NAME, site.Kind.JOINT, scale, power, False, "")
+            for column in site_columns(cls.NAME, Kind.JOINT, scale, power, False, "")
         ]
         term = cls(arm, np.zeros((DEGREE + 1, arm.n)), valid)
-        return Unknowns(term, tuple(columns), polynomial.legendre(valid, DEGREE))
+        return Unknowns(term, tuple(columns), legendre(valid, DEGREE))
 
     def reduced(self) -> ElasticCable:
-        """See :meth:`LinearTerm.reduced`: to the highest power that any joint has."""
         used = np.flatnonzero(self.coefficients.any(axis=1)).tolist()
         return replace(self, coefficients=self.coefficients[: max(used, default=0) + 1])
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         held = self.valid.hold(state.q)
         powers = [held**k for k in range(len(self.coefficients))]
         return np.concatenate([diagonal_columns(power) for power in powers], axis=-1)
@@ -196,12 +195,8 @@ class CableHypothesis(Hypothesis):
     middle: float
     half: float
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`.
-
-        Chebyshev polynomials are the same space as powers, and well conditioned.
-        """
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """Chebyshev polynomials are the same space as powers, and well conditioned."""
         x = np.clip((motion.q[:, self.site.index] - self.middle) / self.half, -_REACH, _REACH)
         values = np.polynomial.chebyshev.chebvander(x, self.degree)
         return spread(self.site.row(self.arm), *values.T)
@@ -213,9 +208,7 @@ class CableHypothesis(Hypothesis):
         powers = self._polynomial(theta).convert(kind=Polynomial).coef
         return np.pad(powers, (0, self.degree + 1 - len(powers)))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         scaled = self._polynomial(theta)
         values = {f"k{i}": float(value) for i, value in enumerate(self._powers(theta))}
         values = {"stiffness": float(scaled.deriv()(self.middle))} | values
@@ -226,7 +219,7 @@ class CableHypothesis(Hypothesis):
         return {"lowest": float(way.min()), "highest": float(way.max())} | values
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`; a curve is held at the edges of the motion.
+        """A curve is held at the edges of the motion.
 
         A curve that the model has already is held where it was fitted, and so is the sum.
         """
@@ -255,11 +248,10 @@ class CableHypothesis(Hypothesis):
         return result
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         if "lowest" not in parameters:
             return super().claim(parameters)
-        told = self._told(parameters)
+        told = self._in_words(parameters)
         return (
-            f"an elastic torque beside {self.against}'s pulls at {self.names[0]}, between "
-            f"{told['lowest']} and {told['highest']} over its way"
+            f"{self.names[0]} has an elastic torque in addition to {self.against}'s, between "
+            f"{told['lowest']} and {told['highest']} over its range"
         )

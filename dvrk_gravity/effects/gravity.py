@@ -11,12 +11,11 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm, Tree, beta_tree, is_mtm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.merging import Values
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
-from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
+from dvrk_gravity.effects.base.arrays import Values, as_value
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.links import gravity_of, gravity_parameters, weight_evaluator
+from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
 _SIZES = (10, 12, 14)  # of beta
@@ -44,7 +43,6 @@ class Gravity(LinearTerm):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         if not is_mtm(arm):
             return ()
         return (
@@ -57,19 +55,11 @@ class Gravity(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Gravity | None:
-        """See :meth:`Term.from_parameters`."""
         if not values.get("beta"):
             return None
-        vector = values.get("gravity_vector")
-        return cls(
-            arm,
-            np.array(values["beta"]),
-            arm.gravity if vector is None else np.array(vector),
-            bool(values.get("gravity_enabled", True)),
-        )
+        return cls(arm, np.array(values["beta"]), *gravity_of(arm, values))
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {
             "beta": as_value(self.beta),
             "gravity_enabled": self.enabled,
@@ -77,12 +67,10 @@ class Gravity(LinearTerm):
         }
 
     def with_gravity(self, vector: Array) -> Gravity:
-        """See :meth:`Term.with_gravity`."""
         return replace(self, vector=vector)
 
     @property
     def gravity_vector(self) -> Array:
-        """See :meth:`Term.gravity_vector`."""
         return self.vector
 
     def torque(self, state: State) -> Array:
@@ -95,11 +83,9 @@ class Gravity(LinearTerm):
 
     @property
     def carries_arm(self) -> bool:
-        """See :meth:`Term.carries_arm`."""
         return self.enabled and bool(self.beta.any())
 
     def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`."""
         if not self.enabled:
             return super().prepare()
         # A tree of its own: Pinocchio's workspace is for one thread.
@@ -107,19 +93,15 @@ class Gravity(LinearTerm):
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`: beta."""
         return self.beta
 
     def with_theta(self, theta: Array) -> Gravity:
-        """See :meth:`LinearTerm.with_theta`."""
         return replace(self, beta=np.asarray(theta, dtype=float))
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         return gravity.regressor(state.q, self.vector, len(self.beta))
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: the weight."""
         if not self.enabled:
             return PlantPart()
         return PlantPart(weight=beta_tree(self.arm, self.beta, self.vector))

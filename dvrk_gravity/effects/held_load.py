@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import polynomial
-from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.by_joint import numbers, read_rows, write_rows
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Term
+from dvrk_gravity.effects.base.arrays import (
+    Range,
+    as_value,
+    declare_range,
+    numbers,
+    read_rows,
+    write_rows,
+)
+from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.term import PlantPart, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -54,11 +58,10 @@ class HeldLoad(Term):
     orders: NDArray[np.int64]
     mean: Array
     difference: Array
-    valid: polynomial.Range
+    valid: Range
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (
             Parameter(
                 f"{cls.NAME}.orders", (), "order",
@@ -76,12 +79,11 @@ class HeldLoad(Term):
                 )
                 for joint in arm.joints
             ),
-            *polynomial.declare_range(arm, cls.NAME),
+            *declare_range(arm, cls.NAME),
         )  # fmt: skip
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> HeldLoad | None:
-        """See :meth:`Term.from_parameters`."""
         flat = np.array(numbers(values, f"{cls.NAME}.orders"))
         if not len(flat):
             return None
@@ -98,7 +100,7 @@ class HeldLoad(Term):
             kind: read_rows(arm, values, f"{cls.NAME}.{kind}", len(orders), expected)
             for kind in _KINDS
         }
-        valid = polynomial.Range.from_parameters(arm, cls.NAME, values)
+        valid = Range.from_parameters(arm, cls.NAME, values)
         used = orders.any(axis=0)
         for column in np.flatnonzero(used & ~np.isfinite(valid.upper - valid.lower)).tolist():
             raise ConfigError(
@@ -109,7 +111,6 @@ class HeldLoad(Term):
         return cls(arm, orders, **sizes, valid=valid)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         mean, difference = (
             write_rows(self.arm, f"{self.NAME}.{kind}", getattr(self, kind)) for kind in _KINDS
         )
@@ -129,11 +130,11 @@ class HeldLoad(Term):
         return torque
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: nothing; the plant's own stiction holds what it holds."""
+        """Nothing: the plant has its own stiction."""
         return PlantPart()
 
 
-def pose_functions(q: Array, orders: NDArray[np.int64], valid: polynomial.Range) -> Array:
+def pose_functions(q: Array, orders: NDArray[np.int64], valid: Range) -> Array:
     """Return (…, K) products of Chebyshev polynomials of (K, n) orders at (…, n) positions."""
     used = orders.any(axis=0)
     centre = np.where(used, 0.5 * (valid.lower + valid.upper), 0.0)

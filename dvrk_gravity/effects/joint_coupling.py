@@ -8,26 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
-from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import Site
 
 _SMALL = 1e-3  # below: a slope serves in place of a secant
 
 
 class JointCoupling(Effect):
-    """What is read at one joint holds part of what belongs to another."""
+    """The reading of one joint contains a fraction of another's."""
 
     NAME = "joint_coupling"
     REMEDY = "check the transmission matrix (actuator to joint) at {joint}"
     MEANINGS = meanings(
-        factor=Meaning("", 0.0, ("", "with its sign turned round"), "leaks", percent=True)
+        factor=Meaning("", 0.0, ("", "with the opposite sign"), "leaks", percent=True)
     )
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: every pair, torque and motion."""
         present = np.flatnonzero(motion.present).tolist()
         for target in present:
             for source in present:
@@ -35,18 +34,18 @@ class JointCoupling(Effect):
                     continue
                 name = motion.arm.joint_names[source]
                 yield TorqueLeak(
-                    arm=motion.arm, site=site.joint(target), joints=(target, source),
+                    arm=motion.arm, site=Site.joint(target), joints=(target, source),
                     form=f"torque of {name} leaks",
                 )  # fmt: skip
                 yield MotionLeak(
-                    arm=motion.arm, site=site.joint(target), joints=(target, source),
+                    arm=motion.arm, site=Site.joint(target), joints=(target, source),
                     form=f"motion of {name} leaks", setting={"factor": 0.0},
                 )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LeakHypothesis(Hypothesis):
-    """A part of the second joint's torque or motion is read at the first."""
+    """A fraction of the second joint's torque or motion appears in the first joint's reading."""
 
     EFFECT = JointCoupling
     CLAIM = "{part} of {other}'s {what} leaks{turned} into the {read} read at {joint}"
@@ -54,21 +53,17 @@ class LeakHypothesis(Hypothesis):
     what: str
     read: str
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"factor": float(theta[0])}
 
     @property
     def judged_at(self) -> tuple[int, ...]:
-        """See :meth:`Hypothesis.judged_at`."""
         return self.joints[:1]
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         joint, other = self.names
         factor = parameters["factor"]
-        turned = ", with its sign turned round," if factor.value < 0.0 else ""
+        turned = ", with the opposite sign," if factor.value < 0.0 else ""
         return self.CLAIM.format(
             part=factor.magnitude.percent().shown, other=other, what=self.what, turned=turned,
             read=self.read, joint=joint,
@@ -77,15 +72,13 @@ class LeakHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TorqueLeak(LeakHypothesis):
-    """Part of another joint's torque is read."""
+    """effort = torque + factor x the other joint's torque."""
 
-    OF_ACTING = True
+    EFFORT_READING = True
     what: str = "torque"
     read: str = "effort"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         target, source = self.joints
         torque = np.zeros((*motion.q.shape, 1))
         torque[:, target, 0] = motion.acting[:, source]
@@ -94,16 +87,15 @@ class TorqueLeak(LeakHypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionLeak(LeakHypothesis):
-    """Part of another joint's motion is read: position = true + factor x the other's position."""
+    """position = true position + factor x the other joint's position."""
 
     what: str = "motion"
     read: str = "position"
     fixed_point: tuple[str, ...] = ("factor",)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
+    def regressor(self, motion: Motion) -> Array:
         target, source = self.joints
-        step = setting["factor"]
+        step = self.setting["factor"]
         if abs(step) < _SMALL:
             return -(motion.slope[:, :, target] * motion.q[:, [source]])[:, :, None]
         there = motion.q.copy()

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, Values
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import mixed_motors
+from dvrk_gravity.effects.base.arrays import Values, as_value, position_offset
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
-from dvrk_gravity.effects.base.merging import position_offset
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import Kind, encoder_sites
 
-_SMALL = 1e-3  # rad: below, a slope serves in place of a secant
+_SMALL = 1e-3  # rad: below, a slope replaces the secant
 
 
 class JointOffset(Effect):
@@ -23,34 +20,20 @@ class JointOffset(Effect):
 
     NAME = "joint_offset"
     REMEDY = "calibrate {joint}'s zero again (its potentiometer or homing)"
-    MEANINGS = meanings(
-        offset=Meaning("rad", 0.0, READS, "reads", least=-0.6, greatest=0.6),
-    )
+    MEANINGS = meanings(offset=Meaning("rad", 0.0, READS, "reads", least=-0.6, greatest=0.6))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of a joint, and of a motor that moves several.
-
-        None of what did not move: a constant torque at other joints is all that it would show.
-        """
-        arm, moves = motion.arm, motion.moves
-        sites = [site.joint(joint) for joint in np.flatnonzero(moves).tolist()]
-        if motion.present.all():
-            sites += [
-                site.motor(motor)
-                for motor in mixed_motors(arm)
-                if moves[arm.actuator_to_joint[:, motor] != 0.0].any()
-            ]
-        for where in sites:
+        for site in encoder_sites(motion):
             yield ZeroHypothesis(
-                arm=arm, site=where, joints=(where.index,), setting={"offset": 0.0},
-                alignment=where.kind is site.Kind.JOINT,
+                arm=motion.arm, site=site, setting={"offset": 0.0},
+                alignment=site.kind is Kind.JOINT,
             )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ZeroHypothesis(Hypothesis):
-    """The encoder of a joint or a motor has another zero than the model takes it to have."""
+    """The encoder of a joint or a motor has another zero than the model assumes."""
 
     EFFECT = JointOffset
     CLAIM = "the encoder of {where} reads {offset}"
@@ -58,33 +41,21 @@ class ZeroHypothesis(Hypothesis):
     fixed_point: tuple[str, ...] = ("offset",)
     shifts_positions: bool = True
 
-    @property
-    def shift(self) -> Array:
-        """(n,) what the joints' positions read too much per rad of it."""
-        if self.site.kind is site.Kind.MOTOR:
-            return self.arm.actuator_to_joint[:, self.site.index]
-        return self.site.row(self.arm)
-
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`; a secant at the last estimate serves large offsets."""
-        step = setting["offset"]
+    def regressor(self, motion: Motion) -> Array:
+        """Return the secant of the model's torque by the offset."""
+        step, shift = self.setting["offset"], self.site.column(self.arm)
         if abs(step) < _SMALL:
-            return -(motion.slope @ self.shift)[:, :, None]
-        there = motion.torque_at(motion.q - step * self.shift)
+            return -(motion.slope @ shift)[:, :, None]
+        there = motion.torque_at(motion.q - step * shift)
         return ((there - motion.modelled) / step)[:, :, None]
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"offset": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
-        total = position_offset(self.arm, values) + float(theta[0]) * self.shift
-        return {**values, self.effect: tuple(total.tolist())}
+        shift = float(theta[0]) * self.site.column(self.arm)
+        return {**values, self.effect: as_value(position_offset(self.arm, values) + shift)}
 
     @property
     def subject(self) -> str:
-        """See :meth:`Hypothesis.subject`."""
         return f"the zero of {self.site.words(self.arm)}"

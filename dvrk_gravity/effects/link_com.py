@@ -1,4 +1,4 @@
-"""Links whose weight is not where the model has it."""
+"""Links whose centre of mass is not where the model has it."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm, is_mtm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.link_prior import beta_map, prior_scale, weight_directions
+from dvrk_gravity.effects.base.arrays import Values
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.links import (
     AXES,
-    joints_with_weight,
-    links_of_joints,
+    beta_map,
     moment_directions,
+    prior_scale,
+    weight_directions,
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, size
-from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.rigid_body import weight_regressor
+from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia
 from dvrk_gravity.effects.link_weight import with_weight
@@ -43,7 +43,6 @@ class LinkCom(Effect):
 
     @classmethod
     def meaning(cls, name: str) -> Meaning:
-        """See :meth:`Effect.meaning`: the whole, along an axis, or an entry of beta."""
         if name == "delta_beta":
             return size("N·m", _ENTRY, "the model's weight moment is")
         which = name.removeprefix("delta_beta_")
@@ -52,7 +51,7 @@ class LinkCom(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: links along each axis and all, entries of beta, all."""
+        """For each link along each axis and all; entries of beta; all weights."""
         if not motion.present.all():
             return
         arm = motion.arm
@@ -61,31 +60,29 @@ class LinkCom(Effect):
             for axes in ((0,), (1,), (2,), (0, 1, 2)):
                 letters = "".join(AXES[axis] for axis in axes)
                 yield MomentHypothesis(
-                    arm=arm, site=site.link(link), joints=(joint,),
+                    arm=arm, site=Site.link(link), joints=(joint,),
                     form=f"{arm.body_names[link]} {letters}", axes=axes,
                 )  # fmt: skip
         if not is_mtm(arm):
             yield LinkWeightsHypothesis(
                 arm=arm,
-                site=site.THE_ARM,
+                site=THE_ARM,
                 form=_ALL,
                 directions=weight_directions(arm),
-                plausible_size=(1.0,) * weight_directions(arm).shape[1],
+                prior_std=(1.0,) * weight_directions(arm).shape[1],
             )
             return
         for entry, joint in enumerate(_BETA_JOINTS):
             yield BetaHypothesis(
-                arm=arm, site=site.link(links_of_joints(arm)[joint]), joints=(joint,),
+                arm=arm, site=Site.link(links_of_joints(arm)[joint]), joints=(joint,),
                 form=f"weight only, {gravity.BETA_NAMES[entry]}", entry=entry,
             )  # fmt: skip
-        yield AllWeightsHypothesis(
-            arm=arm, site=site.THE_ARM, form=_ALL, plausible_size=_plausible(arm)
-        )
+        yield AllWeightsHypothesis(arm=arm, site=THE_ARM, form=_ALL, prior_std=_plausible(arm))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MomentHypothesis(Hypothesis):
-    """A link's centre of mass is elsewhere, along some axes of its frame.
+    """A link's centre of mass is displaced along some axes of its frame.
 
     Attributes:
         axes: Indices of the axes.
@@ -99,27 +96,20 @@ class MomentHypothesis(Hypothesis):
     def _directions(self) -> Array:
         return moment_directions(self.arm, self.site.index, self.axes)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return motion.link_torque(self.site.index, self._directions)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         if len(self.axes) == 1:
             return {"delta_beta": float(theta[0])}
         return {f"delta_beta_{AXES[a]}": float(t) for a, t in zip(self.axes, theta, strict=True)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         return with_link(self.arm, values, self.site.index, self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         along = ", ".join(
-            self.meaning(f"delta_beta_{AXES[axis]}").tell(estimate)
+            self.meaning(f"delta_beta_{AXES[axis]}").in_words(estimate)
             for axis, estimate in zip(self.axes, parameters.values(), strict=True)
         )
         link = self.site.words(self.arm)
@@ -131,7 +121,7 @@ class MomentHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BetaHypothesis(Hypothesis):
-    """An entry of beta is another one, by a spring or a counterweight: weight without inertia.
+    """One entry of beta is wrong: a spring or a counterweight, weight without inertia.
 
     Attributes:
         entry: Its index.
@@ -141,61 +131,44 @@ class BetaHypothesis(Hypothesis):
 
     entry: int
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         regressor = gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
         return regressor[:, :, [self.entry]]
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"delta_beta": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         return with_beta(values, float(theta[0]) * np.eye(_WHOLE)[self.entry])
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
-        name, told = gravity.BETA_NAMES[self.entry], self._told(parameters)["delta_beta"]
+        name, told = gravity.BETA_NAMES[self.entry], self._in_words(parameters)["delta_beta"]
         return f"{self.against}'s weight moment {name} of {self.site.words(self.arm)} is {told}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AllWeightsHypothesis(Hypothesis):
-    """Beta as a whole is another one."""
+    """All of beta is fitted anew."""
 
     EFFECT = LinkCom
-    CLAIM = "the links' weights as a whole are others than {model}'s"
+    CLAIM = "the links' weights as a whole differ from {model}'s"
 
-    of_model: bool = True
+    refits_model: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         names = gravity.BETA_NAMES
         return {f"delta_beta_{n}": float(v) for n, v in zip(names, theta, strict=False)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         return with_beta(values, np.pad(theta, (0, _WHOLE - len(theta))))
-
-    def correction(self) -> str:
-        """See :meth:`Hypothesis.correction`."""
-        return "fitting them anew beside all else"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinkWeightsHypothesis(Hypothesis):
-    """The links' weights as a whole are others, of an arm that has no beta.
+    """All links' weights are fitted anew, of an arm that has no beta.
 
     Attributes:
         directions: (4 bodies, k) combinations of masses and first moments that show, each of its
@@ -203,30 +176,20 @@ class LinkWeightsHypothesis(Hypothesis):
     """
 
     EFFECT = LinkCom
-    CLAIM = "the links' weights as a whole are others than {model}'s"
+    CLAIM = "the links' weights as a whole differ from {model}'s"
 
     directions: Array
-    of_model: bool = True
+    refits_model: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return weight_regressor(self.arm, motion.true_q, motion.gravity) @ self.directions
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`; its many coefficients mean nothing one by one."""
-        del theta, setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         change = (self.directions @ theta).reshape(len(self.arm.bodies), -1)
         return with_weight(self.arm, values, change)
-
-    def correction(self) -> str:
-        """See :meth:`Hypothesis.correction`."""
-        return "fitting them anew beside all else"
 
 
 def with_link(arm: Arm, values: Values, index: int, change: Array) -> Values | None:

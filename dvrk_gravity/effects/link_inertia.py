@@ -9,22 +9,15 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body, site
-from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.link_prior import prior_scale
-from dvrk_gravity.effects.base.links import (
-    AXES,
-    inertia_directions,
-    joints_with_weight,
-    links_of_joints,
-)
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.arrays import Values, as_value
+from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.links import AXES, inertia_directions, prior_scale
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
-from dvrk_gravity.effects.base.merging import Values
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import LinearTerm
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
+from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -57,7 +50,6 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return tuple(
             Parameter(
                 f"{cls.NAME}.{body}",
@@ -71,7 +63,6 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkInertia | None:
-        """See :meth:`Term.from_parameters`; a body that is not given has no inertia."""
         given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
         if not any(given):
             return None
@@ -80,12 +71,10 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def stated(cls, arm: Arm) -> LinkInertia | None:
-        """See :meth:`Term.stated`: of the bodies in a URDF."""
         rows = arm.inertial_parameters
         return None if rows is None else cls(arm, rows)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {
             f"{self.NAME}.{body}": as_value(row)
             for body, row in zip(self.arm.body_names, self.links, strict=True)
@@ -95,46 +84,37 @@ class LinkInertia(LinearTerm):
         """Return (…, n) torques, N·m; zero where no motion is known."""
         if state.qd is None and state.qdd is None:
             return np.zeros(state.q.shape)
-        q, qd, qdd = (
-            None if array is None else array.reshape(-1, array.shape[-1])
-            for array in (state.q, state.qd, state.qdd)
-        )
-        assert q is not None
-        torque = rigid_body.torque(self.arm, self.theta, q, qd, qdd, _WEIGHTLESS)
-        return torque.reshape(state.q.shape)
+        motion = (state.q, state.qd, state.qdd)
+        return rigid_body.torque(self.arm, self.theta, *motion, _WEIGHTLESS)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of each link, and of all together."""
         if motion.static or not motion.present.all():
             return
         for joint in joints_with_weight(motion.arm):
             link = links_of_joints(motion.arm)[joint]
             for form, isotropic in (("isotropic", True), ("principal", False)):
                 yield InertiaHypothesis(
-                    arm=motion.arm, site=site.link(link), joints=(joint,),
+                    arm=motion.arm, site=Site.link(link), joints=(joint,),
                     form=f"{motion.arm.body_names[link]} {form}", isotropic=isotropic,
                 )  # fmt: skip
         yield AllInertiaHypothesis(
-            arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
-            plausible_size=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
+            arm=motion.arm, site=THE_ARM, form="inertia of all links",
+            prior_std=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
         )  # fmt: skip
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        """Nothing: the plant's bodies have it."""
         return PlantPart()
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`."""
         return self.links.ravel()
 
     def with_theta(self, theta: Array) -> LinkInertia:
-        """See :meth:`LinearTerm.with_theta`."""
         return replace(self, links=np.reshape(theta, self.links.shape))
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         if state.q.ndim != 2:
             raise ShapeError("q", state.q.shape, "(N, n)")
         return rigid_body.regressor(self.arm, state.q, state.qd, state.qdd, _WEIGHTLESS)
@@ -142,7 +122,7 @@ class LinkInertia(LinearTerm):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InertiaHypothesis(Hypothesis):
-    """A link's rotational inertia is another one.
+    """A link's rotational inertia is wrong.
 
     Attributes:
         isotropic: The same about all axes, or one about each axis of the link's frame.
@@ -157,30 +137,23 @@ class InertiaHypothesis(Hypothesis):
     def _directions(self) -> Array:
         return inertia_directions(self.arm, self.site.index, self.isotropic)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return motion.link_torque(self.site.index, self._directions)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         if self.isotropic:
             return {"inertia": float(theta[0])}
         return {f"inertia_{a}{a}": float(t) for a, t in zip(AXES, theta, strict=True)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         return _with_change(values, self.arm.body_names[self.site.index], self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
-        told, joint = self._told(parameters), self.names[0]
+        told, joint = self._in_words(parameters), self.names[0]
         if self.isotropic:
             return f"the link of {joint} has {told['inertia']} inertia than {self.against}'s"
         about = ", ".join(f"{value} about {name[-1]}" for name, value in told.items())
-        return f"the link of {joint} has another inertia than {self.against}'s: {about}"
+        return f"the inertia of {joint}'s link differs from {self.against}'s: {about}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -191,23 +164,18 @@ class AllInertiaHypothesis(Hypothesis):
     """
 
     EFFECT = LinkInertia
-    CLAIM = "the links' inertias as a whole are others than {model}'s"
+    CLAIM = "the links' inertias as a whole differ from {model}'s"
 
     variable: str = "acceleration"
-    of_model: bool = True
+    refits_model: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return motion.inertial_torque(motion.inertial)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del theta, setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
         change = np.zeros(rigid_body.PER_LINK * len(self.arm.bodies))
         change[motion.inertial] = theta
         for body, row in zip(
@@ -215,10 +183,6 @@ class AllInertiaHypothesis(Hypothesis):
         ):
             values = _with_change(values, body, row)
         return values
-
-    def correction(self) -> str:
-        """See :meth:`Hypothesis.correction`."""
-        return "fitting them anew beside all else"
 
 
 def _with_change(values: Values, body: str, change: Array) -> Values:

@@ -12,14 +12,17 @@ import pinocchio as pin
 from dvrk_gravity.arms import Arm, Tree, build_tree, is_mtm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.merging import Values
-from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.arrays import Values, as_value
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.links import (
+    assumed_inertias,
+    gravity_of,
+    gravity_parameters,
+    weight_evaluator,
+)
+from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, weight_regressor
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.supposed import supposed_inertias
-from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
-from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -49,7 +52,6 @@ class LinkWeight(LinearTerm):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         if is_mtm(arm):
             return ()
         weights = (
@@ -63,25 +65,18 @@ class LinkWeight(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkWeight | None:
-        """See :meth:`Term.from_parameters`; a body that is not given has no weight."""
         given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
         if not any(given):
             return None
         nothing = np.zeros(OF_WEIGHT)
-        vector = values.get("gravity_vector")
-        return cls(
-            arm,
-            np.array([np.array(row) if row else nothing for row in given]),
-            arm.gravity if vector is None else np.array(vector),
-            bool(values.get("gravity_enabled", True)),
-        )
+        links = np.array([np.array(row) if row else nothing for row in given])
+        return cls(arm, links, *gravity_of(arm, values))
 
     @classmethod
     def nominal(cls, arm: Arm) -> LinkWeight | None:
-        """See :meth:`Term.nominal`: the weight of the bodies that are supposed."""
         if is_mtm(arm):
             return None
-        supposed, nothing = supposed_inertias(arm), pin.Inertia.Zero()
+        supposed, nothing = assumed_inertias(arm), pin.Inertia.Zero()
         rows = [
             body.frame.act(supposed.get(body.name, nothing)).toDynamicParameters()[:OF_WEIGHT]
             for body in arm.bodies
@@ -90,13 +85,11 @@ class LinkWeight(LinearTerm):
 
     @classmethod
     def stated(cls, arm: Arm) -> LinkWeight | None:
-        """See :meth:`Term.stated`: the weight of the masses in a URDF."""
         if arm.inertial_parameters is None:
             return None
         return cls(arm, arm.inertial_parameters[:, :OF_WEIGHT], arm.gravity)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         rows = zip(self.arm.body_names, self.links, strict=True)
         return {
             **{f"{self.NAME}.{body}": as_value(row) for body, row in rows},
@@ -105,38 +98,30 @@ class LinkWeight(LinearTerm):
         }
 
     def with_gravity(self, vector: Array) -> LinkWeight:
-        """See :meth:`Term.with_gravity`."""
         return replace(self, vector=vector)
 
     @property
     def gravity_vector(self) -> Array:
-        """See :meth:`Term.gravity_vector`."""
         return self.vector
 
     @property
     def carries_arm(self) -> bool:
-        """See :meth:`Term.carries_arm`."""
         return self.enabled and bool(self.links.any())
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques that hold the links up, N·m or N."""
         if not self.enabled:
             return np.zeros(state.q.shape)
-        q = state.q.reshape(-1, state.q.shape[-1])
-        links = np.zeros((len(self.links), rigid_body.PER_LINK))
-        links[:, :OF_WEIGHT] = self.links
-        torque = rigid_body.torque(self.arm, links.ravel(), q, None, None, self.vector)
-        return torque.reshape(state.q.shape)
+        links = np.pad(self.links, ((0, 0), (0, rigid_body.PER_LINK - OF_WEIGHT)))
+        return rigid_body.torque(self.arm, links.ravel(), state.q, None, None, self.vector)
 
     def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`."""
         if not self.enabled:
             return super().prepare()
         whole, ballast = (weight_evaluator(tree) for tree in self._trees)
         return lambda q, qd: whole(q, qd) - ballast(q, qd)
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`."""
         weight = self.prepare()
         return PlantPart(at=lambda q, qd: (weight(q, qd), None))
 
@@ -160,15 +145,12 @@ class LinkWeight(LinearTerm):
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`."""
         return self.links.ravel()
 
     def with_theta(self, theta: Array) -> LinkWeight:
-        """See :meth:`LinearTerm.with_theta`."""
         return replace(self, links=np.reshape(theta, self.links.shape))
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         if state.q.ndim != 2:
             raise ShapeError("q", state.q.shape, "(N, n)")
         return weight_regressor(self.arm, state.q, self.vector)

@@ -11,23 +11,20 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import GRAVITY, Arm, Tree, build_tree
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body, site
-from dvrk_gravity.effects.base.arrays import as_value
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting
-from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.links import (
     AXES,
-    joint_of_link,
-    last_link,
-    links_told_apart,
+    gravity_of,
+    identifiable_links,
     mass_directions,
+    weight_evaluator,
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
-from dvrk_gravity.effects.base.merging import Values
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Evaluator, Term
-from dvrk_gravity.effects.base.weight import weight_evaluator
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import Site, last_link
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.link_com import with_link
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -85,13 +82,11 @@ class Payload(Term):
     weighs: bool = True
 
     @classmethod
-    def in_short(cls, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Effect.in_short`: mass, and centre of mass as far as that is known."""
-        return f"mass {cls.meaning('mass').tell(parameters['mass'])}{_centre(parameters)}"
+    def summary(cls, parameters: Mapping[str, Estimate]) -> str:
+        return f"mass {cls.meaning('mass').in_words(parameters['mass'])}{_centre(parameters)}"
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (
             Parameter(
                 "payload.mass", 0.0, "kg", "mass carried by a link",
@@ -108,7 +103,6 @@ class Payload(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Payload | None:
-        """See :meth:`Term.from_parameters`."""
         mass = values.get("payload.mass", 0.0)
         moment = np.array(values.get("payload.first_moment") or (0.0, 0.0, 0.0))
         assert isinstance(mass, float)
@@ -116,18 +110,10 @@ class Payload(Term):
             if moment.any():
                 raise ConfigError("payload.mass", mass, "more than 0 kg beside a first moment")
             return None
-        vector = values.get("gravity_vector")
-        return cls(
-            arm,
-            str(values.get("payload.link", last_link(arm))),
-            mass,
-            moment,
-            arm.gravity if vector is None else np.array(vector),
-            bool(values.get("gravity_enabled", True)),
-        )
+        link = str(values.get("payload.link", last_link(arm)))
+        return cls(arm, link, mass, moment, *gravity_of(arm, values))
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {
             "payload.mass": self.mass,
             "payload.first_moment": as_value(self.first_moment),
@@ -137,17 +123,15 @@ class Payload(Term):
         }
 
     def with_gravity(self, vector: Array) -> Payload:
-        """See :meth:`Term.with_gravity`."""
         return replace(self, vector=vector)
 
     @property
     def gravity_vector(self) -> Array:
-        """See :meth:`Term.gravity_vector`."""
         return self.vector
 
     @property
     def inertia(self) -> pin.Inertia:
-        """Of the point mass, in the link's frame."""
+        """Inertia of the point mass, in the link's frame."""
         return pin.Inertia(self.mass, self.first_moment / self.mass, np.zeros((3, 3)))
 
     @property
@@ -157,33 +141,25 @@ class Payload(Term):
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
 
     def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`: its weight alone."""
         return weight_evaluator(self.weight)
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: weight, and inertia on its link."""
         weight = self.weight if self.weighs else None
         return PlantPart(weight=weight, links={self.link: self.inertia})
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""
-        q, qd, qdd = (
-            None if array is None else array.reshape(-1, array.shape[-1])
-            for array in (state.q, state.qd, state.qdd)
-        )
-        assert q is not None
         gravity = self.vector if self.weighs else _WEIGHTLESS
-        torque = rigid_body.torque(self.arm, self._links, q, qd, qdd, gravity)
-        return torque.reshape(state.q.shape)
+        motion = (state.q, state.qd, state.qdd)
+        return rigid_body.torque(self.arm, self._links, *motion, gravity)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         if not motion.present.all():
             return
-        for link in links_told_apart(motion.arm):
+        for link in identifiable_links(motion.arm):
             yield PayloadHypothesis(
-                arm=motion.arm, site=site.link(link), joints=(joint_of_link(motion.arm, link),),
+                arm=motion.arm, site=Site.link(link),
                 form=motion.arm.body_names[link], setting=dict.fromkeys(AXES, 0.0),
             )  # fmt: skip
 
@@ -204,31 +180,27 @@ class PayloadHypothesis(Hypothesis):
     CLAIM = "{where} carries {mass} that {model} does not know"
 
     fixed_point: tuple[str, ...] = AXES
-    far_from_start: bool = True  # a link may turn about its frame's origin, where a mass is nothing
+    refine_first: bool = True  # a link may turn about its frame's origin, where a mass is nothing
 
     def _directions(self, setting: Setting) -> Array:
         com = np.array([setting[axis] for axis in AXES])
         return mass_directions(self.arm, self.site.index, com)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        return motion.link_torque(self.site.index, self._directions(setting))
+    def regressor(self, motion: Motion) -> Array:
+        return motion.link_torque(self.site.index, self._directions(self.setting))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         mass = float(theta[0])
         moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
         # Of a mass that is not known yet (about the axis it turns about, say) the moment still
         # tells which way it is: the search comes in from afar.
         com = theta[1:] / max(abs(mass), _LEAST)
-        if self.beside_reference and mass < 0.0:
+        if self.against_reference and mass < 0.0:
             com = -com
         com *= min(1.0, _FARTHEST / max(float(np.linalg.norm(com)), _LEAST))
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, com, strict=True)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`: with its centre, as far as that is known."""
         where = _centre(parameters)
         mass = parameters["mass"]
         if mass.value >= 0.0:
@@ -237,18 +209,17 @@ class PayloadHypothesis(Hypothesis):
         return f"{link} carries {mass.magnitude.shown} less than in {self.against}{where}"
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`."""
         same = "let the link carry what it did, or go by this if it is meant to"
-        return same if self.beside_reference else super().remedy(carried)
+        return same if self.against_reference else super().remedy(carried)
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`: beside a reference it may have been taken off."""
-        taken_off = self.beside_reference and theta[0] < 0.0
+        """Against a reference a mass may have been removed."""
+        taken_off = self.against_reference and theta[0] < 0.0
         light = bool(abs(theta[0]) <= heaviest(self.arm))
         return light and super().plausible(-theta if taken_off else theta)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
+        """A second payload becomes part of the link."""
         link, name = self.arm.body_names[self.site.index], self.effect
         if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
             moment = tuple(theta[1:].tolist())
@@ -271,5 +242,5 @@ def _centre(parameters: Mapping[str, Estimate]) -> str:
         return ""
     placed = ", ".join(f"{axis} {parameters[axis].shown}" for axis in known)
     rest = " and ".join(axis for axis in AXES if axis not in known)
-    untold = f" ({rest} cannot be told from this motion)" if rest else ""
+    untold = f" ({rest} cannot be determined from this motion)" if rest else ""
     return f", its centre at {placed} in the link's frame{untold}"

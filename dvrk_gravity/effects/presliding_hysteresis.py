@@ -9,31 +9,29 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import as_value, diagonal_columns, motor_columns
-from dvrk_gravity.effects.base.by_joint import numbers, read_rows, write_rows
-from dvrk_gravity.effects.base.dahl import Elements, build_up, dahl
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import (
-    friction_site_kinds,
+from dvrk_gravity.effects.base.arrays import Range, Values, as_value, numbers, read_rows, write_rows
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.friction import (
+    Friction,
+    columns_at_sites,
     friction_sites,
     moves_between,
-    where,
+    site_text,
+    sites_of_columns,
+    velocities,
 )
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.base.unknowns import (
-    PART,
+from dvrk_gravity.effects.base.linear_term import (
+    PRIOR_FRACTION,
     Column,
     ColumnTable,
     ModelChange,
-    effort_of_motor,
+    Unknowns,
     site_columns,
 )
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import Site, effort_limits
+from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -44,19 +42,18 @@ DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements that are identifi
 _DISPLACEMENTS = (1e-4, 10.0)  # rad
 _RESOLVED = 3.0  # encoder steps that a displacement must have to be seen
 _REPLACED = 1.5  # times the model's Coulomb friction: more than that, it cannot take away
-_LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the way of the joint, from which the search begins
-_KINDS = ("joint", "motor")
+_LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the joint's range, from which the search begins
 
 
 @dataclass(frozen=True, eq=False)
-class PreslidingHysteresis(LinearTerm):
+class PreslidingHysteresis(Friction):
     """Elements in parallel, each an elastic contact that yields (Dahl 1968; Maxwell slip).
 
     Element k pushes with levels[k] z_k against the motion of a joint or motor, where
-    dz_k = (sign(dx) - z_k) |dx| / displacement[k]: after a reversal it takes that
-    displacement, not a time, to build up. Samples of an (N, n) state follow each other in time;
-    before the first one the arm is taken to have slid as it does there. A single sample has no
-    past, and a velocity then gives the level that it would end at.
+    dz_k = (sign(dx) - z_k) |dx| / displacement[k]: after a reversal it takes that displacement, not
+    a time, to build up. Samples of an (N, n) state are in order of time; before the first one the
+    arm is taken to have slid as it does there. A single sample has no past, and a velocity then
+    gives the final level.
 
     Attributes:
         arm: The arm, for its transmission.
@@ -73,17 +70,14 @@ class PreslidingHysteresis(LinearTerm):
         length=Meaning("rad", label="builds up over", least=0.0),
         coulomb=size("N·m", MORE, "Coulomb friction beside it"),
     )
-    FRICTION = True
     COMPENSATED = False
 
-    arm: Arm
     displacement: Array
     joint: Array
     motor: Array
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         lengths = tuple(range(1, _MOST + 1))
         return (
             Parameter(
@@ -97,28 +91,26 @@ class PreslidingHysteresis(LinearTerm):
                     f"friction of each element at the {kind}, {joint.name}",
                     lower=0.0, lengths=lengths,
                 )
-                for kind in _KINDS
+                for kind in cls.LEVELS
                 for joint in arm.joints
             ),
         )  # fmt: skip
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> PreslidingHysteresis | None:
-        """See :meth:`Term.from_parameters`."""
         displacement = numbers(values, f"{cls.NAME}.displacement")
         if not displacement:
             return None
         expected = f"{len(displacement)}, as many as {cls.NAME}.displacement"
         joint, motor = (
             read_rows(arm, values, f"{cls.NAME}.{kind}", len(displacement), expected)
-            for kind in _KINDS
+            for kind in cls.LEVELS
         )
         return cls(arm, np.array(displacement), joint, motor)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         values: dict[str, Value] = {f"{self.NAME}.displacement": as_value(self.displacement)}
-        for kind in _KINDS:
+        for kind in self.LEVELS:
             values |= write_rows(self.arm, f"{self.NAME}.{kind}", getattr(self, kind))
         return values
 
@@ -129,130 +121,18 @@ class PreslidingHysteresis(LinearTerm):
         motor = (self.motor * elements[..., 1, :]).sum(axis=-2)
         return joint + self.arm.joint_effort(motor)
 
-    def scaled(self, part: Array) -> PreslidingHysteresis:
-        """See :meth:`Term.scaled`."""
-        return replace(self, joint=part * self.joint, motor=part * self.motor)
-
-    @property
-    def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`: for each element its joints, then its motors."""
-        return np.concatenate([self.joint, self.motor], axis=1).ravel()
-
-    def with_theta(self, theta: Array) -> PreslidingHysteresis:
-        """See :meth:`LinearTerm.with_theta`."""
-        levels = np.reshape(theta, (len(self.displacement), 2, -1))
-        return replace(self, joint=levels[:, 0], motor=levels[:, 1])
-
-    def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
-        return self._columns(self.elements(state))
-
-    @classmethod
-    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: at several displacements, with and without exchange."""
-        if motion.static:
-            return
-        for friction_site in friction_sites(motion):
-            row = friction_site.row(motion.arm)
-            half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
-            # What happens within few steps of an encoder looks like what happens at low speed.
-            shortest = _RESOLVED * float(motion.step @ np.abs(row))
-            for length in sorted({max(part * half, shortest) for part in _LENGTHS}):
-                for known in (None, _known_coulomb(motion, friction_site)):
-                    yield PreslidingHypothesis(
-                        arm=motion.arm, site=friction_site, joints=(friction_site.index,),
-                        setting={"length": length}, shortest=shortest, known=known,
-                    )  # fmt: skip
-
-    def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: elements with a state, relaxed at first."""
-        return PlantPart(memory=Elements(self.arm, self.displacement, self.joint, self.motor))
-
-    @classmethod
-    def coefficient_name(cls, arm: Arm, column: Column) -> str:
-        """See :meth:`LinearTerm.coefficient_name`: with the displacement of its element."""
-        length = f"{DISPLACEMENTS[column.index]:g} {column.site.unit(arm, 'rad')}"
-        return f"{super().coefficient_name(arm, column)} over {length}"
-
-    @classmethod
-    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
-        """See :meth:`LinearTerm.unknowns`: elements of some displacements."""
-        nothing = np.zeros((len(DISPLACEMENTS), arm.n))
-        columns = [
-            column
-            for element in range(len(DISPLACEMENTS))
-            for kind in (site.Kind.JOINT, site.Kind.MOTOR)
-            for column in site_columns(
-                cls.NAME, kind, PART * effort_of_motor(arm, kind), element, True, "N·m"
-            )
-        ]
-        return Unknowns(cls(arm, np.array(DISPLACEMENTS), nothing, nothing), tuple(columns))
-
-    @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
-        """See :meth:`LinearTerm.moves`: elements come, go, and take each other's places."""
-        for joint in range(table.arm.n):
-            for kind in friction_site_kinds(table.arm, joint):
-                elements = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
-                for element, length in zip(elements, DISPLACEMENTS, strict=True):
-                    text = f"{cls.NAME} {where(table.arm, joint, kind)}, {length:g} rad"
-                    if element in inside:
-                        yield ModelChange((), (element,), f"without {text}")
-                        continue
-                    yield ModelChange((element,), (), text)
-                    for other in elements:
-                        if other in inside:
-                            yield ModelChange((element,), (other,), f"{text} instead of another")
-        yield from moves_between(cls.NAME, table, inside)
-
-    @classmethod
-    def together(cls, table: ColumnTable) -> list[int]:
-        """See :meth:`LinearTerm.together`: elements everywhere."""
-        return [
-            index
-            for joint in range(table.arm.n)
-            for kind in friction_site_kinds(table.arm, joint)
-            for index in table.select(effect=cls.NAME, site_kind=kind, joint=joint)
-        ]
-
-    def memory(self, state: State, before: Array | None = None) -> Array:
-        """See :meth:`LinearTerm.memory`: the states of the elements."""
-        shape = (len(self.displacement), 2, state.q.shape[-1])
-        known = None if before is None else before.reshape(shape)
-        return self.elements(state, known).reshape(len(state.q), -1)
-
-    def columns(self, state: State, memory: Array) -> Array:
-        """See :meth:`LinearTerm.columns`."""
-        count, n = state.q.shape
-        return self._columns(memory.reshape(count, len(self.displacement), 2, n))
-
-    def reduced(self) -> PreslidingHysteresis:
-        """See :meth:`LinearTerm.reduced`: without elements that no joint or motor uses."""
-        used = self.joint.any(axis=1) | self.motor.any(axis=1)
-        return PreslidingHysteresis(
-            self.arm, self.displacement[used], self.joint[used], self.motor[used]
-        )
-
-    def _columns(self, elements: Array) -> Array:
-        """Return (N, n, 2 n K) regressor from (N, K, 2, n) states of the elements."""
-        columns = []
-        for k in range(len(self.displacement)):
-            columns.append(diagonal_columns(elements[..., k, 0, :]))
-            columns.append(motor_columns(self.arm, elements[..., k, 1, :]))
-        return np.concatenate(columns, axis=-1)
-
     def elements(self, state: State, before: Array | None = None) -> Array:
         """Return (…, K, 2, n) states z of the elements, -1 to 1: at the joints, at the motors.
 
         Args:
             state: As :meth:`torque` takes it.
-            before: (K, 2, n) states at the first of (N, n) samples, where they are known.
+            before: (K, 2, n) states at the first of (N, n) samples, if known.
         """
         count, n = len(self.displacement), state.q.shape[-1]
-        motion = state.qd if state.direction is None else state.direction
-        if motion is None:
+        known = velocities(self.arm, state)
+        if known is None:
             return np.zeros((*state.q.shape[:-1], count, 2, n))
-        motion = np.stack([motion, self.arm.actuator_position(motion)], axis=-2)
+        motion = np.stack(known, axis=-2)
         if state.direction is not None or state.q.ndim != 2 or len(state.q) < 2:
             # Approached from far, or as far as the velocity goes in a moment.
             travel = _FAR if state.direction is not None else _MOMENT
@@ -261,7 +141,111 @@ class PreslidingHysteresis(LinearTerm):
         position = np.stack([state.q, self.arm.actuator_position(state.q)], axis=-2)
         if before is None:
             before = np.broadcast_to(np.sign(motion[0]), (count, 2, n))
-        return build_up(position, before, self.displacement)
+        states = np.empty((len(position), count, 2, n))
+        for k, kind, index in np.ndindex(count, 2, n):
+            states[:, k, kind, index] = dahl(
+                position[:, kind, index], float(self.displacement[k]), float(before[k, kind, index])
+            )
+        return states
+
+    def plant(self) -> PlantPart:
+        """Elements with a state, relaxed at first."""
+        return PlantPart(memory=Elements(self.arm, self.displacement, self.joint, self.motor))
+
+    @property
+    def theta(self) -> Array:
+        """(2 n K,) levels, for each element its joints, then its motors."""
+        return np.concatenate([self.joint, self.motor], axis=1).ravel()
+
+    def with_theta(self, theta: Array) -> PreslidingHysteresis:
+        levels = np.reshape(theta, (len(self.displacement), 2, -1))
+        return replace(self, joint=levels[:, 0], motor=levels[:, 1])
+
+    def regressor(self, state: State) -> Array:
+        return self._columns(self.elements(state))
+
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        """Return (N, 2 n K) states of the elements."""
+        shape = (len(self.displacement), 2, state.q.shape[-1])
+        known = None if before is None else before.reshape(shape)
+        return self.elements(state, known).reshape(len(state.q), -1)
+
+    def columns(self, state: State, memory: Array) -> Array:
+        count, n = state.q.shape
+        return self._columns(memory.reshape(count, len(self.displacement), 2, n))
+
+    def _columns(self, elements: Array) -> Array:
+        """Return (N, n, 2 n K) regressor from (N, K, 2, n) states of the elements."""
+        columns = [
+            columns_at_sites(self.arm, elements[..., k, 0, :], elements[..., k, 1, :])
+            for k in range(len(self.displacement))
+        ]
+        return np.concatenate(columns, axis=-1)
+
+    def reduced(self) -> PreslidingHysteresis:
+        """Return the elements that some joint or motor uses."""
+        used = self.joint.any(axis=1) | self.motor.any(axis=1)
+        return PreslidingHysteresis(
+            self.arm, self.displacement[used], self.joint[used], self.motor[used]
+        )
+
+    @classmethod
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
+        nothing = np.zeros((len(DISPLACEMENTS), arm.n))
+        columns = [
+            column
+            for element in range(len(DISPLACEMENTS))
+            for kind in cls.SITES
+            for column in site_columns(
+                cls.NAME, kind, PRIOR_FRACTION * effort_limits(arm, kind), element, True, "N·m"
+            )
+        ]
+        return Unknowns(cls(arm, np.array(DISPLACEMENTS), nothing, nothing), tuple(columns))
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+        """Add, remove and exchange elements."""
+        for joint, kind in sites_of_columns(table.arm):
+            elements = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
+            for element, length in zip(elements, DISPLACEMENTS, strict=True):
+                text = f"{cls.NAME} {site_text(table.arm, joint, kind)}, {length:g} rad"
+                if element in inside:
+                    yield ModelChange((), (element,), f"without {text}")
+                    continue
+                yield ModelChange((element,), (), text)
+                for other in elements:
+                    if other in inside:
+                        yield ModelChange((element,), (other,), f"{text} instead of another")
+        yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def together(cls, table: ColumnTable) -> list[int]:
+        """All elements at all sites."""
+        return [
+            index
+            for joint, kind in sites_of_columns(table.arm)
+            for index in table.select(effect=cls.NAME, site_kind=kind, joint=joint)
+        ]
+
+    @classmethod
+    def coefficient_name(cls, arm: Arm, column: Column) -> str:
+        length = f"{DISPLACEMENTS[column.index]:g} {column.site.unit(arm, 'rad')}"
+        return f"{super().coefficient_name(arm, column)} over {length}"
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """With several displacements, beside the Coulomb friction or in its place."""
+        for site in () if motion.static else friction_sites(motion):
+            row = site.row(motion.arm)
+            half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
+            # Within few encoder steps it resembles an effect of low speed.
+            shortest = _RESOLVED * float(motion.step @ np.abs(row))
+            for length in sorted({max(part * half, shortest) for part in _LENGTHS}):
+                for known in (None, _known_coulomb(motion, site)):
+                    yield PreslidingHypothesis(
+                        arm=motion.arm, site=site, setting={"length": length},
+                        shortest=shortest, known=known,
+                    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -269,8 +253,8 @@ class PreslidingHypothesis(Hypothesis):
     """One element at a joint or a motor; part of the model's Coulomb friction may be its.
 
     Attributes:
-        shortest: Displacement below which the encoder shows nothing, rad.
-        known: The model's Coulomb friction there, N·m; ``None``: it stays what it is.
+        shortest: Displacement below which the encoder resolves nothing, rad.
+        known: The model's Coulomb friction there, N·m; ``None``: it is kept.
     """
 
     EFFECT = PreslidingHysteresis
@@ -278,37 +262,36 @@ class PreslidingHypothesis(Hypothesis):
     shortest: float
     known: float | None = None
     refine: tuple[str, ...] = ("length",)
-    searched: int = len(_LENGTHS)
+    n_comparisons: int = len(_LENGTHS)
     directed: bool = True
-    of_state: bool = False
+    extrapolates: bool = False
 
-    def _length(self, setting: Setting) -> float:
-        return max(setting["length"], self.shortest)
+    @property
+    def _length(self) -> float:
+        return max(self.setting["length"], self.shortest)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`; elements are relaxed at the beginning of every part."""
+    def regressor(self, motion: Motion) -> Array:
+        """Elements are relaxed at the beginning of every part."""
         row = self.site.row(self.arm)
         position = motion.q @ row
         state = np.zeros(len(position))
         for part in motion.parts:
-            state[part] = dahl(position[part], self._length(setting), 0.0)
+            state[part] = dahl(position[part], self._length, 0.0)
         if self.known is None:
             return spread(row, state)
         return spread(row, state, motion.sign(row))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        values = {"level": float(theta[0]), "length": self._length(setting)}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        values = {"level": float(theta[0]), "length": self._length}
         return values | ({} if self.known is None else {"coulomb": float(theta[1])})
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`; it takes no Coulomb friction that is not there."""
+        """It replaces no Coulomb friction that the model does not have."""
         taken = 0.0 if self.known is None else -float(theta[1])
         return super().plausible(theta) and taken <= _REPLACED * (self.known or 0.0)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`: an element more, and the change of Coulomb friction."""
-        del motion
+        """Append an element, and change the Coulomb friction."""
         if theta[0] < 0.0:
             return None
         name = self.effect
@@ -316,27 +299,93 @@ class PreslidingHypothesis(Hypothesis):
         lengths = tuple(values.get(f"{name}.displacement") or ())
         length = float(np.clip(self.setting["length"], *_DISPLACEMENTS))
         result = {**values, f"{name}.displacement": (*lengths, length)}
-        levels = tuple(f"{name}.{kind}." for kind in _KINDS)
+        levels = tuple(f"{name}.{kind}." for kind in PreslidingHysteresis.LEVELS)
         for other in values:
             if other.startswith(levels) and values[other]:
                 result[other] = (*values[other], 0.0)
         before = tuple(values.get(key) or np.zeros(len(lengths)).tolist())
         result[key] = (*before, float(theta[0]))
-        if len(theta) > 1:
-            result = with_coulomb(self.arm, result, self.site, theta[1:])
-        return result
+        return with_coulomb(self.arm, result, self.site, theta[1:]) if len(theta) > 1 else result
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
-        told = self._told(parameters)
-        beside = f", beside {told['coulomb']} Coulomb friction" if "coulomb" in told else ""
+        words = self._in_words(parameters)
+        beside = f", beside {words['coulomb']} Coulomb friction" if "coulomb" in words else ""
         return (
-            f"friction of {self.site.words(self.arm)} builds up to {told['level']} over "
-            f"{told['length']} after each reversal{beside}"
+            f"friction of {self.site.words(self.arm)} builds up to {words['level']} over "
+            f"{words['length']} after each reversal{beside}"
         )
 
 
-def _known_coulomb(motion: Motion, where: site.Site) -> float:
+def _known_coulomb(motion: Motion, where: Site) -> float:
     """Return the model's Coulomb friction at a site, a joint's with its motor's, N·m."""
     term = motion.model.term(CoulombFriction.NAME)
     return term.at(where) if isinstance(term, CoulombFriction) else 0.0
+
+
+def dahl(position: Array, displacement: float, first: float) -> Array:
+    """Return (N,) states of an element in [-1, 1] along (N,) positions, from its first state on.
+
+    Between reversals z = s + (z0 - s) exp(-way / displacement), which is exact: what happens on
+    the way is known as soon as the states at the reversals are, and these follow one another.
+    """
+    step = np.diff(position)
+    if not len(step):
+        return np.full(len(position), first)
+    sign = np.sign(step)
+    starts = np.flatnonzero(np.diff(sign, prepend=np.nan))  # of runs that go one way
+    way = np.concatenate([[0.0], np.cumsum(np.abs(step))])
+    ends = np.append(starts[1:], len(step))
+    retained = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
+    at_start, state = [], first
+    for goal, kept in zip(sign[starts].tolist(), retained, strict=True):
+        at_start.append(state)
+        # Where nothing moves, nothing is lost: of a zero step all is kept.
+        state = goal + (state - goal) * kept
+    run = np.repeat(np.arange(len(starts)), ends - starts)
+    along = np.exp(-(way[1:] - way[starts][run]) / displacement)
+    states = sign + (np.array(at_start)[run] - sign) * along
+    return np.concatenate([[first], states])
+
+
+class Elements:
+    """Elements at joints and motors on their way through a simulation.
+
+    Over one step an element pushes with what it has at the step's beginning plus its present
+    stiffness times the way to come; the stiffness goes into the mass matrix, h^2 K, as an
+    implicit spring's does, so that short displacements need no short steps. Along the way that was
+    gone the states are exact.
+    """
+
+    def __init__(self, arm: Arm, displacement: Array, joint: Array, motor: Array) -> None:
+        """Start relaxed.
+
+        Args:
+            arm: The arm, for its transmission.
+            displacement: (K,) rad.
+            joint: (K, n) levels at the joints, N·m.
+            motor: (K, n) levels at the motors, N·m.
+        """
+        # Elements at the joints, then at the motors; those without a level are left out.
+        levels = np.hstack([joint, motor])
+        element, row = np.nonzero(levels)
+        self._level = levels[element, row]
+        self._displacement = displacement[element]
+        to_motor = arm.joint_to_actuator
+        self._rows = np.vstack([np.eye(len(to_motor)), to_motor])[row]
+        self._state = np.zeros(len(self._level))
+
+    def reset(self) -> None:
+        """Relax all elements."""
+        self._state[:] = 0.0
+
+    def torque(self, qd: Array) -> tuple[Array, Array]:
+        """Return the friction at (n,) velocities: (n,) N·m, and stiffness (n, n) N·m/rad."""
+        slope = self._level / self._displacement
+        slope = slope * (1.0 - self._state * np.sign(self._rows.dot(qd)))
+        return (self._level * self._state).dot(self._rows), (self._rows.T * slope).dot(self._rows)
+
+    def go(self, way: Array) -> None:
+        """Follow the joints along (n,) rad."""
+        step = self._rows.dot(way)
+        goal = np.sign(step)
+        self._state = goal + (self._state - goal) * np.exp(-np.abs(step) / self._displacement)

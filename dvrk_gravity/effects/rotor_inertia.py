@@ -9,19 +9,28 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_array, motor_columns
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.link_prior import rotors_beside_links
+from dvrk_gravity.effects.base.arrays import (
+    Range,
+    Values,
+    added,
+    as_array,
+    as_value,
+    joint_array,
+    motor_columns,
+)
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.linear_term import (
+    ColumnTable,
+    LinearTerm,
+    ModelChange,
+    Unknowns,
+    site_columns,
+)
+from dvrk_gravity.effects.base.links import rotors_beside_links
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
-from dvrk_gravity.effects.base.merging import added, array
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.site import Kind
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange, site_columns, unit_way
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import Kind, Site, unit_travel
+from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
 _PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take
@@ -47,7 +56,6 @@ class RotorInertia(LinearTerm):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (
             joint_array(
                 arm, "rotor_inertia.motor", "kg·m^2", "reflected inertia at the motor", 0.0
@@ -56,12 +64,10 @@ class RotorInertia(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> RotorInertia | None:
-        """See :meth:`Term.from_parameters`."""
         motor = as_array(values.get("rotor_inertia.motor"), arm.n, 0.0)
         return cls(arm, motor) if motor.any() else None
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {"rotor_inertia.motor": as_value(self.motor)}
 
     def torque(self, state: State) -> Array:
@@ -71,12 +77,12 @@ class RotorInertia(LinearTerm):
         return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        """Nothing: the plant's bodies have it."""
         return PlantPart()
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
-        """See :meth:`LinearTerm.moves`; every motor has a rotor, so none goes."""
+        """Add rotors, and remove none: every motor has one."""
         for joint, name in enumerate(table.arm.joint_names):
             rotor = table.select(effect=cls.NAME, joint=joint)[0]
             if rotor not in inside:
@@ -84,7 +90,7 @@ class RotorInertia(LinearTerm):
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:
-        """See :meth:`LinearTerm.plainest`: the rotors whose inertia is none of a link's."""
+        """The rotors whose torque differs from that of any link."""
         return [
             index
             for motor in rotors_beside_links(table.arm)
@@ -93,35 +99,30 @@ class RotorInertia(LinearTerm):
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`."""
         return self.motor
 
     def with_theta(self, theta: Array) -> RotorInertia:
-        """See :meth:`LinearTerm.with_theta`."""
         return replace(self, motor=np.asarray(theta, dtype=float))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         if motion.static:
             return
         for motor, row in enumerate(motion.arm.joint_to_actuator):
             if motion.moves[row != 0].any():
                 # An arm's own file has no rotor that there could be less of.
                 yield RotorHypothesis(
-                    arm=motion.arm, site=site.motor(motor), joints=(motor,),
+                    arm=motion.arm, site=Site.motor(motor),
                     removable=0.0 if motion.model.of_file else np.inf,
                 )  # fmt: skip
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
-        """See :meth:`LinearTerm.unknowns`."""
-        scale = _PART * arm.actuator_effort_limit / unit_way(arm, Kind.MOTOR)
+        scale = _PART * arm.actuator_effort_limit / unit_travel(arm, Kind.MOTOR)
         columns = site_columns(cls.NAME, Kind.MOTOR, scale, 0, True, "kg·m^2")
         return Unknowns(cls(arm, np.zeros(arm.n)), tuple(columns))
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         if state.qdd is None:
             return np.zeros((*state.q.shape, len(self.motor)))
         return motor_columns(self.arm, self.arm.actuator_position(state.qdd))
@@ -129,27 +130,21 @@ class RotorInertia(LinearTerm):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RotorHypothesis(Hypothesis):
-    """A motor's rotor has another inertia."""
+    """A motor's rotor inertia is wrong."""
 
     EFFECT = RotorInertia
     CLAIM = "{where} has {inertia} rotor inertia than {model}"
 
     variable: str = "acceleration"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)
         return spread(row, motion.qdd @ row)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"inertia": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`; no rotor has an inertia below zero."""
-        del motion
-        name, index = f"{self.effect}.motor", self.site.index
-        known = array(self.arm, values, name)[index]
-        return added(self.arm, values, name, index, max(float(theta[0]), -known))
+        """No inertia below zero."""
+        name = f"{self.effect}.motor"
+        return added(self.arm, values, name, self.site.index, float(theta[0]), lower=0.0)

@@ -11,7 +11,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import registry
 from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays
-from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -41,7 +41,6 @@ class ShownTorque(Term):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         declared = (
             ("lower", "N·m", "least torque measured at poses, less its noise"),
             ("upper", "N·m", "greatest torque measured at poses, plus its noise"),
@@ -50,7 +49,6 @@ class ShownTorque(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ShownTorque | None:
-        """See :meth:`Term.from_parameters`."""
         if not values.get(f"{cls.NAME}.lower") and not values.get(f"{cls.NAME}.upper"):
             return None
         lower = as_array(values.get(f"{cls.NAME}.lower"), arm.n, -np.inf)
@@ -63,7 +61,6 @@ class ShownTorque(Term):
         return cls(tuple(term for term in built if term is not None), lower, upper)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         edges = {"lower": self.lower, "upper": self.upper}
         return {
             f"{self.NAME}.{name}": as_value(edge)

@@ -1,4 +1,4 @@
-"""Friction at rest and at low speed that falls as the speed grows."""
+"""Friction that is larger at rest and at low speed than at speed."""
 
 from __future__ import annotations
 
@@ -10,36 +10,31 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_arrays,
-    motor_columns,
+from dvrk_gravity.effects.base.arrays import Values, as_array, as_value, joint_arrays, number_array
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.friction import (
+    Friction,
+    columns_at_sites,
+    friction_sites,
+    velocities,
 )
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import friction_sites
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-from dvrk_gravity.effects.base.merging import array
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Friction
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
-_KINDS = ("joint", "motor")
 _SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins
 _SLOWEST = 1e-4  # rad/s, of a velocity that a level can have
 
 
 @dataclass(frozen=True, eq=False)
 class StribeckFriction(Friction):
-    """tau = level exp(-(v / velocity)^2) sign(v), beside Coulomb friction.
+    """tau = level exp(-(v / velocity)^2) sign(v), in addition to Coulomb friction.
 
     The Gaussian form of the Stribeck effect (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994,
     Automatica 30:7, equation 6 with an exponent of two). Like Coulomb friction it rises linearly
-    up to the transition velocity; a pose that was approached and held has the whole of it.
+    up to the transition velocity; a pose that was approached and held has all of it.
 
     Attributes:
         arm: The arm, for its transmission.
@@ -47,7 +42,7 @@ class StribeckFriction(Friction):
         motor: (n,) levels at rest at the motors, N·m.
         joint_velocity: (n,) speeds of the joints at which 1/e is left, rad/s.
         motor_velocity: (n,) speeds of the motors at which 1/e is left, rad/s.
-        transition_velocity: (n,) rad/s; 0 makes it jump with the sign.
+        transition_velocity: (n,) rad/s; 0 makes it a sign function.
     """
 
     NAME = "stribeck_friction"
@@ -59,13 +54,14 @@ class StribeckFriction(Friction):
         velocity=Meaning("rad/s", label="gone above about", least=0.0),
     )
 
+    joint: Array
+    motor: Array
     joint_velocity: Array
     motor_velocity: Array
     transition_velocity: Array
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         declared = (
             ("joint", "N·m", "level at rest, at the joint"),
             ("motor", "N·m", "level at rest, at the motor"),
@@ -77,9 +73,9 @@ class StribeckFriction(Friction):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
-        """See :meth:`Term.from_parameters`; where there is a level, there must be a velocity."""
+        """A level needs a velocity."""
         n = arm.n
-        levels = {kind: as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in _KINDS}
+        levels = {kind: as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in cls.LEVELS}
         if not any(level.any() for level in levels.values()):
             return None
         speeds = {}
@@ -96,49 +92,25 @@ class StribeckFriction(Friction):
         return cls(arm, **levels, **speeds, transition_velocity=transition)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
-        used = [kind for kind in _KINDS if getattr(self, kind).any()]
+        used = [kind for kind in self.LEVELS if getattr(self, kind).any()]
         names = [name for kind in used for name in (kind, f"{kind}_velocity")]
         names.append("transition_velocity")
         return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
 
     @property
     def full_speed(self) -> Array:
-        """See :meth:`Term.full_speed`."""
         return self.transition_velocity
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
-        parts = self._parts(state)
-        if parts is None:
-            return np.zeros(state.q.shape)
-        joint, motor = parts
+        joint, motor = self._per_level(state)
         return self.joint * joint + self.arm.joint_effort(self.motor * motor)
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
-        parts = self._parts(state)
-        if parts is None:
-            return np.zeros((*state.q.shape, len(self.theta)))
-        joint, motor = parts
-        columns = [diagonal_columns(joint), motor_columns(self.arm, motor)]
-        return np.concatenate(columns, axis=-1)
-
-    @classmethod
-    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
-        if motion.static:
-            return
-        for friction_site in friction_sites(motion):
-            speed = float(np.sqrt(np.mean((motion.qd @ friction_site.row(motion.arm)) ** 2)))
-            for part in _SPEEDS:
-                yield StribeckHypothesis(
-                    arm=motion.arm, site=friction_site, joints=(friction_site.index,),
-                    setting={"velocity": part * speed},
-                )  # fmt: skip
+        return columns_at_sites(self.arm, *self._per_level(state))
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: the levels, and what a velocity leaves of them."""
+        """The levels, and the fraction that a velocity leaves of them."""
         level = np.concatenate([self.joint, self.motor])
         motion = np.vstack([np.eye(len(self.joint)), self.arm.joint_to_actuator])
         motion *= np.concatenate(self._inverse)[:, None]
@@ -149,22 +121,19 @@ class StribeckFriction(Friction):
 
         return PlantPart(dry=np.array([level, level]), fade=fade)
 
-    def _parts(self, state: State) -> tuple[Array, Array] | None:
+    def _per_level(self, state: State) -> tuple[Array, Array]:
         """Return (…, n) torques per level at the joints and at the motors."""
+        motion = velocities(self.arm, state)
+        if motion is None:
+            return np.zeros(state.q.shape), np.zeros(state.q.shape)
         if state.direction is not None:
-            return np.sign(state.direction), np.sign(self.arm.actuator_position(state.direction))
-        if state.qd is None:
-            return None
-        motion = (state.qd, self.arm.actuator_position(state.qd))
+            return np.sign(motion[0]), np.sign(motion[1])
+        slope = 1.0 / np.maximum(self.transition_velocity, 1e-9)
         joint, motor = (
-            np.clip(v * self._slope, -1.0, 1.0) * np.exp(-((v * inverse) ** 2))
+            np.clip(v * slope, -1.0, 1.0) * np.exp(-((v * inverse) ** 2))
             for v, inverse in zip(motion, self._inverse, strict=True)
         )
         return joint, motor
-
-    @cached_property
-    def _slope(self) -> Array:
-        return 1.0 / np.maximum(self.transition_velocity, 1e-9)
 
     @cached_property
     def _inverse(self) -> tuple[Array, Array]:
@@ -175,10 +144,18 @@ class StribeckFriction(Friction):
         )
         return joint, motor
 
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        for site in () if motion.static else friction_sites(motion):
+            speed = float(np.sqrt(np.mean((motion.qd @ site.row(motion.arm)) ** 2)))
+            for part in _SPEEDS:
+                setting = {"velocity": part * speed}
+                yield StribeckHypothesis(arm=motion.arm, site=site, setting=setting)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StribeckHypothesis(Hypothesis):
-    """Friction that falls with the speed, at a joint or a motor."""
+    """Friction falls with speed, at a joint or a motor."""
 
     EFFECT = StribeckFriction
     CLAIM = (
@@ -188,24 +165,21 @@ class StribeckHypothesis(Hypothesis):
 
     refine: tuple[str, ...] = ("velocity",)
     variable: str = "velocity"
-    searched: int = len(_SPEEDS)
+    n_comparisons: int = len(_SPEEDS)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
+    def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)
-        ratio = (motion.qd @ row) / setting["velocity"]
+        ratio = (motion.qd @ row) / self.setting["velocity"]
         return spread(row, motion.sign(row) * np.exp(-(ratio**2)))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"level": float(theta[0]), "velocity": setting["velocity"]}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        return {"level": float(theta[0]), "velocity": self.setting["velocity"]}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`; a joint has one velocity."""
-        del motion
+        """``None`` if the site has a level already."""
         name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
-        level, speed = (array(self.arm, values, key) for key in (name, f"{name}_velocity"))
+        level, speed = (number_array(self.arm, values, key) for key in (name, f"{name}_velocity"))
         if level[index] > 0.0 or theta[0] < 0.0:
             return None
         level[index], speed[index] = theta[0], self.setting["velocity"]
-        return {**values, name: tuple(level.tolist()), f"{name}_velocity": tuple(speed.tolist())}
+        return {**values, name: as_value(level), f"{name}_velocity": as_value(speed)}

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, spread
-from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, spread
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import Site
 
 _TIMES = (4.0, 10.0, 25.0, 60.0)  # s, from which the search begins
 
@@ -27,13 +27,12 @@ class ThermalDrift(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         if motion.static:
             return
         for joint in np.flatnonzero(motion.present).tolist():
             for constant in _TIMES:
                 yield DriftHypothesis(
-                    arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                    arm=motion.arm, site=Site.joint(joint),
                     setting={"time_constant": constant},
                 )  # fmt: skip
 
@@ -50,20 +49,17 @@ class DriftHypothesis(Hypothesis):
 
     refine: tuple[str, ...] = ("time_constant",)
     variable: str = "time"
-    searched: int = len(_TIMES)
-    of_state: bool = False
+    n_comparisons: int = len(_TIMES)
+    extrapolates: bool = False
     transient: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        rise = 1.0 - np.exp(-(motion.time - motion.time[0]) / setting["time_constant"])
+    def regressor(self, motion: Motion) -> Array:
+        rise = 1.0 - np.exp(-(motion.time - motion.time[0]) / self.setting["time_constant"])
         return spread(self.site.row(self.arm), rise, np.ones(len(rise)))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"torque": float(theta[0]), "time_constant": setting["time_constant"]}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        return {"torque": float(theta[0]), "time_constant": self.setting["time_constant"]}
 
     @property
-    def told_apart_by(self) -> str:
-        """See :meth:`Hypothesis.told_apart_by`."""
-        return "a longer recording, begun with a cold arm, would tell"
+    def separated_by(self) -> str:
+        return "a longer recording, begun with a cold arm, would separate them"

@@ -9,15 +9,20 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.arrays import (
+    Values,
+    added,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+)
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.meaning import READS, meanings, size
-from dvrk_gravity.effects.base.merging import added
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import LinearTerm
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import Site
+from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
 
@@ -43,17 +48,14 @@ class TorqueOffset(LinearTerm):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (joint_array(arm, cls.NAME, "N·m", "measured minus applied effort"),)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> TorqueOffset | None:
-        """See :meth:`Term.from_parameters`."""
         offset = as_array(values.get(cls.NAME), arm.n, 0.0)
         return cls(offset) if offset.any() else None
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {self.NAME: as_value(self.offset)}
 
     def torque(self, state: State) -> Array:
@@ -61,47 +63,37 @@ class TorqueOffset(LinearTerm):
         return np.broadcast_to(self.offset, state.q.shape).copy()
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: read, and not felt."""
+        """Part of the reading alone."""
         return PlantPart(reading=lambda q, qd: self.offset)
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`."""
         return self.offset
 
     def with_theta(self, theta: Array) -> TorqueOffset:
-        """See :meth:`LinearTerm.with_theta`."""
         return replace(self, offset=np.asarray(theta, dtype=float))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         for joint in np.flatnonzero(motion.present).tolist():
-            yield OffsetHypothesis(arm=motion.arm, site=site.joint(joint), joints=(joint,))
+            yield OffsetHypothesis(arm=motion.arm, site=Site.joint(joint))
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         return diagonal_columns(np.ones(state.q.shape))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OffsetHypothesis(Hypothesis):
-    """A joint's effort reads too much, always."""
+    """A joint's effort has a constant bias."""
 
     EFFECT = TorqueOffset
-    CLAIM = "the effort of {where} reads {offset}, always"
+    CLAIM = "the effort of {where} has a constant bias: it reads {offset}"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return spread(self.site.row(self.arm), np.ones(len(motion.q)))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"offset": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         return added(self.arm, values, self.effect, self.site.index, float(theta[0]))

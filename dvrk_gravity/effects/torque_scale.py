@@ -9,11 +9,10 @@ import numpy as np
 
 from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import mixed_motors
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import THE_ARM, Site, mixed_motors
 
 _LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
 
@@ -29,7 +28,7 @@ class TorqueScale(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of a joint, of all together, of a motor.
+        """Of a joint, of all together, of a motor.
 
         None in an arbitrary unit: drives have gains of their own there, and a load that is heavier
         on one joint than on another tells of those, not of a reading that changed.
@@ -39,22 +38,20 @@ class TorqueScale(Effect):
             return
         unit = np.eye(arm.n)
         for joint in np.flatnonzero(motion.present).tolist():
-            yield ScaleHypothesis(
-                arm=arm, site=site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint])
-            )
+            yield ScaleHypothesis(arm=arm, site=Site.joint(joint), mixing=np.diag(unit[joint]))
         if not motion.present.all():
             return
         yield ScaleHypothesis(
             arm=arm,
-            site=site.THE_ARM,
+            site=THE_ARM,
             joints=tuple(range(len(unit))),
             form="all",
             mixing=unit,
-            composite=True,
+            common_cause=True,
         )
         for motor in mixed_motors(arm):
             mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
-            yield ScaleHypothesis(arm=arm, site=site.motor(motor), joints=(motor,), mixing=mixing)
+            yield ScaleHypothesis(arm=arm, site=Site.motor(motor), mixing=mixing)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,68 +63,58 @@ class ScaleHypothesis(Hypothesis):
     """
 
     EFFECT = TorqueScale
-    OF_ACTING = True
+    EFFORT_READING = True
 
     mixing: Array
 
     @property
-    def freed(self) -> Hypothesis | None:
-        """See :meth:`Hypothesis.freed`: of the efforts of all joints, one for each."""
-        if not self.composite:
+    def unrestricted(self) -> Hypothesis | None:
+        if not self.common_cause:
             return None
         return ScalesHypothesis(arm=self.arm, site=self.site, joints=self.joints, form="each")
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return (motion.acting @ self.mixing)[:, :, None]
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         part = float(theta[0])
-        if not self.beside_reference:
+        if not self.against_reference:
             return {"factor": 1.0 + part}
         # Part of the mean of both: s tau - tau = part (s tau + tau) / 2.
         return {"factor": (2.0 + part) / max(2.0 - part, _LEAST)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
-        factor = self._told(parameters)["factor"]
-        if self.site == site.THE_ARM:
+        factor = self._in_words(parameters)["factor"]
+        if self.site == THE_ARM:
             return f"the efforts of all joints read {factor}"
         return f"the effort of {self.site.words(self.arm)} reads {factor}"
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`; known drive gains are not all far off alike."""
+        """Known drive gains do not all share one large error."""
         error = self.arm.drive_gain_error
-        if self.site == site.THE_ARM and error is not None and error.any():
+        if self.site == THE_ARM and error is not None and error.any():
             return bool(abs(theta[0]) <= _FAR * np.mean(error)) and super().plausible(theta)
         return super().plausible(theta)
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`: masses that are all off alike need such efforts, too."""
-        if self.site != site.THE_ARM:
+        """Masses that are all wrong by one factor have the same effect."""
+        if self.site != THE_ARM:
             return super().remedy(carried)
         scale = "check the scale of all efforts"
-        if self.beside_reference:
+        if self.against_reference:
             return scale
-        return f"{scale}; if it is right, the model's masses are off alike"
+        return f"{scale}; if it is right, all masses of the model are wrong by that factor"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ScalesHypothesis(Hypothesis):
-    """The effort of every joint reads wrongly by a factor of its own: what all may not be alike."""
+    """The effort of every joint has a scale of its own."""
 
     EFFECT = TorqueScale
-    OF_ACTING = True
+    EFFORT_READING = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return motion.acting[:, :, None] * np.eye(self.arm.n)[:, self.joints]
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {f"factor_{index}": 1.0 + float(part) for index, part in enumerate(theta)}

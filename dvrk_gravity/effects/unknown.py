@@ -1,4 +1,4 @@
-"""Structure without a name: smooth functions of whatever was measured. A legal answer."""
+"""Unexplained structure: smooth functions of whatever was measured. A legal answer."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, spread
-from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, spread
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import Site
 
 Basis = Callable[[Motion], Array]
 
@@ -30,16 +30,16 @@ _VARIABLES: Mapping[str, Basis] = {
 
 
 class Unknown(Effect):
-    """What depends on something measured, in no way that an effect has."""
+    """Torque that depends on a measured variable in a way that no effect explains."""
 
     NAME = "unknown"
     REMEDY = "record a motion that moves the joint alone, at several speeds, and diagnose that"
-    NAMELESS = True
+    UNEXPLAINED = True
     MEANINGS = meanings(rms=Meaning("N·m", label="RMS"))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class NamelessHypothesis(Hypothesis):
+class UnexplainedHypothesis(Hypothesis):
     """A joint's torque is a smooth function of something, which :attr:`form` names.
 
     Attributes:
@@ -49,31 +49,23 @@ class NamelessHypothesis(Hypothesis):
     """
 
     EFFECT = Unknown
-    CLAIM = (
-        "{joint} has structure of {rms} RMS that depends on {what}, and no known effect explains it"
-    )
+    CLAIM = "{joint} has an unexplained torque of {rms} RMS that depends on {what}"
 
     basis: Basis
     what: str
     of: int | None = None
-    of_state: bool = False
+    extrapolates: bool = False
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         return spread(self.site.row(self.arm), *self.basis(motion).T)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"rms": float(np.sqrt(np.mean(theta**2)))}
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
-        """See :meth:`Hypothesis.words`."""
         return {**super().words(parameters), "what": self.what}
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`: a joint alone would not show what it has of another."""
         if self.transient or self.of == self.joints[0]:
             return super().remedy(carried)
         return (
@@ -83,11 +75,12 @@ class NamelessHypothesis(Hypothesis):
 
     @property
     def depends_on(self) -> int | None:
-        """See :meth:`Hypothesis.depends_on`."""
         return self.of
 
 
-def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothesis]:
+def unexplained_hypotheses(
+    motion: Motion, joints: Sequence[int]
+) -> Iterator[UnexplainedHypothesis]:
     """Yield smooth functions of every variable on some joints, over the range of a motion."""
     arm, moving = motion.arm, np.flatnonzero(motion.moves).tolist()
     kinds = ("position",) if motion.static else tuple(_VARIABLES)
@@ -116,16 +109,10 @@ def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothes
 
 
 def _smooth(
-    arm: Arm,
-    joint: int,
-    form: str,
-    what: str,
-    variable: str,
-    basis: Basis,
-    of: int | None = None,
-) -> NamelessHypothesis:
-    return NamelessHypothesis(
-        arm=arm, site=site.joint(joint), joints=(joint,), form=form, what=what,
+    arm: Arm, joint: int, form: str, what: str, variable: str, basis: Basis, of: int | None = None
+) -> UnexplainedHypothesis:
+    return UnexplainedHypothesis(
+        arm=arm, site=Site.joint(joint), form=form, what=what,
         variable=variable, basis=basis, of=of, transient=basis is _of_time,
     )  # fmt: skip
 
@@ -140,7 +127,7 @@ def _of_time(motion: Motion) -> Array:
 
 
 def _by_direction(motion: Motion, joint: int, other: int, over: tuple[float, float]) -> Array:
-    direction = motion.sign(site.joint(joint).row(motion.arm))
+    direction = motion.sign(Site.joint(joint).row(motion.arm))
     return direction[:, None] * _hats(motion.q[:, other], _BY_DIRECTION, over)
 
 

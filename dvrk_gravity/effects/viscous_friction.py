@@ -10,39 +10,17 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_arrays,
-    motor_columns,
-)
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import (
-    friction_site_kinds,
-    friction_sites,
-    likely_columns,
-    moves_between,
-    removable,
-    where,
-)
+from dvrk_gravity.effects.base.arrays import Range, Values, added, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.friction import Friction, columns_at_sites, friction_sites, removable
+from dvrk_gravity.effects.base.linear_term import PRIOR_FRACTION, ColumnTable
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
-from dvrk_gravity.effects.base.merging import array
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.site import Kind
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.supposed import SUPPOSED
-from dvrk_gravity.effects.base.term import Evaluator, Friction
-from dvrk_gravity.effects.base.unknowns import (
-    PART,
-    ColumnTable,
-    ModelChange,
-    effort_of_motor,
-    unit_way,
-)
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import effort_limits, unit_travel
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
+
+_NOMINAL = 0.01  # of a joint's largest effort at 1 rad/s (``Arm.scale``), unmeasured. Chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +38,11 @@ class ViscousFriction(Friction):
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
     EVERYWHERE = True
 
+    joint: Array
+    motor: Array
+
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         declared = (
             ("joint", "N·m·s/rad", "viscous friction at the joint"),
             ("motor", "N·m·s/rad", "viscous friction at the motor"),
@@ -71,92 +51,33 @@ class ViscousFriction(Friction):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:
-        """See :meth:`Term.from_parameters`."""
-        joint = as_array(values.get(f"{cls.NAME}.joint"), arm.n, 0.0)
-        motor = as_array(values.get(f"{cls.NAME}.motor"), arm.n, 0.0)
+        joint, motor = (as_array(values.get(f"{cls.NAME}.{k}"), arm.n, 0.0) for k in cls.LEVELS)
         return cls(arm, joint, motor) if joint.any() or motor.any() else None
 
-    @classmethod
-    def nominal(cls, arm: Arm) -> ViscousFriction:
-        """See :meth:`Term.nominal`: at the joints."""
-        return cls(arm, SUPPOSED.viscous * arm.effort_limit / arm.scale, np.zeros(arm.n))
-
-    @classmethod
-    def stated(cls, arm: Arm) -> ViscousFriction | None:
-        """See :meth:`Term.stated`: the damping of a URDF's joints."""
-        damping = np.array([joint.damping for joint in arm.joints])
-        return cls(arm, damping, np.zeros(arm.n)) if damping.any() else None
-
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         levels = {"joint": self.joint, "motor": self.motor}
         return {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items() if v.any()}
 
+    @classmethod
+    def nominal(cls, arm: Arm) -> ViscousFriction:
+        return cls(arm, _NOMINAL * arm.effort_limit / arm.scale, np.zeros(arm.n))
+
+    @classmethod
+    def stated(cls, arm: Arm) -> ViscousFriction | None:
+        """The damping of a URDF's joints."""
+        damping = np.array([joint.damping for joint in arm.joints])
+        return cls(arm, damping, np.zeros(arm.n)) if damping.any() else None
+
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where the velocity is unknown."""
-        if state.qd is None:
-            return np.zeros(state.q.shape)
-        return state.qd @ self._damping
+        return np.zeros(state.q.shape) if state.qd is None else state.qd @ self._damping
 
     def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`."""
         damping = self._damping
         return lambda q, qd: np.zeros(len(damping)) if qd is None else qd.dot(damping)
 
-    @classmethod
-    def plausible(cls, arm: Arm, valid: Range) -> ViscousFriction:
-        """See :meth:`LinearTerm.plausible`: at one radian a second."""
-        joint, motor = (
-            PART * effort_of_motor(arm, kind) / unit_way(arm, kind)
-            for kind in (Kind.JOINT, Kind.MOTOR)
-        )
-        return cls(arm, joint, motor)
-
-    def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
-        if state.qd is None:
-            return np.zeros((*state.q.shape, len(self.theta)))
-        motor = motor_columns(self.arm, self.arm.actuator_position(state.qd))
-        return np.concatenate([diagonal_columns(state.qd), motor], axis=-1)
-
-    @classmethod
-    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
-        if motion.static:
-            return
-        for friction_site in friction_sites(motion):
-            speed = motion.qd @ friction_site.row(motion.arm)
-            yield ViscousHypothesis(
-                arm=motion.arm, site=friction_site, joints=(friction_site.index,),
-                removable=removable(motion, friction_site, speed),
-            )  # fmt: skip
-
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`."""
         return PlantPart(damping=self._damping)
-
-    @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
-        """See :meth:`LinearTerm.moves`.
-
-        Every joint has viscous friction; what is too little to improve the cross-validated error
-        would still be in the other parameters, beyond their intervals.
-        """
-        for joint in range(table.arm.n):
-            present = inside & set(table.select(effect=cls.NAME, joint=joint))
-            for kind in friction_site_kinds(table.arm, joint):
-                here = tuple(table.select(effect=cls.NAME, site_kind=kind, joint=joint))
-                text = f"{cls.NAME} {where(table.arm, joint, kind)}"
-                if here[0] not in inside:
-                    yield ModelChange(here, (), text)
-                elif len(present) > 1:
-                    yield ModelChange((), here, f"without {text}")
-        yield from moves_between(cls.NAME, table, inside)
-
-    @classmethod
-    def plainest(cls, table: ColumnTable) -> list[int]:
-        """See :meth:`LinearTerm.plainest`: at every joint or, where it is likelier, its motor."""
-        return likely_columns(cls.NAME, table)
 
     @cached_property
     def _damping(self) -> Array:
@@ -164,31 +85,52 @@ class ViscousFriction(Friction):
         to_motor = self.arm.joint_to_actuator
         return np.diag(self.joint) + to_motor.T @ np.diag(self.motor) @ to_motor
 
+    def regressor(self, state: State) -> Array:
+        if state.qd is None:
+            return np.zeros((*state.q.shape, len(self.theta)))
+        return columns_at_sites(self.arm, state.qd, self.arm.actuator_position(state.qd))
+
+    @classmethod
+    def plausible(cls, arm: Arm, valid: Range) -> ViscousFriction:
+        """Per rad/s (``Arm.scale``)."""
+        joint, motor = (
+            PRIOR_FRACTION * effort_limits(arm, kind) / unit_travel(arm, kind) for kind in cls.SITES
+        )
+        return cls(arm, joint, motor)
+
+    @classmethod
+    def may_be_absent(cls, table: ColumnTable, inside: set[int], joint: int) -> bool:
+        """Only from one of two sites: every joint has viscous friction.
+
+        If it is too little to improve the cross-validated error, it would still bias the other
+        parameters beyond their intervals.
+        """
+        return len(inside & set(table.select(effect=cls.NAME, joint=joint))) > 1
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        for site in () if motion.static else friction_sites(motion):
+            limit = removable(motion, site, motion.qd @ site.row(motion.arm))
+            yield ViscousHypothesis(arm=motion.arm, site=site, removable=limit)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ViscousHypothesis(Hypothesis):
-    """Viscous friction at a joint or a motor."""
+    """The model's viscous friction at a joint or a motor is wrong."""
 
     EFFECT = ViscousFriction
     CLAIM = "{where} has {coefficient} viscous friction than {model}"
 
     variable: str = "velocity"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)
         return spread(row, motion.qd @ row)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
         return {"coefficient": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`; no friction is below zero."""
-        del motion
-        name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
-        level = array(self.arm, values, name)
-        level[index] = max(0.0, level[index] + theta[0])
-        return {**values, name: tuple(level.tolist())}
+        """No friction below zero."""
+        name = f"{self.effect}.{self.site.kind.value}"
+        return added(self.arm, values, name, self.site.index, float(theta[0]), lower=0.0)

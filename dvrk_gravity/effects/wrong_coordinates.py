@@ -17,10 +17,10 @@ from dvrk_gravity.effects.torque_scale import TorqueScale
 
 
 class WrongCoordinates(Effect):
-    """What was read is another linear combination of the joints than it is taken for."""
+    """The readings are another linear combination of the joints than they are taken for."""
 
     NAME = "wrong_coordinates"
-    REMEDY = "mend what mixes the joints up"
+    REMEDY = "correct the mapping of the joints"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +50,14 @@ class Reading:
 
     @property
     def effect(self) -> type[Effect]:
-        """The effect that it is."""
+        """The effect that it supposes."""
         if self.scale is not None:
             return TorqueScale
         return WrongCoordinates if self.clock is None else TimeScale
 
     @property
     def factor(self) -> Estimate | None:
-        """What is read over what is true, where a factor is all that is wrong."""
+        """Reading over true value, if only a factor is wrong."""
         return self.clock or self.scale
 
     @property
@@ -71,7 +71,7 @@ class Reading:
 
     @property
     def rate(self) -> float:
-        """True over read velocity, of what is read so by the clock alone."""
+        """True over recorded velocity, if only the clock is wrong."""
         return 1.0 if self.clock is None else self.clock.value
 
     @property
@@ -126,7 +126,7 @@ def _of_sign(name: str, joint: int, motion: Array, effort: Array) -> Iterator[Re
     eye, at = np.eye(len(motion)), (joint,)
     force, place = f"the effort of {name}", f"the position of {name}"
     moves = f"{place}, and of its velocity"
-    words = f"all signs of {name} are turned round"
+    words = f"all signs of {name} are reversed"
     yield Reading(words, at, motion, effort, sign=f"{moves} and effort")
     yield Reading(f"{force} has the wrong sign", at, eye, effort, sign=force)
     yield Reading(f"{place} has the wrong sign", at, motion, eye, sign=moves)

@@ -1,9 +1,9 @@
-"""How certain coefficients are when the residual is no white noise."""
+"""Covariance of coefficients when the residual is not white noise."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,20 +16,13 @@ NORMAL_95 = 1.959964
 """97.5 % point of the normal distribution."""
 
 
-@dataclass(frozen=True)
-class CovarianceSettings:
-    """Of covariances.
+LONGEST = 1.5
+"""s, of the residual's autocorrelation. Chosen; see benchmark/coverage.py."""
 
-    Attributes:
-        longest: s, of the residual's autocorrelation. Chosen; see `make sensitivity` and
-            benchmark/coverage.py.
-        prior_share: A coefficient counts as determined by the data if the ridge can be expected to
-            have moved it by no more than this part of its standard deviation: at a half, a 95 %
-            interval still holds 92 % (`test_a_bias_of_half_a_deviation_costs_three_per_cent`).
-    """
-
-    longest: float = 1.5
-    prior_share: float = 0.5
+PRIOR_SHARE = 0.5
+"""Part of its standard deviation by which the ridge can be expected to have moved a coefficient
+that counts as determined by the data: at a half, a 95 % interval still holds 92 %
+(`test_a_bias_of_half_a_deviation_costs_three_per_cent`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +31,11 @@ class Uncertainty:
 
     Attributes:
         covariance: (p, p), from noise.
-        bias: (p, p) second moment of what the ridge can be expected to have moved.
-        settings: What counts as determined.
+        bias: (p, p) second moment of the shift expected of the ridge.
     """
 
     covariance: Array
     bias: Array
-    settings: CovarianceSettings = field(default_factory=CovarianceSettings)
 
     def interval(self, value: float, direction: Array) -> tuple[float, float]:
         """Return the 95 % interval of a (p,) combination of the coefficients."""
@@ -53,10 +44,10 @@ class Uncertainty:
         return value - half, value + half
 
     def identifiable(self, direction: Array) -> bool:
-        """Tell whether data, not the ridge, determine a (p,) combination."""
+        """Return whether data, not the ridge, determine a (p,) combination."""
         noise = direction @ self.covariance @ direction
         bias = direction @ self.bias @ direction
-        return bool(noise > 0.0 and bias <= self.settings.prior_share**2 * noise)
+        return bool(noise > 0.0 and bias <= PRIOR_SHARE**2 * noise)
 
     def correlation(self, first: Array, second: Array) -> float:
         """Return the correlation of two (p,) combinations."""
@@ -65,31 +56,23 @@ class Uncertainty:
         return float(first @ total @ second / np.sqrt(scale)) if scale > 0.0 else 0.0
 
 
-def sandwich(
-    solution: Solution, meat: Array, settings: CovarianceSettings | None = None
-) -> Uncertainty:
+def sandwich(solution: Solution, meat: Array) -> Uncertainty:
     """Return the covariance P^-1 M P^-1 of a weighted ridge fit with precision P.
 
-    Coefficients that their sign holds at zero have none.
-
-    Args:
-        solution: The fit.
-        meat: (p, p) covariance of the scores, X' W R W X.
-        settings: What counts as determined.
+    M is the (p, p) covariance of the scores, X' W R W X. Coefficients that their sign holds at zero
+    have none.
     """
     inverse = np.zeros_like(meat)
     free = np.flatnonzero(solution.free)
     grid = np.ix_(free, free)
     inverse[grid] = np.linalg.inv(solution.precision[grid])
     prior = solution.precision - solution.data
-    return Uncertainty(
-        inverse @ meat @ inverse, inverse @ prior @ inverse, settings or CovarianceSettings()
-    )
+    return Uncertainty(inverse @ meat @ inverse, inverse @ prior @ inverse)
 
 
 def autocorrelated_scores(
     x: Array, residual: Array, held_out: Array, part: Labels, rate: float, weight: Array,
-    measured: Mask, settings: CovarianceSettings | None = None,
+    measured: Mask, longest: float = LONGEST,
 ) -> Array:  # fmt: skip
     """Return (p, p) covariance of the scores where residuals are autocorrelated.
 
@@ -107,13 +90,12 @@ def autocorrelated_scores(
         rate: Hz.
         weight: (m,) of the channels in the fit.
         measured: (n, m) samples that were measured.
-        settings: How long correlation may last.
+        longest: s that correlation may last.
     """
     from scipy.linalg import matmul_toeplitz
 
-    settings = settings or CovarianceSettings()
-    longest = int(settings.longest * rate)
-    rho = autocorrelation(held_out, part, longest) * _parzen(longest)[:, None]
+    lags = int(longest * rate)
+    rho = autocorrelation(held_out, part, lags) * _parzen(lags)[:, None]
     variance = np.maximum(np.mean(residual * held_out, axis=0, where=measured), 0.0)
     meat = np.zeros((x.shape[2], x.shape[2]))
     for j in range(residual.shape[1]):
@@ -123,7 +105,7 @@ def autocorrelated_scores(
                 continue
             columns = x[rows, j][:, used]
             first = np.zeros(len(columns))
-            reach = min(longest + 1, len(columns))
+            reach = min(lags + 1, len(columns))
             first[:reach] = rho[:reach, j]
             smoothed = matmul_toeplitz(first, columns, check_finite=False)
             meat[np.ix_(used, used)] += weight[j] ** 2 * variance[j] * (columns.T @ smoothed)
@@ -131,10 +113,9 @@ def autocorrelated_scores(
 
 
 def clustered_scores(scores: Array) -> Array:
-    """Return (p, p) covariance of the scores by their (k, p) sums over clusters.
+    """Return (p, p) covariance of the scores from their (k, p) sums over clusters.
 
-    Residuals that hang together within a cluster are summed before they are squared (Liang and
-    Zeger 1986).
+    Residuals may be correlated within a cluster (Liang and Zeger 1986).
     """
     return scores.T @ scores
 
@@ -150,7 +131,7 @@ def block_jackknife(
     Args:
         grams: (p, p) of each block.
         sides: (p,) of each block.
-        ridge: (p, p) what is known before any data.
+        ridge: (p, p) prior precision.
         trace: See :func:`solve`.
     """
     gram, side = sum(grams, ridge), np.sum(sides, axis=0)

@@ -1,40 +1,31 @@
-"""P-values of gains, and what is left of them when many were tried."""
+"""P-values of gains, corrected for multiplicity."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
 
+FEWEST_BLOCKS = 10
+"""Blocks of a paired test, at least: Wilcoxon's least p-value of ten is 1/1024, and Student's needs
+about as many for skewed gains. Chosen."""
 
-@dataclass(frozen=True)
-class EvidenceSettings:
-    """Of tests.
-
-    Attributes:
-        fewest_blocks: Gains over fewer blocks go to no paired test: Wilcoxon's least p-value of ten
-            is 1/1024, and Student's needs about as many for skewed gains. Chosen.
-        resampled: Draws of a bootstrap: 25 lie beyond either end of a 95 % interval.
-    """
-
-    fewest_blocks: int = 10
-    resampled: int = 1000
+_RESAMPLED = 1000  # draws of a bootstrap: 25 lie beyond either end of a 95 % interval
 
 
 def bonferroni(p_value: float, trials: float) -> float:
     """Return a p-value corrected for being the best of some trials, of whatever dependence.
 
-    The union bound (Dunn 1961): correlated trials make it stricter than it says, never laxer.
+    The union bound (Dunn 1961): conservative if the trials are correlated.
     """
     return float(min(1.0, p_value * trials))
 
 
 def holm(p_values: Sequence[float]) -> Array:
-    """Return p-values corrected so that the chance of any false one is what they say.
+    """Return p-values corrected for the family-wise error rate.
 
     Uniformly stronger than Bonferroni's (Holm 1979).
     """
@@ -47,37 +38,36 @@ def holm(p_values: Sequence[float]) -> Array:
 
 
 def log_likelihood(mean_square: Array, known: Array, samples: Array, freedom: float) -> Array:
-    """Return (n,) log-likelihoods, but for a constant, of errors of a variance known before.
+    """Return (n,) log-likelihoods, but for a constant, of errors of a variance known beforehand.
 
-    That makes them Student's: with few degrees of freedom, errors that are larger than they were
-    say that the variance was underestimated (the moderated statistics of Smyth 2004, Statistical
-    Applications in Genetics and Molecular Biology 3:3). Smaller ones are no evidence that it was
-    overestimated: they are Gaussian. Where nothing is known, the variance is the one that makes the
-    errors most likely.
+    Errors larger than that are Student's, as the variance was estimated with few degrees of freedom
+    (the moderated statistics of Smyth 2004, Statistical Applications in Genetics and Molecular
+    Biology 3:3). Smaller ones are no evidence that it was overestimated: they are Gaussian. Where
+    the variance is not known, it is the maximum-likelihood one.
 
     Args:
         mean_square: (n,) of errors.
-        known: (n,) variance of the noise, known beforehand; zero: it is not.
+        known: (n,) variance of the noise; zero: not known.
         samples: (n,) independent ones.
-        freedom: Degrees of freedom with which it is known.
+        freedom: Degrees of freedom of ``known``.
     """
-    told = known > 0.0
-    ratio = np.maximum(mean_square, 1e-300) / np.where(told, known, 1.0)
+    is_known = known > 0.0
+    ratio = np.maximum(mean_square, 1e-300) / np.where(is_known, known, 1.0)
     beyond = np.maximum(ratio, 1.0) - 1.0
     total = freedom + samples
     above = -0.5 * total * np.log1p(samples * beyond / total)
     below = -0.5 * samples * (np.minimum(ratio, 1.0) - 1.0)
-    return np.asarray(np.where(told, above + below, -0.5 * samples * np.log(ratio)))
+    return np.asarray(np.where(is_known, above + below, -0.5 * samples * np.log(ratio)))
 
 
 def of_student(normal: float, freedom: float) -> float:
     """Return a gain in the log-density of parameters whose covariance was estimated.
 
-    What is ``u²/2`` where the covariance is known is the logarithm of Student's density where it
-    was estimated: large deviations are less of a surprise (Lange, Little and Taylor 1989).
+    ``u²/2`` of a known covariance becomes the logarithm of Student's density (Lange, Little and
+    Taylor 1989).
 
     Args:
-        normal: The gain, were they normal.
+        normal: The gain if they were normal.
         freedom: Degrees of freedom of the covariance.
     """
     size = 0.5 * (freedom + 1.0) * np.log1p(2.0 * abs(normal) / freedom)
@@ -87,8 +77,7 @@ def of_student(normal: float, freedom: float) -> float:
 def likelihood_ratio(gain: float, parameters: int) -> float:
     """Return the p-value of a gain in log-likelihood by some parameters (Wilks 1938).
 
-    Of a gain on samples that the fit has not seen it is an upper bound: without an effect, that
-    gain is negative in the mean.
+    For a held-out gain, whose mean is negative without an effect, it is an upper bound.
     """
     from scipy.special import chdtrc
 
@@ -98,16 +87,15 @@ def likelihood_ratio(gain: float, parameters: int) -> float:
 def variance_ratio(gain: float, parameters: int, freedom: float, trials: float = 1.0) -> float:
     """Return the p-value of the best of some gains in log-likelihood of an estimated variance.
 
-    Twice a gain is then no chi-square but ``parameters`` times Fisher's F: a variance that was
-    underestimated makes gains that a known one would make in no recording. It is underestimated for
-    all trials alike: the union bound holds for each true variance, and its mean is taken over
-    those, weighed by the chi-square of the estimate.
+    Twice a gain is then no chi-square but ``parameters`` times Fisher's F. The variance is
+    underestimated for all trials alike: the union bound holds for each true variance, and is
+    averaged over those, weighted by the chi-square of the estimate.
 
     Args:
         gain: The gain by some parameters, in units of the estimated variance.
         parameters: Their number.
         freedom: Degrees of freedom of the variance.
-        trials: Of how many gains it is the best.
+        trials: Number of gains of which it is the best.
     """
     from scipy.special import chdtrc
 
@@ -118,7 +106,7 @@ def variance_ratio(gain: float, parameters: int, freedom: float, trials: float =
 
 @cache
 def _ratios(freedom: float) -> tuple[Array, Array]:
-    """Return ratios of an estimated variance to the true one, and how probable they are."""
+    """Return ratios of an estimated variance to the true one, and their probabilities."""
     from scipy import stats
 
     edges = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 400), [np.inf]])
@@ -127,20 +115,16 @@ def _ratios(freedom: float) -> tuple[Array, Array]:
     return np.concatenate([edges[:1], middle, edges[-2:-1]]), weight
 
 
-def paired(gains: Array, settings: EvidenceSettings | None = None) -> list[float]:
-    """Return the one-sided p-values of gains over blocks: Student's and Wilcoxon's.
+def paired(gains: Array) -> list[float]:
+    """Return one-sided p-values of (k,) gains over independent blocks: Student's and Wilcoxon's.
 
-    Gains that a few blocks dominate are clear to the latter only. None where too few decide.
-
-    Args:
-        gains: (k,) of independent blocks; zero where nothing could be said.
-        settings: How many it takes.
+    Only the latter is clear if a few blocks dominate. Blocks of gain zero do not count; none are
+    returned for fewer than ``FEWEST_BLOCKS``.
     """
     from scipy import stats
 
-    settings = settings or EvidenceSettings()
     gains = gains[gains != 0.0]
-    if len(gains) < settings.fewest_blocks or np.std(gains) == 0.0:
+    if len(gains) < FEWEST_BLOCKS or np.std(gains) == 0.0:
         return []
     return [
         float(stats.ttest_1samp(gains, 0.0, alternative="greater").pvalue),
@@ -148,43 +132,38 @@ def paired(gains: Array, settings: EvidenceSettings | None = None) -> list[float
     ]
 
 
-def of_gain(
-    gains: Array, likelihood: float, parameters: int, settings: EvidenceSettings | None = None
-) -> float:
-    """Return the one-sided p-value of a gain on samples that the fit had not seen.
+def of_gain(gains: Array, likelihood: float, parameters: int) -> float:
+    """Return the one-sided p-value of a held-out gain.
 
-    The best of three tests, times three for having looked at all: Student's and Wilcoxon's over the
-    blocks, and the likelihood ratio, to which few blocks can still be clear.
+    The best of three tests, times three: Student's and Wilcoxon's over the blocks, and the
+    likelihood ratio, which can be clear with few blocks.
 
     Args:
-        gains: (k,) squared error that goes, by block.
-        likelihood: Gain in log-likelihood, of as many samples as are independent.
-        parameters: Number of parameters that it takes.
-        settings: Of the tests.
+        gains: (k,) reduction of the squared error, by block.
+        likelihood: Gain in log-likelihood of the independent samples.
+        parameters: Number of parameters.
     """
-    tests = [likelihood_ratio(likelihood, parameters), *paired(gains, settings)]
+    tests = [likelihood_ratio(likelihood, parameters), *paired(gains)]
     return bonferroni(min(tests), 3)
 
 
 def bootstrap_interval(
-    statistic: Callable[..., Array], samples: Sequence[Array],
-    settings: EvidenceSettings | None = None,
-) -> tuple[float, float]:  # fmt: skip
+    statistic: Callable[..., Array], samples: Sequence[Array], resampled: int = _RESAMPLED
+) -> tuple[float, float]:
     """Return the 95 % percentile interval of a statistic of paired (k,) samples (Efron 1979).
 
     Args:
         statistic: Of the samples, with an ``axis``.
         samples: Of the same k blocks.
-        settings: How often to draw.
+        resampled: Number of draws.
     """
     from scipy.stats import bootstrap
 
-    settings = settings or EvidenceSettings()
     if len(samples[0]) < 2:
         value = float(statistic(*samples, axis=-1))
         return value, value
     found = bootstrap(
         tuple(samples), statistic, paired=True, vectorized=True, method="percentile",
-        n_resamples=settings.resampled, rng=np.random.default_rng(0),
+        n_resamples=resampled, rng=np.random.default_rng(0),
     ).confidence_interval  # fmt: skip
     return float(found.low), float(found.high)

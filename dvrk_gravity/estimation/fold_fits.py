@@ -17,7 +17,7 @@ from dvrk_gravity.estimation.normal_equations import (
 
 
 class SeenSums:
-    """Sums of products over what each of some folds leaves to a fit, for many fits.
+    """Sums of products over the training samples of each fold, for many fits.
 
     Attributes:
         gram: (folds, p, p) weighted Gram matrices, channels added up.
@@ -49,7 +49,7 @@ class HeldOutSums:
     """Sums of products over the held-out samples of each fold, for the errors of many fits."""
 
     def __init__(self, folds: Sequence[NormalEquations]) -> None:
-        """Keep of each channel the columns that touch it: most do not."""
+        """Keep the columns that are not zero in each channel: few are."""
         self._power = np.array([fold.power for fold in folds])
         self._channels = []
         for j in range(self._power.shape[1]):
@@ -59,10 +59,7 @@ class HeldOutSums:
             self._channels.append((used, gram, cross))
 
     def error(self, theta: Array) -> Array:
-        """Return (..., folds, m) weighted sums of squared errors of (..., folds, p) coefficients.
-
-        Many at once take a fraction of the time that they take singly.
-        """
+        """Return (..., folds, m) weighted squared errors of (..., folds, p) coefficients."""
         many = theta.reshape(-1, *theta.shape[-2:])
         explained = np.empty((len(many), *self._power.shape))
         for j, (used, gram, cross) in enumerate(self._channels):
@@ -74,7 +71,7 @@ class HeldOutSums:
 
 
 class SignedFits:
-    """Fits with a prior and with signs kept, each fold left out in turn.
+    """Fits with a prior and with sign constraints, each fold left out in turn.
 
     Attributes:
         precision: (folds, p, p) normal equations' matrices, prior included.
@@ -83,11 +80,11 @@ class SignedFits:
     """
 
     def __init__(self, seen: SeenSums, scale: Array, positive: NDArray[np.bool_]) -> None:
-        """Add the prior, of (p,) standard deviations about zero, to what each fit sees."""
+        """Add the prior, of (p,) standard deviations about zero, to each fold's sums."""
         self.precision = seen.gram + prior_precision(seen.gram, scale)
         self.right = seen.cross
         self.positive = positive
-        # Which of them are held at zero stays, as a rule, from one fit to the next.
+        # The active set rarely changes from one fit to the next.
         self._free = np.ones(self.right.shape, dtype=bool)
 
     def fit(self, chosen: Sequence[int]) -> Array:
@@ -96,14 +93,10 @@ class SignedFits:
         return np.array([self._fit_fold(fold, index) for fold in range(len(self.right))])
 
     def fit_near(self, chosen: Sequence[int], others: Sequence[Sequence[int]]) -> Array:
-        """Return (others, folds, p) coefficients of choices of columns that differ little from one.
+        """Return (others, folds, p) coefficients of choices of columns close to ``chosen``.
 
-        They follow from that one's by a principal pivot each; only where other signs have to be
-        held then, they are solved for.
-
-        Args:
-            chosen: The columns of the one.
-            others: Those of the others.
+        Each follows from those of ``chosen`` by a principal pivot; it is solved anew only if its
+        sign constraints are not satisfied then.
         """
         pivoted = _Pivoted(self.precision, self.right, self.fit(chosen))
         theta = np.empty((len(others), *self.right.shape))
@@ -135,10 +128,10 @@ class SignedFits:
 class _Pivoted:
     """Normal equations of folds, solved for some of the columns.
 
-    A coefficient theta and the slope s = right - precision theta of its column are zero in turn:
-    theta where the column is out, s where it is in. Those that are not zero are affine functions
-    ``value - table x`` of those that are, x. What comes in and what goes exchange the roles of
-    their theta and s: a principal pivot (Tsatsomeros 2000, "Principal pivot transforms").
+    Of a coefficient theta and the slope s = right - precision theta of its column, one is zero:
+    theta if the column is out, s if it is in. The others are affine functions ``value - table x``
+    of these zeros x. A column that enters or leaves exchanges the roles of its theta and s: a
+    principal pivot (Tsatsomeros 2000, "Principal pivot transforms").
     """
 
     def __init__(self, precision: Array, right: Array, theta: Array) -> None:
@@ -163,11 +156,7 @@ class _Pivoted:
             table[out, out.T] = gram[out, out.T] - gram[out, inside.T] @ through
 
     def exchanged(self, free: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return (folds, p) coefficients of the columns that are to be in, and slopes of others.
-
-        Args:
-            free: (folds, p) mask of those that are to be in.
-        """
+        """Return (folds, p) coefficients of the columns in a mask, and slopes of others."""
         swap = free ^ self.free
         which = np.flatnonzero(swap.any(axis=0))
         swap = swap[:, which]

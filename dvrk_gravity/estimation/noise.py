@@ -1,8 +1,6 @@
-"""How large noise is, and how many of its samples are independent."""
+"""Level of noise, and how many of its samples are independent."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,18 +8,10 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation.repetition import Labels, Repetition
 
+LONGEST_CORRELATION = 2.0
+"""s, of the correlations that are looked at. Chosen."""
 
-@dataclass(frozen=True)
-class NoiseSettings:
-    """Of measures of noise.
-
-    Attributes:
-        longest: s, of the correlations that are looked at. Chosen; see `make sensitivity`.
-        least_pairs: s of motion seen twice, below which repetition says nothing. Chosen.
-    """
-
-    longest: float = 2.0
-    least_pairs: float = 2.0
+_LEAST_PAIRS = 2.0  # s of motion seen twice, below which repetition gives no noise. Chosen
 
 
 def autocorrelation(residual: Array, part: Labels, longest: int) -> Array:
@@ -43,7 +33,7 @@ def autocorrelation(residual: Array, part: Labels, longest: int) -> Array:
 
 
 def correlation_time(residual: Array, part: Labels, longest: int) -> Array:
-    """Return (m,) number of samples that count as one: 1 + 2 sum of autocorrelations.
+    """Return (m,) integrated correlation times in samples: 1 + 2 sum of autocorrelations.
 
     The sum stops at the first that is not positive (Geyer 1992).
 
@@ -58,47 +48,33 @@ def correlation_time(residual: Array, part: Labels, longest: int) -> Array:
 
 
 def intraclass_correlation(first: Array, second: Array, usable: Mask) -> Array:
-    """Return (m,) correlation of (n, m) values with those that show the same again, at least 0.
+    """Return (m,) correlation, at least 0, of (n, m) values with those of the same states later.
 
-    Args:
-        first: Values.
-        second: Of the same states, seen again.
-        usable: (n, m) pairs that count.
+    ``usable`` is the (n, m) mask of the pairs that count.
     """
     square = np.where(usable, 0.5 * (first**2 + second**2), 0.0).sum(axis=0)
-    together = np.where(usable, first * second, 0.0).sum(axis=0) / np.maximum(square, 1e-300)
-    return np.clip(together, 0.0, 1.0)
+    product = np.where(usable, first * second, 0.0).sum(axis=0)
+    return np.clip(product / np.maximum(square, 1e-300), 0.0, 1.0)
 
 
 def design_effect(copies: float, correlation: Array) -> Array:
-    """Return how many samples count as one where each state is seen several times (Kish 1965).
+    """Return the (m,) design effect of states seen several times (Kish 1965).
 
     Args:
-        copies: How often a state is seen, in the mean.
-        correlation: (m,) intraclass correlation of what is seen.
+        copies: Mean number of times that a state is seen.
+        correlation: (m,) intraclass correlation.
     """
     return 1.0 + (copies - 1.0) * correlation
 
 
-def repetition_noise(
-    repetition: Repetition, time: Array, residual: Array, usable: Mask,
-    settings: NoiseSettings | None = None,
-) -> Array:  # fmt: skip
-    """Return (m,) root mean square of what does not come back after a period.
+def repetition_noise(repetition: Repetition, time: Array, residual: Array, usable: Mask) -> Array:
+    """Return (m,) RMS of the (n, m) residual's part that does not recur after a period.
 
-    Whatever a motion causes comes back with it. The difference of two copies holds the noise of
-    both, hence the square root of two. NaN where too little is seen twice.
-
-    Args:
-        repetition: How the motion repeats.
-        time: (n,) s.
-        residual: (n, m).
-        usable: (n, m) samples that say something.
-        settings: How much has to be seen twice.
+    The difference of two copies holds the noise of both, hence the square root of two. NaN where
+    too little is seen twice.
     """
     from scipy.interpolate import CubicSpline
 
-    settings = settings or NoiseSettings()
     step = float(np.median(np.diff(time)))
     later = time + repetition.period
     after = np.clip(np.searchsorted(time, later), 1, len(time) - 1)
@@ -108,7 +84,7 @@ def repetition_noise(
     pair &= (near & (later <= time[-1]))[:, None]
     difference = np.where(pair, CubicSpline(time, residual)(later) - residual, 0.0)
     count = pair.sum(axis=0)
-    enough = count * step >= settings.least_pairs
+    enough = count * step >= _LEAST_PAIRS
     square = 0.5 * (difference**2).sum(axis=0) / np.maximum(count, 1)
     return np.where(enough, np.sqrt(square), np.nan)
 
@@ -128,12 +104,9 @@ def band_noise(density: Array, cutoff: float) -> Array:
 def pairs_a_period_apart(
     time: Array, repetition: Repetition | None, near: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (k,) and (k,) which of some samples show the same, a period apart.
+    """Return (k,) indices of samples at (n,) times, s, and (k,) of those a period later.
 
-    Args:
-        time: (n,) s.
-        repetition: How the motion repeats, if it does.
-        near: s, by which the two may miss a period.
+    They may miss a period by ``near`` s.
     """
     if repetition is None:
         nothing = np.zeros(0, dtype=np.int64)

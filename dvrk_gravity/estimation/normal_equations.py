@@ -1,7 +1,7 @@
-"""Weighted least squares on sums of products, so that what is left out is subtracted.
+"""Weighted least squares on sums of products, from which held-out blocks are subtracted.
 
-Samples are looked at once. From then on every fit with any choice of columns, with and without
-any held-out block, works on small Gram matrices and takes milliseconds.
+Samples are summed once. Then every fit with any choice of columns, with or without any block, works
+on small Gram matrices and takes milliseconds.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import DvrkGravityError
 
 NULL = 1e-12
-"""Squared size of a column, in units of the weights, that is nothing but round-off: its coefficient
-would have to be a million."""
+"""Squared size of a column, in units of the weights, that is round-off: its coefficient would have
+to be a million."""
 
 ROUND_OFF = 1e-13
-"""Part of a column's own square of which sums in double precision are sure: what is added to the
-square of one of a few hundred columns and is less leaves columns that repeat others singular."""
+"""Part of a column's own square to which sums in double precision are exact: a smaller ridge leaves
+duplicates among a few hundred columns singular."""
 
-EXCHANGES = 5  # before the solver that always ends is asked: a bound on time
+EXCHANGES = 5  # before the solver that always terminates is called: a bound on time
 
 
 class NotConvergedError(DvrkGravityError):
-    """A constrained least-squares problem that its solver gave up."""
+    """A constrained least-squares problem whose solver did not converge."""
 
 
 class SingularError(DvrkGravityError):
-    """Least squares whose columns double precision cannot tell apart, priors and all."""
+    """Least squares that are singular in double precision despite their priors."""
 
     def __init__(self, count: int) -> None:
-        """Say of how many coefficients."""
+        """Name the number of coefficients."""
         super().__init__(
             f"a fit of {count} coefficients is singular in double precision: got effort limits or "
             "other priors far from what was recorded, expected the arm's own"
@@ -64,7 +64,7 @@ class NormalEquations:
         channels, columns = x.shape[1:]
         gram, cross = np.zeros((channels, columns, columns)), np.zeros((channels, columns))
         for j in range(channels):
-            # Most columns do not touch a given channel.
+            # Most columns are zero in a given channel.
             used = np.flatnonzero(np.any(x[:, j] != 0.0, axis=0))
             root = np.sqrt(weight[:, j])
             scaled = x[:, j, used] * root[:, None]
@@ -89,7 +89,7 @@ class NormalEquations:
 
     @classmethod
     def total(cls, parts: Iterable[NormalEquations]) -> NormalEquations:
-        """Add up the sums of parts: of blocks of samples that need not be held together."""
+        """Add up the sums of parts, which need not be in memory together."""
         first, *rest = parts
         for other in rest:
             first = first + other
@@ -97,13 +97,15 @@ class NormalEquations:
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Return the sums of both sets together."""
-        names = (field.name for field in fields(self))
-        return NormalEquations(*(getattr(self, f) + getattr(other, f) for f in names))
+        return self._combined_with(other, np.add)
 
     def __sub__(self, other: NormalEquations) -> NormalEquations:
         """Return the sums of this set without a part of it."""
+        return self._combined_with(other, np.subtract)
+
+    def _combined_with(self, other: NormalEquations, operation: np.ufunc) -> NormalEquations:
         names = (field.name for field in fields(self))
-        return NormalEquations(*(getattr(self, f) - getattr(other, f) for f in names))
+        return NormalEquations(*(operation(getattr(self, f), getattr(other, f)) for f in names))
 
     def select(self, chosen: Sequence[int] | NDArray[np.int64]) -> NormalEquations:
         """Return the sums of some of the columns."""
@@ -138,16 +140,16 @@ class Solution:
 
     @property
     def prior(self) -> Array:
-        """(p,) prior standard deviations that the fit was made with."""
+        """(p,) prior standard deviations of the fit."""
         return np.asarray(np.diag(self.precision - self.data) ** -0.5)
 
 
 def prior_precision(gram: Array, scale: Array) -> Array:
-    """Return (..., p, p) what a prior adds to Gram matrices.
+    """Return (..., p, p) precisions of a prior.
 
-    A prior that is lost in the round-off of a column's own square, as one by an effort limit ten
-    thousand times the torques that were recorded, would not choose among columns that repeat each
-    other. It is as narrow as it takes for that, and still no news about what the data tell.
+    A prior that is lost in the round-off of a column's own square, such as one by an effort limit
+    ten thousand times the recorded torques, leaves duplicate columns singular. It is narrowed until
+    it does not, and still does not affect what the data determine.
 
     Args:
         gram: (..., p, p) weighted.
@@ -163,17 +165,17 @@ def fit(
     scale: Array,
     positive: NDArray[np.bool_] | None = None,
 ) -> Solution:
-    """Minimise sum_j weight_j |y_j - X_j theta|^2 + |theta / scale|^2, signs kept.
+    """Minimise sum_j weight_j |y_j - X_j theta|^2 + |theta / scale|^2 under sign constraints.
 
     Args:
         equations: Of p columns.
         weight: (m,) of the channels, inverse variances of one sample, correlation included.
-        scale: (p,) prior standard deviations: ridge towards zero where data are silent.
+        scale: (p,) prior standard deviations: a ridge towards zero.
         positive: (p,) mask of coefficients that must not be negative; by default none.
 
     Raises:
-        NotConvergedError: Signs that the solver cannot satisfy within its iterations.
-        SingularError: Columns that cannot be told apart.
+        NotConvergedError: The solver runs out of iterations.
+        SingularError: Columns that are linearly dependent.
     """
     data, right = equations.combined(weight)
     precision = data + prior_precision(data, scale)
@@ -189,7 +191,7 @@ def solve(gram: Array, right: Array, trace: float = 0.0) -> Array:
     Args:
         gram: (p, p) positive semidefinite.
         right: (p,) or (p, k).
-        trace: Added to the ones: columns that repeat others share their coefficient.
+        trace: Added to the ones: duplicate columns share their coefficient.
     """
     if not len(gram):
         return np.zeros((0, *right.shape[1:]))
@@ -207,31 +209,22 @@ class Regression:
 
     Attributes:
         design: (n, k) columns, weighted.
-        ridge: (k, k) what is known before any data.
+        ridge: (k, k) prior precision.
         trace: See :func:`solve`.
     """
 
     def __init__(
         self, design: Array, ridge: Array, trace: float, products: Array | None = None
     ) -> None:
-        """Sum the products.
-
-        Args:
-            design: (n, k) columns, weighted.
-            ridge: (k, k) what is known before any data.
-            trace: See :func:`solve`.
-            products: (k, k) of the columns, where they have been summed.
-        """
+        """Sum the products, unless the (k, k) ``products`` of the columns are given."""
         self.design, self.ridge, self.trace = design, ridge, trace
         self._products = design.T @ design if products is None else products
         self._gram = self._products + ridge
 
     def extended(self, columns: Array, ridge: Array) -> Regression:
-        """Return the least squares on further columns, too: only their products are summed.
+        """Return the least squares with further weighted (n, c) columns of (c, c) prior precision.
 
-        Args:
-            columns: (n, c), weighted.
-            ridge: (c, c) what is known of theirs before any data.
+        Only their products are summed.
         """
         coupling = columns.T @ self.design
         products = np.block([[self._products, coupling.T], [coupling, columns.T @ columns]])
@@ -253,7 +246,7 @@ class Regression:
         return solve(self._gram, np.eye(len(self._gram)), self.trace)
 
     def residual(self, target: Array) -> Array:
-        """Return what the columns leave of (n,) or (n, c) targets."""
+        """Return the residual of (n,) or (n, c) targets."""
         if not self.design.shape[1]:
             return target
         return target - self.design @ self.coefficients(target)
@@ -263,18 +256,18 @@ def solve_signed(
     precision: Array, right: Array, positive: NDArray[np.bool_],
     guess: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
-    """Solve a symmetric positive definite system with some unknowns held from below zero.
+    """Solve a symmetric positive definite system with some unknowns not negative.
 
-    The unknowns without a sign are eliminated; the others are non-negative least squares (Lawson
-    and Hanson 1974, by SciPy) on the Cholesky factor of what remains. That is spared where a few
-    exchanges of those held at zero (Portugal, Júdice, Vicente 1994) satisfy the conditions of
-    Karush, Kuhn and Tucker.
+    By a few exchanges of the active set (Portugal, Júdice, Vicente 1994) if these satisfy the
+    Karush-Kuhn-Tucker conditions. Else the unknowns without a sign are eliminated, and the others
+    are non-negative least squares (Lawson and Hanson 1974, by SciPy) on the Cholesky factor of the
+    Schur complement.
 
     Args:
         precision: (p, p).
         right: (p,).
         positive: (p,) unknowns that must not be negative.
-        guess: (p,) unknowns that are perhaps not held at zero, to begin with; by default all.
+        guess: (p,) initial guess of the unknowns not held at zero; by default all.
 
     Returns:
         The (p,) solution and the mask of those not held at zero.
@@ -301,8 +294,8 @@ def solve_signed(
         factor = cho_factor(precision[np.ix_(unsigned, unsigned)], check_finite=False)
         through = cho_solve(factor, np.column_stack([coupling, right[unsigned]]))
         reduced = precision[np.ix_(signed, signed)] - coupling.T @ through[:, :-1]
-        # In units in which every unknown counts alike, for the solver's tolerance; what is not
-        # positive keeps its sign, for the factorisation to refuse.
+        # Scaled to a unit diagonal, for the solver's tolerance; a negative diagonal keeps its sign,
+        # for the factorisation to refuse.
         unit = np.sqrt(np.abs(np.diag(reduced)))
         triangle = np.linalg.cholesky(reduced / np.outer(unit, unit))
     except np.linalg.LinAlgError as error:
@@ -329,7 +322,7 @@ def _solve_free(precision: Array, right: Array, free: NDArray[np.bool_]) -> Arra
     (index,) = free.nonzero()
     if not len(index):
         return theta
-    # A copy of its own, in LAPACK's order of rows and columns: the matrix is symmetric.
+    # A copy, in LAPACK's order of rows and columns: the matrix is symmetric.
     part = precision[index[:, None], index].T
     _, theta[index], info = dposv(part, right[index], overwrite_a=True)
     if info:

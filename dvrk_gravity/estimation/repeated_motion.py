@@ -1,4 +1,4 @@
-"""The same motion in two recordings: when each sample of one was shown by the other."""
+"""The same motion in two recordings: times at which one shows the states of the other."""
 
 from __future__ import annotations
 
@@ -7,29 +7,21 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arrays import Array
-from dvrk_gravity.estimation.repetition import RepetitionSettings, find_common_time
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.estimation.repetition import TOLERANCE, find_common_time
 
+SAME_STATE = 0.02
+"""Part of a motion's spread by which equal positions may differ, RMS over the joints. Chosen: a
+controller holds an arm with a load a little lower, a PSM's yaw by 1.5 %; a motion as a whole may
+differ by 5 % (``repetition.TOLERANCE``)."""
 
-@dataclass(frozen=True)
-class SameMotionSettings:
-    """When two samples show the same.
-
-    Attributes:
-        near: Part of a motion's spread by which positions may differ, RMS over the joints. Chosen:
-            a controller holds an arm with a load a little lower, a PSM's yaw by 1.5 %; what a
-            motion may differ by as a whole is 5 % (``RepetitionSettings.tolerance``).
-        further: s, after which a path has gone on if it is followed the same way. Chosen: what lies
-            on it by chance, where it crosses itself, is long elsewhere then.
-        pace: How many times as far the other may have gone meanwhile. Chosen: above the three of
-            a rehearsal (``excite``).
-    """
-
-    near: float = 0.02
-    further: float = 1.0
-    pace: float = 4.0
+# s, after which a path has gone on if it is followed the same way. Chosen: where two paths only
+# cross, they are far apart then.
+_FURTHER = 1.0
+# Times as far that the other may have gone meanwhile. Chosen: above the three of a rehearsal
+# (``excite``).
+_PACE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,24 +48,15 @@ class Track:
         return found
 
 
-def same_motion(
-    track: Track, other: Track, rate: float, settings: SameMotionSettings | None = None
-) -> list[Array]:
-    """Return when another recording shows the samples of one.
+def same_motion(track: Track, other: Track, rate: float) -> list[Array]:
+    """Return the times at which another recording shows the states of a track.
 
     Both are brought to a common time (:func:`find_common_time`); if the motion repeats, any of its
     periods serves.
 
-    Args:
-        track: The one.
-        other: The other.
-        rate: Hz, of the samples of ``track``.
-        settings: When two samples show the same.
-
     Returns:
-        By part of ``track``, (N,) times on the other's clock; NaN where it does not show them.
+        By part of ``track``, sampled at ``rate`` Hz, (N,) times on the other's clock, or NaN.
     """
-    settings = settings or SameMotionSettings()
     resampled = [_resampled(t, q, rate) for t, q in zip(other.time, other.position, strict=True)]
     resampled = [(t, q) for t, q in resampled if len(t) > 1]
     parts = [*zip(track.time, track.position, strict=True), *resampled]
@@ -99,43 +82,31 @@ def same_motion(
                 when[open_] = there[open_] - shift
         shown = other.at(when, list(other.position))
         off = np.sqrt(np.mean(((moved - shown) / spread) ** 2, axis=1))
-        found.append(np.where(off < settings.near, when, np.nan))
+        found.append(np.where(off < SAME_STATE, when, np.nan))
     return found
 
 
-def same_path(
-    track: Track, other: Track, settings: SameMotionSettings | None = None
-) -> list[NDArray[np.bool_]]:
-    """Tell which samples of one recording lie on the other's path, at whatever pace.
-
-    Args:
-        track: The one.
-        other: The other.
-        settings: When two samples show the same.
-
-    Returns:
-        By part of ``track``, (N,) masks of the samples from which on both go the same way.
-    """
+def same_path(track: Track, other: Track) -> list[Mask]:
+    """Return, by part of a track, (N,) masks of samples on the other's path, at any pace."""
     from scipy.spatial import KDTree
 
-    settings = settings or SameMotionSettings()
     position = np.concatenate(list(other.position))
     # So that a distance is the RMS over the joints, in parts of the motion's spread.
     unit = np.maximum(np.std(position, axis=0), 1e-9) * np.sqrt(position.shape[1])
     tree = KDTree(position / unit)
-    when = np.append(np.concatenate(list(other.time)), np.nan)  # last, of what is nowhere near
+    when = np.append(np.concatenate(list(other.time)), np.nan)  # last: nothing is near
     found = []
     for time, moved in zip(track.time, track.position, strict=True):
-        _, nearest = tree.query(moved / unit, distance_upper_bound=RepetitionSettings().tolerance)
-        later = np.searchsorted(time, time + settings.further)
+        _, nearest = tree.query(moved / unit, distance_upper_bound=TOLERANCE)
+        later = np.searchsorted(time, time + _FURTHER)
         inside = later < len(time)
         gone = when[nearest[np.where(inside, later, 0)]] - when[nearest]
-        found.append(inside & (gone > 0.0) & (gone < settings.pace * settings.further))
+        found.append(inside & (gone > 0.0) & (gone < _PACE * _FURTHER))
     return found
 
 
 def _periods(time: Array, period: float | None, first: float, last: float) -> list[Array]:
-    """Return common times, and those whole periods away that may lie between two others."""
+    """Return times, and those whole periods away that may lie between two others."""
     if period is None:
         return [time]
     low = int(np.floor((first - time[-1]) / period))

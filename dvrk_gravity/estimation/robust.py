@@ -14,15 +14,15 @@ from dvrk_gravity.arrays import Array
 
 @dataclass(frozen=True)
 class RobustSettings:
-    """Of the robust loss.
+    """Robust loss.
 
     Attributes:
         huber: Robust standard deviations beyond which a residual counts linearly (Huber 1964). At
             2.5 the estimate keeps 99.8 % of least squares' efficiency on normal noise, at 2.0 it
             keeps 99.0 %, at 1.345 it would keep 95 %
             (`test_huber_weights_cost_normal_noise_no_more_than_is_said`).
-        outlier: Robust standard deviations beyond which it does not count at all.
-        rounds: Times that weights are renewed. They settle linearly; see `make sensitivity`.
+        outlier: Robust standard deviations beyond which it has no weight.
+        rounds: Number of reweightings. They settle linearly; see `make sensitivity`.
     """
 
     huber: float = 2.5
@@ -31,11 +31,12 @@ class RobustSettings:
 
 
 Fitted = TypeVar("Fitted")
+_NORMAL = 0.6744897501960817  # median absolute value of standard normal noise
 
 
 @dataclass(frozen=True, eq=False)
 class RobustState(Generic[Fitted]):
-    """Where an iteration stands.
+    """State of the iteration.
 
     Attributes:
         weight: (n, m) of the samples, 0 to 1.
@@ -53,37 +54,19 @@ class RobustState(Generic[Fitted]):
 def robust_scale(residual: Array, used: NDArray[np.bool_] | None = None) -> Array:
     """Return (m,) robust standard deviations of (n, m) residuals about zero.
 
-    The median absolute value, scaled to normal noise.
-
-    Args:
-        residual: The residuals.
-        used: (n, m) those that count; by default all. Zero where none does.
+    The median absolute value, scaled to normal noise; zero where no residual is ``used`` (n, m).
     """
-    from scipy.stats import median_abs_deviation
-
-    def zero(values: Array, axis: int | None) -> Array:
-        # Where a residual is meant to be, not its own median.
-        return np.zeros(np.sum(values, axis=axis).shape)
-
-    def deviation(values: Array) -> float:
-        if not len(values):
-            return 0.0
-        return float(median_abs_deviation(values, center=zero, scale="normal"))
-
     used = np.ones(residual.shape, dtype=bool) if used is None else used
     return np.array(
-        [deviation(values[rows]) for values, rows in zip(residual.T, used.T, strict=True)]
+        [
+            np.median(np.abs(values[rows])) / _NORMAL if rows.any() else 0.0
+            for values, rows in zip(residual.T, used.T, strict=True)
+        ]
     )
 
 
 def robust_weights(residual: Array, scale: Array, settings: RobustSettings) -> Array:
-    """Return (n, m) weights of Huber's loss, and none for outliers.
-
-    Args:
-        residual: (n, m).
-        scale: (m,) robust standard deviations.
-        settings: Of the loss.
-    """
+    """Return (n, m) weights of Huber's loss, zero for outliers, at (m,) robust deviations."""
     size = np.abs(residual) / np.maximum(scale, 1e-12)
     weight = np.minimum(1.0, settings.huber / np.maximum(size, settings.huber))
     return np.where(size > settings.outlier, 0.0, weight)
@@ -99,8 +82,7 @@ def reweighted(
     """Iterate least squares with weights from its own residuals (IRLS).
 
     Args:
-        fit: Given where the iteration stands, fits by its weights and returns the fit and its
-            (n, m) residuals.
+        fit: Given the state, fits with its weights and returns the fit and its (n, m) residuals.
         start: Weights and scale to begin with.
         settings: Of the loss.
         used: (n, m) samples that count; the others keep their weights.

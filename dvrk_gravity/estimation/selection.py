@@ -1,10 +1,14 @@
-"""Forward selection with backward elimination; what is scored, and how, is injected."""
+"""Forward selection with backward elimination, of whatever a search scores."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array, Mask
 
 State = TypeVar("State")
 Move = TypeVar("Move")
@@ -14,10 +18,10 @@ Found = TypeVar("Found", bound="Trial[Any]")
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """How a selection goes on.
+    """Course of a selection.
 
     Attributes:
-        most_steps: Steps taken at most: a bound on time, not on what is found.
+        most_steps: Steps taken at most: a bound on time.
         lazy: After a step only moves that were worth it are tried again, the best one first, until
             its worth is this part of the next one's; ``None``: all are tried again after each step.
             Exact where worth can only fall (Minoux 1978).
@@ -29,7 +33,7 @@ class SearchSettings:
 
 @dataclass(frozen=True, eq=False)
 class Trial(Generic[Move]):
-    """What a move would bring.
+    """Score of a move.
 
     Attributes:
         move: The move.
@@ -43,19 +47,19 @@ class Trial(Generic[Move]):
 
 
 class Search(Protocol[State, Move, Found]):
-    """What a selection chooses from."""
+    """The choices of a selection."""
 
     def moves(self, state: State) -> Iterable[Move]:
         """Yield every change of a state that is worth a try, once each."""
 
     def attempt(self, state: State, moves: Sequence[Move]) -> Sequence[Found]:
-        """Return what moves would bring, perhaps of the promising ones only."""
+        """Return the scores of moves, perhaps of the promising ones only."""
 
     def choose(self, trials: Sequence[Found]) -> Found | None:
         """Return the trial to take, ``None`` to stop."""
 
     def take(self, state: State, trial: Found) -> State:
-        """Return the state after a move, whatever that makes needless eliminated."""
+        """Return the state after a move, with redundant items eliminated."""
 
 
 def select(
@@ -70,12 +74,12 @@ def select(
     Args:
         search: Moves and their scores.
         state: To start with.
-        settings: How to go on.
-        key: By which a move is known again in another state.
+        settings: Bounds of the search.
+        key: Identity of a move in another state.
         progress: Called with the number of steps taken.
 
     Returns:
-        The last state, and what was tried there in vain.
+        The last state, and the trials there that failed.
     """
     steps = 0
     while True:
@@ -106,7 +110,7 @@ def select(
             state = search.take(state, trial)
             steps += 1
             progress(steps)
-        if steps == before:  # tried again, none of them passed: nothing is to be had
+        if steps == before:  # tried again, none of them passed
             failed = [trial for trial in trials if not trial.passes]
             return state, [*failed, *vain]
 
@@ -116,12 +120,12 @@ def eliminate_backward(
     failing: Callable[[list[T]], Sequence[tuple[float, T]]],
     note: Callable[[T], None] = lambda gone: None,
 ) -> list[T]:
-    """Drop the weakest of those that fail until none does: others may take its place.
+    """Drop the weakest of the failing items until none fails: others may take its place.
 
     Args:
         kept: To begin with.
         failing: Returns worth and item of those that fail beside the others.
-        note: Told what goes.
+        note: Called with each dropped item.
     """
     kept = list(kept)
     while kept:
@@ -132,3 +136,21 @@ def eliminate_backward(
         note(weakest)
         kept = [item for item in kept if item is not weakest]
     return kept
+
+
+def beats(error: Array, constant: Array, deviations: float = 1.64, blocks: int = 20) -> Mask:
+    """Return (n,) whether squared errors are significantly less than those of a constant.
+
+    Args:
+        error: (N, n) squared errors of predictions.
+        constant: (N, n) squared errors of a constant.
+        deviations: Standard errors of the share removed. Chosen: 95 % of constants are not better.
+        blocks: Consecutive blocks whose sums give the standard error, as errors within one are
+            correlated. Chosen.
+    """
+    parts = [rows for rows in np.array_split(np.arange(len(error)), blocks) if len(rows)]
+    removed = np.array([(constant[rows] - error[rows]).sum(axis=0) for rows in parts])
+    share = removed.sum(axis=0) / np.maximum(constant.sum(axis=0), 1e-300)
+    by_block = np.array([constant[rows].sum(axis=0) for rows in parts])
+    spread = np.sqrt(((removed - share * by_block) ** 2).sum(axis=0))  # of a ratio of sums
+    return np.asarray(removed.sum(axis=0) > deviations * spread)

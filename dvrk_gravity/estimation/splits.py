@@ -1,47 +1,44 @@
-"""What is held out together: blocks of time, phases of a motion that repeats, slabs of poses.
+"""Splits for cross-validation: blocks of time, phases of a repeated motion, slabs of poses.
 
-Samples that follow each other share their noise, and a motion that repeats shows every fit the same
-states again. So what is held out is contiguous, and of equal phase where motion repeats; samples
-are never shuffled.
+Consecutive samples share their noise, and a repeated motion shows every fit the same states again.
+So held-out samples are contiguous, and of equal phase where motion repeats; never shuffled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.estimation.repetition import (
-    CommonTime,
-    Labels,
-    RepetitionSettings,
-    find_common_time,
-)
+from dvrk_gravity.estimation.repetition import CommonTime, Labels, find_common_time
+
+# Positions form a grid if they have so many levels, fewest and most, so far apart and so wide, in
+# parts of the range; else they are cut into slabs. Chosen: the published grid has five levels, a
+# fifth of the range apart.
+_LEVELS, _APART, _WIDTH, _SLABS = (3, 12), 0.05, 0.1, 5
 
 
 @dataclass(frozen=True)
 class FoldSettings:
-    """How time is cut for cross-validation.
+    """Folds of time for cross-validation.
 
     Attributes:
         count: Number of folds. Five to ten are usual (Kohavi 1995); chosen a little higher, so
             that each fit to half a minute lacks no more than 2.5 s; see `make sensitivity`.
         gap: s on either side of a held-out block that no fit sees: ten time constants of the
             5.65 Hz low-pass, 1 / (2 pi 5.65 Hz) = 28 ms.
-        repetition: When a motion counts as repeated.
     """
 
     count: int = 12
     gap: float = 0.3
-    repetition: RepetitionSettings = field(default_factory=RepetitionSettings)
 
 
 @dataclass(frozen=True)
 class BlockSettings:
-    """How samples are cut into blocks, some of them held out of everything.
+    """Blocks of samples, some of them held out of everything.
 
     Attributes:
         duration: s. Chosen; see `make sensitivity`.
@@ -52,7 +49,7 @@ class BlockSettings:
         guard: Samples left out on either side of an edge. Chosen: one, 25 ms at 40 Hz, is longer
             than the time constant of the 8 Hz low-pass (20 ms). No filter mixes poses: none there.
         phase_samples: Fewest samples in a block that is a phase of a short period. Chosen.
-        held_out: Every so-maniest block is held out, a third of the data. Chosen.
+        held_out: One in so many blocks is held out, a third of the data. Chosen.
         folds: Into which the others are dealt for cross-validation (Kohavi 1995: five to ten).
     """
 
@@ -66,34 +63,15 @@ class BlockSettings:
     folds: int = 5
 
 
-@dataclass(frozen=True)
-class GridSettings:
-    """When positions form a grid.
-
-    All are chosen: the published grid has five levels, a fifth of the range apart.
-
-    Attributes:
-        levels: Fewest and most positions that make one.
-        apart: Part of the range that lies between two levels at least.
-        width: Part of the range that a level may be wide.
-        slabs: Number of slabs of positions that form none.
-    """
-
-    levels: tuple[int, int] = (3, 12)
-    apart: float = 0.05
-    width: float = 0.1
-    slabs: int = 5
-
-
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Which samples are predicted together by a fit that saw neither them nor their neighbours.
+    """Samples that are predicted together by a fit that saw neither them nor their neighbours.
 
     Attributes:
         tested: (folds, n) samples that are predicted.
         excluded: (folds, n) samples that the fold's fit may not see: those, and a gap.
         periods: Periods of the motions that repeat, s.
-        shared: Whether several recordings show some of the same motion.
+        shared: Whether several recordings share some motion.
     """
 
     tested: Mask
@@ -103,18 +81,18 @@ class Folds:
 
     @cached_property
     def label(self) -> Labels:
-        """(n,) number of the fold that a sample is tested in, the first one if several."""
+        """(n,) number of the first fold in which a sample is tested."""
         return np.argmax(self.tested, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Blocks, some of which neither fit nor choice sees, and folds of the others.
+    """Blocks, some of them held out of fit and selection, and folds of the others.
 
     Attributes:
         label: (n,) number of the block; -1 between blocks.
         count: Number of blocks.
-        settings: How they were cut.
+        settings: Of the cut.
     """
 
     label: Labels
@@ -123,13 +101,13 @@ class Blocks:
 
     @cached_property
     def held_out(self) -> Mask:
-        """(n,) samples that neither fit nor choice sees."""
+        """(n,) mask of the samples held out of fit and selection."""
         spacing = self.settings.held_out
         return (self.label >= 0) & (self.label % spacing == spacing - 1)
 
     @cached_property
     def fold(self) -> Labels:
-        """(n,) fold of the samples that choice may see, -1 of the others."""
+        """(n,) fold of the other samples, -1 of those held out."""
         rank = self.label - (self.label + 1) // self.settings.held_out  # among those not held out
         fold = rank % self.settings.folds
         fold[(self.label < 0) | self.held_out] = -1
@@ -147,18 +125,18 @@ def make_folds(
 ) -> Folds:  # fmt: skip
     """Cut samples into folds: blocks of time, or of phase where the motion repeats.
 
-    What several parts show of one motion is held out of all of them together.
+    Equal states of one motion are held out of all parts together.
 
     Args:
         time: (n,) s, increasing within each part.
         part: (n,) number of the contiguous part that a sample is in.
-        position: (n, m) what repeats or does not.
+        position: (n, m).
         rate: Hz.
-        settings: How; default: :class:`FoldSettings`.
-        clock: By number of the part, which recording's time it is in; default: each its own.
+        settings: By default :class:`FoldSettings`.
+        clock: By number of the part, the recording of its times; default: each its own.
     """
     settings = settings or FoldSettings()
-    seen = find_common_time(time, part, position, rate, clock, settings.repetition)
+    seen = find_common_time(time, part, position, rate, clock)
     count = settings.count
     label = np.zeros(len(time), dtype=np.int64)
     excluded = np.zeros((count, len(time)), dtype=bool)
@@ -187,9 +165,9 @@ def make_blocks(
     """Cut samples into blocks of time, or of phase where the motion repeats; or poses.
 
     Args:
-        seen: When the samples were taken; of poses, their numbers in order.
-        rate: Hz; ``None`` for poses, that follow each other without time.
-        settings: How; default: :class:`BlockSettings`.
+        seen: Times of the samples; of poses, their numbers in order.
+        rate: Hz; ``None`` for poses.
+        settings: By default :class:`BlockSettings`.
     """
     settings = settings or BlockSettings()
     bounds = (settings.fewest, settings.most)
@@ -216,16 +194,15 @@ def make_blocks(
 
 
 def _laid_out(seen: CommonTime, rate: float) -> tuple[Array, float, list[float]]:
-    """Return (n,) coordinates of samples, equal for what is the same, groups in a row.
+    """Return (n,) coordinates in samples, equal for equal states, groups in a row.
 
-    Returns:
-        Coordinates, in samples; their number; and where a period begins or ends.
+    Also their number, and where periods begin or end.
     """
     coordinate, total = np.zeros(len(seen.time)), 0.0
     turns: list[float] = []
     for index, period in enumerate(seen.periods):
         rows = np.flatnonzero(seen.group == index)
-        if not len(rows):  # of which the filter has left nothing
+        if not len(rows):  # the filter has left nothing of it
             continue
         if period is None:
             since = np.round((seen.time[rows] - seen.time[rows].min()) * rate)
@@ -238,23 +215,22 @@ def _laid_out(seen: CommonTime, rate: float) -> tuple[Array, float, list[float]]
     return coordinate, total, turns
 
 
-def slabs(position: Array, settings: GridSettings | None = None) -> Labels:
+def slabs(position: Array) -> Labels:
     """Return (n,) numbers of the slab in which each of (n,) positions of one joint lies.
 
-    The levels of a grid, where the positions form one; else as many poses in each of five.
+    The levels of a grid if the positions form one; else five slabs of as many poses.
     """
-    settings = settings or GridSettings()
     order = np.argsort(position, kind="stable")
     sorted_ = position[order]
     span = float(sorted_[-1] - sorted_[0])
-    level = np.concatenate([[0], np.cumsum(np.diff(sorted_) > settings.apart * span)])
+    level = np.concatenate([[0], np.cumsum(np.diff(sorted_) > _APART * span)])
     count = int(level[-1]) + 1
     starts = np.searchsorted(level, np.arange(count))
     ends = np.searchsorted(level, np.arange(count), side="right") - 1
     width = (sorted_[ends] - sorted_[starts]).max()
-    fewest, most = settings.levels
-    if not fewest <= count <= most or width > settings.width * span:
-        level = sequential(len(position), settings.slabs)
+    fewest, most = _LEVELS
+    if not fewest <= count <= most or width > _WIDTH * span:
+        level = sequential(len(position), _SLABS)
     number = np.empty(len(position), dtype=np.int64)
     number[order] = level
     return number
@@ -263,9 +239,8 @@ def slabs(position: Array, settings: GridSettings | None = None) -> Labels:
 def inner_slabs(position: Array, moving: Iterable[int]) -> list[Mask]:
     """Return the (n,) masks of slabs that lie between two others of the same joint.
 
-    A fit to the rest has to say what happens at positions of that joint which it never saw,
-    between some that it did. Past the outermost ones no fit is asked for anything: positions
-    are held there.
+    A fit to the rest has to interpolate in that joint. It need not extrapolate: models hold
+    positions at the edge of their range.
 
     Args:
         position: (n, m).

@@ -1,4 +1,4 @@
-"""Files of named arrays (NumPy's .npz), read without running anything that they hold."""
+"""Files of named arrays (NumPy's .npz), read without executing any of their content."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
 
 MAX_BYTES = 20_000_000
-"""Of a file, and of all of its arrays as they declare themselves. Those of models are 1 MB."""
+"""Of a file, and of the declared sizes of all its arrays. Those of models are 1 MB."""
 
 _MAX_DIRECTORY = 20_000  # bytes, of the list of arrays: an entry takes some seventy
 
@@ -30,7 +30,7 @@ _KIND = "a file of arrays (.npz)"
 _END = struct.Struct("<4s8xLLH")
 _LOCATOR, _LOCATOR_SIZE = b"PK\x06\x07", 20
 
-# What NumPy writes before numbers. Its own reader evaluates any text, and reserves what it asks.
+# The header that NumPy writes. Its own reader evaluates any text, and reserves any size.
 _HEADER = re.compile(
     rb"\x93NUMPY\x01\x00..\{'descr': '([<>|][iuf]\d)', 'fortran_order': (True|False), "
     rb"'shape': \(((?:\d{1,9},? ?){0,4})\), \} *\n",
@@ -39,24 +39,20 @@ _HEADER = re.compile(
 
 
 def write(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
-    """Write arrays by name, whole or not at all.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write arrays by name, whole or not at all; raises ``OSError``."""
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
     text_file.write_bytes(path, stream.getvalue())
 
 
 def load(path: Path) -> dict[str, Array]:
-    """Return the arrays by name, as numbers.
+    """Return the arrays by name, as float64.
 
     Sizes are checked before anything of that size is read: of the file, of its list of arrays, of
-    each array unpacked, and of the numbers that it says it has.
+    each unpacked array, and of its declared shape.
 
     Raises:
-        ConfigError: No such file, or one of something else; it names the file.
+        ConfigError: No such file, or another kind of file; it names the file.
     """
     try:
         if not text_file.is_file(path):
@@ -70,7 +66,7 @@ def load(path: Path) -> dict[str, Array]:
                 found = {}
                 for member in members:
                     name = member.filename.removesuffix(".npy")
-                    # Others than deflation reserve what the file asks for.
+                    # Other compressions reserve any size that the file asks for.
                     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                         raise ConfigError(name, "an array packed in another way", _KIND, path)
                     found[name] = _array(name, archive.read(member), path)

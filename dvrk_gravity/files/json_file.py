@@ -2,7 +2,7 @@
 
 Its reader (jsoncpp's ``Json::Reader``) takes comments, keys that appear twice (the last one
 counts), ``1.`` and ``007`` for numbers, and does not look at what follows the object. A comma after
-the last item it refuses; what that means is clear all the same, so it is read here and noted.
+the last item it refuses; its meaning is clear, so it is read here and noted.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _LOOSE = re.compile(rf"{_TEXT}|(?P<comma>,)(?=\s*[]}}])|(?P<number>-?\d[\d.eE+-]
 
 
 class Oddity(NamedTuple):
-    """Something in a text that is no JSON.
+    """A deviation from JSON.
 
     Attributes:
-        text: What and where, in a line.
+        text: Kind and place, in a line.
         refused: Whether the console's reader refuses the file for it.
     """
 
@@ -39,10 +39,10 @@ def load(path: str | Path, finite: bool = True) -> dict[str, Any]:
 
     Args:
         path: The file.
-        finite: Refuse NaN and infinite numbers; else they are taken, for whoever checks them.
+        finite: Refuse NaN and infinite numbers; else the caller checks them.
 
     Raises:
-        ConfigError: No such file, too large, not text, or not as :func:`loads` wants it.
+        ConfigError: No such file, too large, not text, or refused by :func:`loads`.
     """
     return load_with_oddities(path, finite)[0]
 
@@ -50,10 +50,7 @@ def load(path: str | Path, finite: bool = True) -> dict[str, Any]:
 def load_with_oddities(
     path: str | Path, finite: bool = True
 ) -> tuple[dict[str, Any], tuple[Oddity, ...]]:
-    """Return the object in a JSON file, and what its text has that is no JSON, in lines.
-
-    The arguments and errors are :func:`load`'s.
-    """
+    """Return the object in a JSON file, and its deviations from JSON; see :func:`load`."""
     text = text_file.read(path, "JSON")
     try:
         return _parse(text, finite)
@@ -108,7 +105,7 @@ def _parse(text: str, finite: bool) -> tuple[dict[str, Any], tuple[Oddity, ...]]
 
 
 def _plain(text: str) -> tuple[str, list[Oddity]]:
-    """Return JSON text with its lines where they were, and which commas were too many."""
+    """Return strict JSON text with the same lines, and the superfluous commas."""
     commas: list[Oddity] = []
 
     def blank(match: re.Match[str]) -> str:

@@ -1,7 +1,7 @@
-"""What a command may write: nothing that it reads, nothing twice, no link, no device.
+"""Checks of a command's outputs: nothing that it reads, nothing twice, no link, no device.
 
-Every command asks before its work starts: a result that cannot be written is hours lost, one that
-is written over its own recording loses the recording.
+Every command checks before its work starts: a result that cannot be written is hours lost, one
+written over its own recording loses the recording.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.validation import split_link
 
-_NAMING = ("urdf", "arm", "uncertainty")  # keys of files that a file of ours names
+_NAMING = ("urdf", "arm", "uncertainty")  # keys of file names in our files
 _Kind = Literal["file", "folder", "new"]
 _BAG_FILES = (".db3", ".mcap")
 
@@ -26,18 +26,17 @@ def check(
     inputs: Iterable[str | Path | None],
     new: Mapping[str, str | Path | None] | None = None,
 ) -> None:
-    """Refuse outputs that a command must not write, or cannot.
+    """Refuse outputs that a command must not, or cannot, write.
 
     Args:
-        files: Files to be written, by the option that names them; they replace earlier ones.
-            ``None``: not asked for.
+        files: Files to be written or replaced, by the option that names them; ``None``: none.
         inputs: Files and folders that are read.
         new: Recordings to be written, by option: files or folders that must not exist yet.
 
     Raises:
         ConfigError: An output that is an input, in a folder that is an input, another output, a
             link, neither file nor folder, or in a folder that does not exist or is not writable;
-            or an input that is no YAML though it is called so.
+            or an input named .yaml that is not YAML.
     """
     inputs = list(inputs)
     wanted: list[tuple[str, Path, _Kind]] = []
@@ -60,17 +59,17 @@ def check_folder(
     inputs: Iterable[str | Path | None],
     folders: Iterable[str] = (),
 ) -> Path:
-    """Return a folder for outputs, which is made later if there is none; see :func:`check`.
+    """Return a folder for outputs, which need not exist yet; see :func:`check`.
 
     Args:
-        option: What names the folder.
-        named: Its name, as it was given: an empty one names no folder, not the working directory.
+        option: The option that names the folder.
+        named: Its name as given; an empty one is refused, not taken for the working directory.
         files: Names of the files to be written there.
         inputs: Files and folders that are read.
         folders: Names of folders to be written there, which replace earlier ones.
 
     Raises:
-        ConfigError: As of :func:`check`, or no name at all.
+        ConfigError: As :func:`check`, or no name at all.
     """
     if not named:
         raise ConfigError(option, named, "a folder")
@@ -91,12 +90,12 @@ def require_unread(name: str, path: Path, read: str | Path) -> None:
     """Refuse to write over a file that is read, or over one that it names.
 
     Raises:
-        ConfigError: Naming it; or the file that is read, if nobody can tell any more what it names.
+        ConfigError: Naming it; or the file that is read, if it cannot be searched for names.
     """
     for source in _with_named(str(read), set()):
         if _same(path, source):
             raise ConfigError(name, f"{source.name}, which is read", "another name", path)
-    if path.exists():  # else there is nothing to lose
+    if path.exists():  # else nothing can be lost
         _require_legible([read])
 
 
@@ -105,9 +104,9 @@ def _check(
     inputs: Iterable[str | Path | None],
     holds: bool = False,
 ) -> None:
-    """Check outputs but for the folders that they are in; one that ``holds`` others may be full."""
+    """Check outputs, not the folders that they are in; one that ``holds`` others may be full."""
     read = [named for path in inputs if path is not None for named in _with_named(str(path), set())]
-    # A bag's file is read without what else is known of the bag: that is not to be lost either.
+    # A bag's file is read without its metadata, which must not be lost either.
     read += [path.with_name("metadata.yaml") for path in read if path.suffix in _BAG_FILES]
     before: list[tuple[str, Path]] = []
     for option, path, kind in wanted:
@@ -137,7 +136,7 @@ def _with_named(path: str, seen: set[Path]) -> Iterator[Path]:
     if file in seen or not _is_yaml(file):
         return
     seen.add(file)
-    # One that cannot be read names nothing here, and is refused before anything is written.
+    # An illegible one names nothing here, and is refused before anything is written.
     with suppress(ConfigError):
         for name in _names_in(yaml_file.load(file)):
             for folder in (file.parent, Path()):
@@ -159,7 +158,7 @@ def _names_in(content: Any) -> Iterator[str]:
 
 
 def _require_legible(inputs: Iterable[str | Path | None]) -> None:
-    """Refuse YAML files that cannot be read: whatever is to be written may be what they name."""
+    """Refuse illegible YAML files: they may name a file that is to be written."""
     for path in inputs:
         for file in () if path is None else _with_named(str(path), set()):
             if _is_yaml(file):
@@ -188,12 +187,12 @@ def _writable(option: str, path: Path, folder: Path) -> None:
 
 
 def _same(path: Path, other: Path) -> bool:
-    """Tell whether two names are one file's, by links of either kind, existing or not."""
+    """Return whether two names are one file's, by links of either kind, existing or not."""
     if os.path.realpath(path) == os.path.realpath(other):
         return True
     return path.exists() and other.exists() and path.samefile(other)
 
 
 def _within(path: Path, folder: Path) -> bool:
-    """Tell whether a path lies below a folder."""
+    """Return whether a path lies below a folder."""
     return Path(os.path.realpath(folder)) in Path(os.path.realpath(path)).parents

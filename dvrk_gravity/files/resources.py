@@ -11,11 +11,8 @@ PACKAGE = "dvrk_gravity"
 def config_path(name: str) -> Path:
     """Return the path of a file that the package ships under ``config/``.
 
-    Looked for in the checkout that this module belongs to, then in every
-    prefix of AMENT_PREFIX_PATH, then in the prefix where it is installed.
-
-    Raises:
-        FileNotFoundError: No such file in any of them.
+    Looked for in this module's checkout, then in every prefix of AMENT_PREFIX_PATH, then in the
+    prefix where it is installed; raises ``FileNotFoundError``.
     """
     for folder in _folders():
         path = (folder / name).resolve()
@@ -31,7 +28,7 @@ def shipped(folder: str) -> tuple[str, ...]:
 
 
 def _folders() -> list[Path]:
-    """Return where ``config/`` can be, the nearest first."""
+    """Return the possible ``config/`` folders, the nearest first."""
     package = Path(__file__).resolve().parents[1]
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     # <prefix>/lib/python3.X/site-packages/dvrk_gravity

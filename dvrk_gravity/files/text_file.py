@@ -15,10 +15,10 @@ MAX_BYTES = 1_000_000
 
 
 def is_file(path: str | Path) -> bool:
-    """Tell whether a path is no pipe and no device: opening one may wait for ever.
+    """Return whether a path is no pipe and no device: opening one may wait for ever.
 
     Raises:
-        OSError: It does not exist or cannot be looked at; a folder is left to whoever opens it.
+        OSError: It does not exist or is not accessible. Folders are left to the caller.
     """
     mode = os.stat(path).st_mode
     return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
@@ -29,7 +29,7 @@ def read(path: str | Path, kind: str) -> str:
 
     Args:
         path: The file.
-        kind: What it should hold (``YAML``, ``JSON``), for the messages.
+        kind: Expected content (``YAML``, ``JSON``), for the messages.
 
     Raises:
         ConfigError: No such file, not readable, too large, or not text in UTF-8.

@@ -22,7 +22,7 @@ DEEPEST = 50
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """Safe loader, libyaml's where it is there, that takes no key twice."""
+    """Safe loader (libyaml's if available) that refuses duplicate keys."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -42,7 +42,7 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123
 
 
 def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
-    """Return a number; `1:30`, which is ninety in YAML 1.1, is a text as it is to ROS's reader."""
+    """Return a number; `1:30`, which is ninety in YAML 1.1, is a text as in ROS's reader."""
     if ":" in node.value:
         return str(node.value)
     if node.tag.endswith(":int"):
@@ -56,7 +56,7 @@ for _kind in ("int", "float"):
 
 @lru_cache(maxsize=16)
 def _parsed(text: str) -> Any:
-    """Return what a text holds: an arm's file is read by all that is about the arm.
+    """Return the content of a text; cached, for an arm's file is read many times.
 
     Raises:
         yaml.YAMLError: Not YAML, or with aliases (anchor bombs) or endless nesting.
@@ -107,7 +107,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
-    # ROS's reader takes a number below the smallest normal one for a text.
+    # ROS's reader reads a number below the smallest normal one as a text.
     text = repr(float(value) if abs(value) >= sys.float_info.min else math.copysign(0.0, value))
     if "e" in text and "." not in text:
         text = text.replace("e", ".0e")
@@ -119,7 +119,7 @@ def _represent_list(dumper: yaml.SafeDumper, value: list[Any]) -> yaml.SequenceN
 
 
 def _represent_text(dumper: yaml.SafeDumper, value: str) -> yaml.ScalarNode:
-    # What ROS's reader, and the loader above, take for a number: a link may be called 1e3.
+    # ROS's reader, and the loader above, would read it as a number: a link may be called 1e3.
     style = "'" if _EXPONENT.match(value) else None
     return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
 

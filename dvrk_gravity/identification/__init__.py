@@ -1,4 +1,4 @@
-"""From recordings to a torque model: parameters, confidence, and what the data cannot tell."""
+"""From recordings to a torque model, its uncertainty and its verdict."""
 
 import lazy_loader
 

@@ -9,27 +9,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification.beyond import held_beyond
-from dvrk_gravity.identification.coordinates import Decision, decide_coordinates
-from dvrk_gravity.identification.effort_unit import require_newtons
-from dvrk_gravity.identification.errors import joint_errors
-from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.identification.motion import (
+from dvrk_gravity.identification.quality.weights import idle
+from dvrk_gravity.identification.result import JointError, Trace, in_short, joint_errors
+from dvrk_gravity.intake import (
+    Decision,
     all_static,
+    beyond_limits,
     completed,
+    decide_coordinates,
+    held_beyond,
     read,
     read_motions,
     require_all,
+    require_newtons,
     whole,
 )
-from dvrk_gravity.identification.result import JointError, Trace, in_short
-from dvrk_gravity.identification.weights import idle
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DEFAULT_CUTOFF,
@@ -53,17 +52,18 @@ class Evaluation:
 
     Attributes:
         joints: Error by joint (or motor, in actuator coordinates).
-        recordings: The same of each recording, by what tells it from the others.
+        recordings: The same of each recording, by its label.
         samples: Samples compared.
         coordinates: Of the recordings and of the errors.
         detected: Why these coordinates, one sentence; ``""`` if they were given.
-        warnings: What was found in the recordings.
-        handling: What was done with them.
+        warnings: Of the recordings' checks.
+        handling: How the recordings were prepared.
         traces: Measured against predicted.
-        with_friction: Joints whose friction the errors hold: of poses, where either they or the
-            model do not tell it apart.
-        idle: Joints at which nothing acts that a prediction could show (``weights.idle``).
-        outside: Where joints are beyond what the model was identified on, one sentence each.
+        with_friction: Joints whose errors include friction: of poses, where either they or the
+            model do not separate it.
+        idle: Joints at which there is nothing to predict (``weights.idle``).
+        outside: Where joints are outside the range of the model's identification, one sentence
+            each.
     """
 
     joints: Mapping[str, JointError]
@@ -107,13 +107,12 @@ def evaluate(
 ) -> Evaluation:
     """Compare a model's torque with the recorded one.
 
-    On trajectories both go through the same zero-phase low-pass. Static poses are compared as
-    they are.
+    On trajectories both go through the same zero-phase low-pass; static poses are not filtered.
 
     Args:
         model: The model, or the path of its file.
         recordings: Trajectories, or static poses: recordings or paths of their files.
-        coordinates: Of the recordings; ``None``: found out for each (``decide_coordinates``).
+        coordinates: Of the recordings; ``None``: determined for each (``decide_coordinates``).
         cutoff: Of the low-pass, Hz.
 
     Raises:
@@ -130,7 +129,7 @@ def evaluate(
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
         require_all(recording.head, model.arm, still or None)
-    doubts = about_arm(model.arm.doubts if model.of_file else ())
+    warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
     if all_static(recordings):
         poses = [whole(recording) for recording in recordings]
         decision = decide_coordinates(
@@ -138,26 +137,23 @@ def evaluate(
             lambda system: _mean(_evaluate_static(model, poses, still, Decision(system))),
         )  # fmt: skip
         evaluated = _evaluate_static(model, poses, still, decision)
-        return replace(
-            evaluated, handling=(*odd, *held, *evaluated.handling),
-            warnings=(*doubts, *evaluated.warnings),
-        )  # fmt: skip
-    trajectories, decisions = list[Trajectory](), list[Decision]()
-    for recording in recordings:
-        trajectory = replace(read(recording, cutoff), still=still)
+    else:
+        trajectories, decisions = list[Trajectory](), list[Decision]()
+        for recording in recordings:
+            trajectory = replace(read(recording, cutoff), still=still)
 
-        def misfit(system: Coordinates, alone: Trajectory = trajectory) -> float:
-            return _mean(_evaluate_dynamic(model, [alone], Decision(system), cutoff))
+            def misfit(system: Coordinates, alone: Trajectory = trajectory) -> float:
+                return _mean(_evaluate_dynamic(model, [alone], Decision(system), cutoff))
 
-        decision = decide_coordinates(trajectory, model.arm, coordinates, misfit)
-        trajectories.append(replace(trajectory, coordinates=decision.coordinates))
-        decisions.append(decision)
-    evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
-    uncertain = tuple(warning for decision in decisions for warning in decision.warnings)
+            decision = decide_coordinates(trajectory, model.arm, coordinates, misfit)
+            trajectories.append(replace(trajectory, coordinates=decision.coordinates))
+            decisions.append(decision)
+            warnings += decision.warnings
+        evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
     return replace(
         evaluated,
         handling=(*odd, *held, *evaluated.handling),
-        warnings=(*doubts, *uncertain, *evaluated.warnings),
+        warnings=(*warnings, *evaluated.warnings),
     )
 
 
@@ -177,7 +173,8 @@ def _evaluate_dynamic(
     recorded = np.zeros(arm.n, dtype=bool)
     for motion in motions.parts:
         core = np.arange(motion.filter.edge, len(motion) - motion.filter.edge)
-        core = core[np.broadcast_to(motion.told, motion.effort.shape)[core].all(axis=1)]
+        usable = np.broadcast_to(motion.informative, motion.effort.shape)
+        core = core[usable[core].all(axis=1)]
         predicted = motion.filter(arm.actuator_effort(model.prediction(motion.state)))
         q, qd = motion.state.q, motion.state.qd
         assert qd is not None
@@ -191,17 +188,13 @@ def _evaluate_dynamic(
         # Of joints that were held nothing was measured.
         seen = [name in recordings[motion.source].joints for name in arm.joint_names]
         recorded |= np.array(seen)
+        position, velocity, effort, torque = (
+            array[core][:, seen] for array in (q, qd, measured, predicted)
+        )
+        joints, time = tuple(compress(arm.joint_names, seen)), motion.time[core]
         traces.append(
             Trace(
-                tuple(compress(arm.joint_names, seen)),
-                motion.time[core],
-                q[core][:, seen],
-                qd[core][:, seen],
-                measured[core][:, seen],
-                predicted[core][:, seen],
-                coordinates,
-                False,
-                motion.source,
+                joints, time, position, velocity, effort, torque, coordinates, False, motion.source
             )
         )
     if not any(len(trace.measured) for trace in traces):
@@ -226,7 +219,8 @@ def _evaluate_static(
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
     positions: list[Array] = []
-    friction_told = np.ones(len(recordings[0].joints), dtype=bool)
+    joints = recordings[0].joints
+    separate = np.ones(len(joints), dtype=bool)  # joints whose friction is
     sources = [recording.source for recording in recordings]
     for number, recording in enumerate(recordings):
         warnings += about(number, sources, prepare(recording).warnings)
@@ -245,28 +239,29 @@ def _evaluate_static(
         if coordinates == "actuator":
             predicted = arm.actuator_effort(predicted)
         predicted = predicted[:, columns]
-        friction_told &= _depends_on_approach(model, joint, direction)[columns]
+        separate &= _depends_on_approach(model, joint, direction)[columns]
         traces.append(
             Trace(recording.joints, None, q, None, measured, predicted, coordinates, False, number)
         )
-    as_they_are = ("static poses, used as they are",)
-    resting = _idle(arm, np.concatenate(positions), coordinates, static=True)
-    result = _result(traces, sources, decision, warnings, as_they_are, resting)
-    recorded = np.array([name in recordings[0].joints for name in arm.joint_names])
+    everywhere = np.concatenate(positions)
+    resting = _idle(arm, everywhere, coordinates, static=True)
+    handling = ("static poses, unfiltered",)
+    result = _result(traces, sources, decision, warnings, handling, resting)
+    recorded = np.isin(arm.joint_names, joints)
     return replace(
         result,
-        with_friction=tuple(compress(recordings[0].joints, ~friction_told)),
-        outside=outside_range(model, np.concatenate(positions), None, recorded),
+        with_friction=tuple(compress(joints, ~separate)),
+        outside=outside_range(model, everywhere, None, recorded),
     )
 
 
 def outside_range(
-    model: TorqueModel, q: Array, qd: Array | None, recorded: NDArray[np.bool_]
+    model: TorqueModel, q: Array, qd: Array | None, recorded: Mask
 ) -> tuple[str, ...]:
-    """Return where (N, n) measured motions lie outside what a model was identified on.
+    """Return where (N, n) measured motions lie outside the range of a model's identification.
 
     Args:
-        model: The model; nothing is said of one that does not tell how sure it is.
+        model: The model; nothing is said of one without uncertainty.
         q: Measured positions, rad or m.
         qd: Velocities, rad/s or m/s; ``None`` of poses.
         recorded: (n,) joints that were recorded.
@@ -277,10 +272,8 @@ def outside_range(
     return tuple(model.uncertainty.outside(model.arm.joints, true, qd, recorded))
 
 
-def _depends_on_approach(
-    model: TorqueModel, q: Array, direction: Array | None
-) -> NDArray[np.bool_]:
-    """Return (n,) whether a model's torques at (N, n) poses are others from the other side."""
+def _depends_on_approach(model: TorqueModel, q: Array, direction: Array | None) -> Mask:
+    """Return (n,) whether a model's torques at (N, n) poses depend on the direction of approach."""
     if direction is None:
         return np.zeros(model.arm.n, dtype=bool)
     here, opposite = (model.torque(q, direction=sign * direction) for sign in (1.0, -1.0))
@@ -308,7 +301,7 @@ def _result(
 
 
 def _idle(arm: Arm, q: Array, coordinates: Coordinates, static: bool) -> tuple[str, ...]:
-    """Return joints, or motors, at whose (N, n) positions nothing acts that could be predicted."""
+    """Return the joints, or motors, at whose (N, n) positions there is nothing to predict."""
     resting = idle(arm, q, static)
     if coordinates == "actuator":
         resting = arm.motors_of(resting)
@@ -318,15 +311,8 @@ def _idle(arm: Arm, q: Array, coordinates: Coordinates, static: bool) -> tuple[s
 def errors_of(
     traces: Sequence[Trace], resting: Sequence[str], constant: Array | None = None
 ) -> Mapping[str, JointError]:
-    """Return the errors of traces by joint.
-
-    Args:
-        traces: The traces, of the same joints.
-        resting: Joints at which nothing acts that a prediction could show.
-        constant: (n,) what is predicted without a model; ``None``: the mean of what was measured.
-    """
+    """Return the errors of traces of the same joints by joint; see :func:`joint_errors`."""
     joints = traces[0].joints
     measured = np.concatenate([trace.measured for trace in traces])
     predicted = np.concatenate([trace.predicted for trace in traces])
-    nothing = np.isin(joints, resting)
-    return joint_errors(joints, measured, predicted, constant, nothing)
+    return joint_errors(joints, measured, predicted, constant, np.isin(joints, resting))

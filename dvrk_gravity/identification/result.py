@@ -1,12 +1,15 @@
-"""What an identification answers: a model and everything that says how far to trust it."""
+"""Results of an identification: a model, its errors, its verdict, what the data leave open."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dvrk_gravity.arrays import Array
+import numpy as np
+
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.estimation import beats
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import Coordinates, DataWarning
 
@@ -19,8 +22,8 @@ class JointError:
         rmse: Root mean square of measured minus predicted torque, N·m.
         nrmse: |e| / |tau|: norm of the error over the norm of the measured torque.
         r2: 1 - |e|^2 / |tau - mean(tau)|^2.
-        beats_constant: Whether it is surely less than that of a constant, the mean of what was
-            fitted; or the joint bears no weight and rests, so that there is nothing to predict.
+        beats_constant: Whether it is significantly less than that of a constant, the mean of the
+            fitted data; or the joint bears no weight and rests, so that nothing can be predicted.
     """
 
     rmse: float
@@ -29,7 +32,7 @@ class JointError:
     beats_constant: bool = True
 
     def to_json(self) -> dict[str, float]:
-        """Return its sizes."""
+        """Return it without the comparison with a constant."""
         return {"rmse": self.rmse, "nrmse": self.nrmse, "r2": self.r2}
 
 
@@ -40,11 +43,11 @@ class FittedParameter:
     Attributes:
         name: As in the model file, with an index for arrays: ``viscous_friction.joint[3]``; or a
             combination that the data do determine, in words: ``beta1 + 0.98 k1``.
-        value: Its value.
+        value: Estimate.
         unit: SI unit.
-        ci95: 95 % confidence interval, autocorrelation of the residual respected; both infinite
+        ci95: 95 % confidence interval, robust to autocorrelation of the residual; both infinite
             where the data say nothing.
-        identifiable: The data, not a prior, determine it.
+        identifiable: Determined by the data, not by a prior.
     """
 
     name: str
@@ -56,12 +59,12 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Choice:
-    """Why a term is in the model or not.
+    """A change of the model that was tried.
 
     Attributes:
         term: Effect, with the joint or place where it matters.
         kept: Whether it is in the model.
-        before: Held-out error without it, as a part of the measured torque.
+        before: Held-out error without it, relative to the measured torque.
         after: Held-out error with it.
         reason: One sentence.
     """
@@ -74,21 +77,21 @@ class Choice:
 
     @property
     def added(self) -> bool:
-        """Whether it brought something into the model; else it took something out, or failed."""
+        """Whether it added something to the model; else it removed something, or was rejected."""
         return self.kept and not self.term.startswith("without ")
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What the data can and cannot tell.
+    """What the data determine.
 
     Attributes:
-        rank: Number of independent combinations of parameters about which the data say more than
+        rank: Number of independent combinations of parameters that the data determine better than
             the prior.
-        columns: Number of parameters asked for.
+        columns: Number of parameters of the fit.
         condition: Condition number of the determined part, columns scaled to length one.
-        statements: Plain sentences: which parameters cannot be separated, and what motion
-            would separate them.
+        statements: Sentences: which parameters cannot be separated, and what motion would
+            separate them.
     """
 
     rank: int
@@ -98,21 +101,20 @@ class Identifiability:
 
     @property
     def sentence(self) -> str:
-        """How much the data say, which is no count of the parameters by name."""
+        """The rank in a sentence."""
         return (
-            "the data say more than the prior, what is plausible of any such arm, about "
-            f"{self.rank} of {self.columns} independent combinations of parameters; condition "
-            f"number {self.condition:.3g}"
+            f"the data determine {self.rank} of {self.columns} independent combinations of "
+            f"parameters better than the prior does; condition number {self.condition:.3g}"
         )
 
 
 def improvement(error: str, gain: float, uncertainty: float, kept: bool) -> str:
-    """Return why a change was made, or was not.
+    """Return a sentence on why a change was made or rejected.
 
     Args:
-        error: What it was judged by.
+        error: Name of the error that decides.
         gain: Part of its square that the change removes.
-        uncertainty: Standard error of that.
+        uncertainty: Standard error of the gain.
         kept: Whether it was made.
     """
     did = "improves" if kept or gain > 0.0 else "does not improve"
@@ -158,16 +160,16 @@ def in_short(joints: Mapping[str, JointError]) -> str:
 
 
 def in_words(level: str) -> str:
-    """Return one of ``model.VERDICTS`` as a person says it."""
+    """Return one of ``model.VERDICTS`` in words."""
     return "do not compensate with this" if level == VERDICTS[-1] else level
 
 
 @dataclass(frozen=True)
 class Holding:
-    """How certain the torque is that holds the arm still, at one joint; root mean squares.
+    """Gravity torque of one joint, at rest, and its uncertainty; root mean squares.
 
     Attributes:
-        torque: At poses that were recorded, N·m.
+        torque: At recorded poses, N·m.
         error: Its standard error, N·m.
         torque_anywhere: At poses anywhere within the arm's limits, N·m.
         error_anywhere: Its standard error, N·m.
@@ -185,13 +187,13 @@ class Holding:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What speaks against a model, of some joints.
+    """Evidence against a model at some joints.
 
     Attributes:
         joints: Their names.
         level: The best verdict that they can have, one of ``model.VERDICTS``.
-        reason: Short, of each of them.
-        line: One line for the head of a result.
+        reason: Short, for each joint.
+        line: One line for the head of a report.
         record: What to record instead.
     """
 
@@ -218,7 +220,7 @@ class JointVerdict:
 
     @property
     def words(self) -> str:
-        """The level as a person says it."""
+        """The level in words."""
         return in_words(self.level)
 
 
@@ -231,7 +233,7 @@ class Verdict:
         reason: Which joints, and why; ``""`` for a good model.
         record: What to record instead; ``""`` for a good model.
         joints: By joint.
-        findings: What speaks against the data as a whole, a line each, for the head of a result:
+        findings: Evidence against the data as a whole, a line each, for the head of a report:
             efforts without gravity, in another unit, exchanged.
     """
 
@@ -243,11 +245,11 @@ class Verdict:
 
     @property
     def words(self) -> str:
-        """The level as a person says it."""
+        """The level in words."""
         return in_words(self.level)
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as the content of ``identify --json`` has it."""
+        """Return its part of ``identify --json``."""
         return {
             "overall": self.level,
             "findings": list(self.findings),
@@ -262,27 +264,26 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model with its certificates.
+    """A fitted model, its errors and its verdict.
 
     Attributes:
         model: The model, ready to be saved as the compensator's parameter file.
-        held_out: Error by joint on data that the fit had not seen; ``validation`` says how, and
-            whether the choice of terms had.
+        held_out: Error by joint on data that the fit had not seen; see ``validation``.
         training: Error by joint on the data fitted.
         parameters: Identified numbers with confidence.
-        identifiability: What the data cannot tell.
+        identifiability: What the data determine.
         choices: Terms tried, in the order in which they were tried.
-        warnings: What was found in the recordings.
-        handling: What was done with the data, one sentence each; the filter is named here.
+        warnings: Of the recordings' checks.
+        handling: How the data were prepared, one sentence each.
         validation: How the held-out error was obtained, one sentence.
-        coordinates: In which the errors are.
+        coordinates: Of the errors.
         samples: Samples that the fit used.
-        physical: Every link's pseudo-inertia positive definite: its least eigenvalue relative to
-            the greatest by link; empty where not asked for.
+        physical: Least over greatest eigenvalue of each link's pseudo-inertia; empty unless
+            physical consistency was asked for.
         traces: Measured against predicted.
-        holding: Certainty of the torque that holds the arm still, by joint.
+        holding: Gravity torque and its uncertainty, by joint.
         verdict: Whether to compensate with the model; the model carries it, too.
-        against: What the arm's masses say against the model.
+        against: Evidence against the model.
     """
 
     model: TorqueModel
@@ -325,3 +326,44 @@ class Fit:
             "warnings": [str(warning) for warning in self.warnings],
             "handling": list(self.handling),
         }
+
+
+def joint_errors(
+    joints: Sequence[str],
+    measured: Array,
+    predicted: Array,
+    constant: Array | None = None,
+    idle: Mask | None = None,
+) -> dict[str, JointError]:
+    """Return the errors of predicted torques by joint.
+
+    Args:
+        joints: Names of the n joints.
+        measured: (N, n) N·m or N.
+        predicted: (N, n) likewise.
+        constant: (n,) or (N, n) prediction without a model; ``None``: the mean of ``measured``.
+        idle: (n,) joints at which there is nothing to predict (``weights.idle``): they need not be
+            predicted better than by a constant, unless no other joint is.
+    """
+    residual = measured - predicted
+    power = np.mean(residual**2, axis=0)
+    size = np.mean(measured**2, axis=0)
+    spread = np.var(measured, axis=0)
+    off = measured - (measured.mean(axis=0) if constant is None else constant)
+    better = beats(residual**2, off**2)
+    if idle is not None and (idle.all() or (better & ~idle).any()):
+        better |= idle
+    return {
+        joint: JointError(
+            float(np.sqrt(power[k])),
+            _ratio(np.sqrt(power[k]), np.sqrt(size[k])),
+            1.0 - _ratio(power[k], spread[k]),
+            bool(better[k]),
+        )
+        for k, joint in enumerate(joints)
+    }
+
+
+def _ratio(error: float, size: float) -> float:
+    """Return error / size; where nothing was measured, 0 for no error and 1 for any."""
+    return float(error / size) if size > 0.0 else float(error > 0.0)

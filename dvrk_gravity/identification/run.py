@@ -9,51 +9,53 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinearTerm, State, of_others, terms
+from dvrk_gravity.effects import LinearTerm, State, from_other_packages, terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError, RecordingError
-from dvrk_gravity.identification.beyond import with_held
-from dvrk_gravity.identification.columns import Columns, identified
-from dvrk_gravity.identification.console_columns import (
+from dvrk_gravity.identification.evaluation import errors_of, evaluate
+from dvrk_gravity.identification.quality.verdict import POOR, judge
+from dvrk_gravity.identification.quality.weights import by_weight
+from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.identification.trajectories.fit import fit_dynamic
+from dvrk_gravity.identification.trajectories.problem import (
     CONSOLE_EFFECTS,
     ConsoleColumns,
     require_console_arm,
 )
-from dvrk_gravity.identification.coordinates import decide_coordinates
-from dvrk_gravity.identification.drive_gain_fit import KnownPayload, drive_gains
-from dvrk_gravity.identification.dynamic_fit import fit_dynamic
-from dvrk_gravity.identification.effort_unit import in_their_unit
-from dvrk_gravity.identification.evaluation import errors_of, evaluate
-from dvrk_gravity.identification.hand import OTHER, by_weight, contradiction
-from dvrk_gravity.identification.motion import (
+from dvrk_gravity.intake import (
+    OTHER_SIDE,
+    KnownPayload,
     all_static,
+    contradiction,
+    decide_coordinates,
+    drive_gains,
+    in_their_unit,
     known_still,
     read_once,
     require_all,
     whole,
+    with_held,
 )
-from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.identification.verdict import POOR, judge
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import Columns, TorqueModel, identified
 from dvrk_gravity.recording import (
     Coordinates,
+    Duplicates,
     Given,
-    ReadBefore,
     Recording,
     RecordingFile,
     Trajectory,
     about_arm,
-    counted_once,
     known_coordinates,
     opened,
+    without_duplicates,
 )
 
 Report = Callable[[str, float], None]
+Recordings = Sequence[Recording | RecordingFile]
 _SAME_TORQUE = 1e-9  # of the largest: two sums of the same products
 
-
 _FOR_CONSOLE = (
-    "fitted for the dVRK console: at rest nothing but gravity of ten parameters, and of joints 1 "
-    "to 6 polynomials of degree four; what `convert` cannot write acts in motion only"
+    "fitted for the dVRK console: at rest only gravity of ten parameters, and polynomials of "
+    "degree four of joints 1 to 6; what `convert` cannot write acts in motion only"
 )
 
 
@@ -72,21 +74,21 @@ def identify(
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
     Args:
-        recordings: Trajectories, or static poses, with efforts: recordings or the paths of their
-            files, one or several. Beside one trajectory of all joints others may hold some joints
-            only. A file is read in parts, never held whole.
+        recordings: Trajectories, or static poses, with efforts: recordings or paths of their files,
+            one or several. Beside one trajectory of all joints others may hold some joints only. A
+            file is read in parts, never held whole.
         arm: The arm, its name, or the path of its file.
-        coordinates: Of the recordings, one for all or one for each; ``None``: found out for
-            those of all joints, joint coordinates for the others.
+        coordinates: Of the recordings, one for all or one for each; ``None``: determined for those
+            of all joints, joint coordinates for the others.
         effects: Effects that may be used besides the rigid body; ``None``: all.
         validate: Recordings kept out of fit and choice; the held-out errors are then theirs.
-        physical: Ask for links that can exist: every pseudo-inertia positive definite.
+        physical: Ask for physically consistent links: every pseudo-inertia positive definite.
         report: Called with the stage and the share of it that is done.
         still: Where joints stood that some recording does not hold: joint position, rad.
         for_console: Fit a model whose compensation the dVRK console can hold.
-        known_payload: What the last recording was made with, and no other: efforts are motor
-            currents, and their gains are found by it (``drive_gains``). The model is fitted to the
-            others. A number: its mass, kg, on the last link.
+        known_payload: Load of the last recording, and of no other: efforts are motor currents, and
+            it determines their gains (``drive_gains``). The model is fitted to the others. A
+            number: its mass, kg, on the last link.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
@@ -101,39 +103,43 @@ def identify(
     still = known_still(still, arm)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
-    arm, recordings, missing = with_held(recordings, arm, still or {})
+    arm, recordings, missing = with_held(recordings, arm, still)
     validate = opened(validate, arm=arm)
     given = _each(coordinates, len(recordings))
-    said: tuple[str, ...] = ()
+    gains: tuple[str, ...] = ()
     if known_payload is not None:
-        arm, said = _with_gains(recordings, arm, known_payload, given)
+        arm, gains = _with_gains(recordings, arm, known_payload, given)
         recordings, given = recordings[:-1], given[:-1]
     arm, unit = in_their_unit(arm, recordings)
-    # How a known load tells the gains is said already.
-    said = (*missing, *said, *(unit[1:] if said else unit))
+    # The lines on gains by a known load replace the first one on the unit.
+    handling = (*missing, *gains, *unit[bool(gains) :])
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     if validate:
-        _none_read_before(validate, recordings)
+        _require_new(validate, recordings)
     if for_console:
         _check_for_console(arm, effects, physical)
     if all_static(recordings):
         fit = _static(recordings, arm, given, effects, physical, report, for_console)
     else:
-        known = identified(arm)
-        for effect in effects or ():
-            if effect not in known:
-                reasons = {term.NAME: term.NOT_FITTED for term in terms()}
-                why = f" ({reasons[effect]})" if reasons.get(effect) else ""
-                raise ConfigError("--terms", effect, f"some of {', '.join(known)}{why}")
-        fit = _dynamic(recordings, arm, given, effects, physical, report, still or {}, for_console)
-    if not contradiction(fit.warnings):
-        fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
-    if for_console:
-        fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
+        _require_identified(effects, arm)
+        fit = _dynamic(recordings, arm, given, effects, physical, report, still, for_console)
     warnings = (*about_arm(arm.doubts), *fit.warnings)
-    fit = replace(fit, handling=(*said, *fit.handling), warnings=warnings)
+    if not contradiction(fit.warnings):
+        warnings = (*warnings, *by_weight(fit.parameters, arm))
+    handling = (*handling, *fit.handling, *((_FOR_CONSOLE,) if for_console else ()))
+    fit = replace(fit, handling=handling, warnings=warnings)
     _require_one_torque(fit.model)
     return _unless_contradicted(_validated(fit, validate) if validate else fit)
+
+
+def _require_identified(effects: Sequence[str] | None, arm: Arm) -> None:
+    """Refuse effects that trajectories are not fitted with."""
+    known = identified(arm)
+    for effect in effects or ():
+        if effect not in known:
+            reasons = {term.NAME: term.NOT_FITTED for term in terms()}
+            why = f" ({reasons[effect]})" if reasons.get(effect) else ""
+            raise ConfigError("--terms", effect, f"some of {', '.join(known)}{why}")
 
 
 def _unless_contradicted(fit: Fit) -> Fit:
@@ -142,7 +148,7 @@ def _unless_contradicted(fit: Fit) -> Fit:
     if not why:
         return fit
     arm = fit.model.arm.name
-    record = f"a motion of {arm}; or give these recordings their own arm, --arm {OTHER[arm]}"
+    record = f"a motion of {arm}; or give these recordings their own arm, --arm {OTHER_SIDE[arm]}"
     return replace(
         fit,
         verdict=replace(fit.verdict, level=POOR, reason=why, record=record),
@@ -153,39 +159,36 @@ def _unless_contradicted(fit: Fit) -> Fit:
 def _require_one_torque(model: TorqueModel) -> None:
     """Refuse effects of other packages whose methods do not agree on their torque.
 
-    What is fitted are the columns; what is compensated is the torque of the term, that a model
-    file gives again. Of the package's own effects the contract test requires that.
+    Columns are fitted, and the term's torque is compensated, as a model file restores it. For the
+    package's own effects the contract test requires their agreement.
 
     Raises:
         EffectError: Naming the effect and the methods.
     """
     arm = model.arm
     state = State(*np.random.default_rng(0).uniform(-1.0, 1.0, (3, 20, arm.n)))
-    others = set(of_others().values())
+    others = set(from_other_packages().values())
     for term in model.terms:
         if term.NAME not in others or not isinstance(term, LinearTerm):
             continue
         columns = term.columns(state, term.memory(state))
         fitted = columns @ term.theta
-        again = type(term).from_parameters(arm, term.parameters())
-        read = np.zeros_like(fitted) if again is None else again.torque(state)
+        restored = type(term).from_parameters(arm, term.parameters())
+        read = np.zeros_like(fitted) if restored is None else restored.torque(state)
         largest = np.abs(fitted).max()
-        turned = columns @ term.with_theta(term.theta).theta
         pairs = (
-            (turned, "`theta` is not what `with_theta` was given"),
+            (columns @ term.with_theta(term.theta).theta, "`theta` differs from `with_theta`'s"),
             (term.torque(state), "`torque` is not `regressor` times `theta`"),
-            (read, "`from_parameters` does not give again what `parameters` has written"),
+            (read, "`from_parameters` does not restore what `parameters` writes"),
         )
         for torque, problem in pairs:
             if not np.allclose(torque, fitted, rtol=0.0, atol=_SAME_TORQUE * largest):
                 raise EffectError(term.NAME, problem)
 
 
-def _none_read_before(
-    held_out: Sequence[Recording | RecordingFile], fitted: Sequence[Recording | RecordingFile]
-) -> None:
-    """Refuse to hold out what was fitted."""
-    before = ReadBefore()
+def _require_new(held_out: Recordings, fitted: Recordings) -> None:
+    """Refuse to hold out what was fitted, or is held out already."""
+    before = Duplicates()
     for recording in fitted:
         before.read(recording)
     for recording in held_out:
@@ -199,17 +202,17 @@ def _none_read_before(
 
 
 def _with_gains(
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Recordings,
     arm: Arm,
     load: KnownPayload | float,
     coordinates: Sequence[Coordinates | None],
 ) -> tuple[Arm, tuple[str, ...]]:
-    """Return the arm with the drive gains that a known load tells, and what they are."""
+    """Return the arm with the drive gains found by a known load, and lines about them."""
     if isinstance(load, bool) or not isinstance(load, KnownPayload | int | float):
         raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
     if arm.drive_gains is not None:
         mass = load.mass if isinstance(load, KnownPayload) else load
-        raise ConfigError("--known-payload", mass, "no drive gains beside it: it tells them")
+        raise ConfigError("--known-payload", mass, "no drive gains beside it: it determines them")
     if all_static(recordings):
         raise RecordingError(recordings[0].head.source, "holds static poses, expected trajectories")
     if not isinstance(load, KnownPayload):
@@ -246,7 +249,7 @@ def _each(
 
 
 def _static(
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Recordings,
     arm: Arm,
     coordinates: Sequence[Coordinates | None],
     effects: Sequence[str] | None,
@@ -254,7 +257,7 @@ def _static(
     report: Report,
     for_console: bool,
 ) -> Fit:
-    from dvrk_gravity.identification.static_fit import fit_static
+    from dvrk_gravity.identification.poses.fit import fit_static
 
     source = recordings[0].head.source
     if effects is not None:
@@ -265,20 +268,20 @@ def _static(
     if physical:
         raise ConfigError(
             "--physical", True,
-            f"trajectories: static poses ({source}) do not tell the links' inertia",
+            f"trajectories: static poses ({source}) do not determine the links' inertia",
         )  # fmt: skip
     if len(set(coordinates)) > 1:
         raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
     for recording in recordings:
         require_all(recording.head, arm)
-    once, left_out, repeated = counted_once(recordings)
+    once, left_out, repeated = without_duplicates(recordings)
     poses = [whole(recording) for recording in once]
     fit = fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
     return replace(fit, handling=(*left_out, *fit.handling), warnings=(*repeated, *fit.warnings))
 
 
 def _dynamic(
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Recordings,
     arm: Arm,
     coordinates: Sequence[Coordinates | None],
     effects: Sequence[str] | None,
@@ -295,7 +298,7 @@ def _dynamic(
         raise RecordingError(
             first.source,
             f"holds {', '.join(first.joints)} only: expected beside it a recording of all joints, "
-            "which tells gravity and inertia",
+            "which determines gravity and inertia",
         )
     report("reading", 0.0)
     trajectories, left_out, repeated = read_once(recordings)
@@ -305,9 +308,9 @@ def _dynamic(
     fitted = [index for index, trajectory in enumerate(trajectories) if trajectory is not None]
     complete = [complete[index] for index in fitted]
     for full, index in zip(complete, fitted, strict=True):
-        trajectory, system = trajectories[index], coordinates[index]
+        trajectory = trajectories[index]
         assert trajectory is not None
-        decision = decide_coordinates(trajectory, arm, system)
+        decision = decide_coordinates(trajectory, arm, coordinates[index])
         system = decision.coordinates
         warnings += decision.warnings
         if not full:
@@ -319,7 +322,7 @@ def _dynamic(
     assert shown is not None
     form = ConsoleColumns if for_console else Columns
     allowed = CONSOLE_EFFECTS if for_console else effects
-    fit = fit_dynamic(readable, arm, shown, allowed, physical=physical, report=report, form=form)
+    fit = fit_dynamic(readable, arm, shown, allowed, physical, report, form)
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
 
 
@@ -337,7 +340,7 @@ def _partial(
     )
 
 
-def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit:
+def _validated(fit: Fit, recordings: Recordings) -> Fit:
     """Return the fit with the errors on recordings that it never saw."""
     result = evaluate(fit.model, recordings, fit.coordinates)
     fitted = np.concatenate([trace.measured for trace in fit.traces])

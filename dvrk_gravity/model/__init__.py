@@ -1,4 +1,4 @@
-"""The sum of effects of one arm, how sure it is, and the arm that it names."""
+"""The sum of effects of one arm, its uncertainty, and the arm that it names."""
 
 import lazy_loader
 

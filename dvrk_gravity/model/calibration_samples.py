@@ -79,7 +79,7 @@ class CalibrationSamples:
         return tuple(slice(a, b) for a, b in pairwise(edges))
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
-        """Return what a file holds; seven digits are more than sensors tell."""
+        """Return what a file holds; seven digits exceed sensors' resolution."""
         by_joint = {name: getattr(self, name).astype(np.float32) for name in _BY_JOINT}
         return {**by_joint, "part": self.part.astype(np.int32), "rate": np.array(self.rate)}
 
@@ -92,7 +92,7 @@ class CalibrationSamples:
         Args:
             arrays: By name.
             joints: Number of joints.
-            band: Hz, up to which their efforts tell something.
+            band: Hz, bandwidth of their efforts.
 
         Raises:
             KeyError: Naming an array that is missing.

@@ -1,7 +1,7 @@
-"""The arm that a model file names: its file, what its efforts are read in, and that it is the same.
+"""The arm that a model file names: its file, the unit of its efforts, and a check of its geometry.
 
-Identified parameters belong to the geometry that they were identified with. A file that says
-another one now is told by a few numbers: the torques that hold given masses on its links.
+Identified parameters belong to the geometry that they were identified with. A file with
+another one is detected by a few numbers: the torques that hold given masses on its links.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
     )  # fmt: skip
     geometry = Parameter(
         _GEOMETRY, (), "N·m",
-        "torques that hold given masses on the links of the arm's file: they tell another geometry",
+        "fingerprint of the arm's geometry: torques that hold given masses on its links",
         lengths=(arm.n,), read_only=True,
     )  # fmt: skip
     return (ARM_PARAMETER, gains, gain_error, _UNIT, _HELD, size, geometry, read, command)
@@ -190,7 +190,7 @@ def _is_file(arm: str) -> bool:
 
 
 def _is_relative(arm: str) -> bool:
-    """Tell whether an arm is given by a path that depends on where it is looked at from."""
+    """Return whether an arm is given by a relative path."""
     return _is_file(arm) and not Path(arm).is_absolute()
 
 

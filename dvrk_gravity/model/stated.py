@@ -1,4 +1,4 @@
-"""How sure one may be of what an arm's own file states: masses from CAD, or from a scale."""
+"""Accuracy of what an arm's own file states: masses from CAD, or from a scale."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dvrk_gravity.model.uncertainty import ModelUncertainty, coefficients_of
 
 @dataclass(frozen=True)
 class StatedSettings:
-    """How far off what a file states may be, before that is news.
+    """Accuracy of what an arm's file states.
 
     Attributes:
         part: Of a link's plausible mass, and of its mass times its extents, as a standard
@@ -34,8 +34,8 @@ class WeightBounds:
         least: Part of their weight that holds the arm at least. Masses of real files are off by
             40 %: those of a UR10e's weigh .72 to .88 of what is measured (test/test_weights.py).
         most: Multiple of it at most, likewise, a load apart.
-        most_loaded: The same at one pose, which does not tell a load: at its greatest, 12.5 kg, a
-            UR10e's shoulder bears 2.1 times its own weight.
+        most_loaded: The same at one pose, where a load is not separable: with its greatest load,
+            12.5 kg, a UR10e's shoulder bears 2.1 times its own weight.
     """
 
     least: float = 0.5

@@ -45,7 +45,7 @@ VERDICT_PARAMETER = Parameter(
 REASON_PARAMETER = Parameter("identification.reason", "", "", "why it says so", read_only=True)
 UNCERTAINTY_PARAMETER = Parameter(
     "identification.uncertainty", "", "",
-    "file beside the model's that says how sure it is: the parameters' covariance, the known error",
+    "file beside the model's with its uncertainty: the parameters' covariance, the known error",
     read_only=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
@@ -93,9 +93,9 @@ class TorqueModel:
         joint_offset: (n,) rad, q_measured = q_true + joint_offset. Positions given to the model
             are measured ones; its terms are functions of the true ones.
         verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
-        reason: Why it said so.
-        uncertainty: How sure it is; ``None`` if it was not identified, or does not tell.
-        unsure: Why it does not tell though its file names an uncertainty.
+        reason: Why.
+        uncertainty: Its posterior and known error; ``None``: not identified, or not stored.
+        unsure: Why it has none though its file names an uncertainty.
         of_file: Whether it is what the arm's own file states.
     """
 
@@ -120,7 +120,7 @@ class TorqueModel:
         """Load a model from a ROS 2 parameter file (``/**: ros__parameters:``).
 
         Beside it may lie the file of its uncertainty. Without that, or after coefficients were
-        changed by hand, it is a model that does not tell how sure it is, and ``unsure`` says why.
+        changed by hand, it has no uncertainty, and ``unsure`` gives the reason.
 
         The file of an arm (a URDF, ``robot.urdf#LINK``, or a YAML that names one) is the model that
         it states; see :meth:`stated`.
@@ -165,7 +165,7 @@ class TorqueModel:
         arm = Arm.of(arm)
         if arm.read_in:
             raise ConfigError(
-                "model", arm.source, f"drive_gains in it: masses tell N·m, and not {arm.read_in}"
+                "model", arm.source, f"drive_gains in it: masses give N·m, not {arm.read_in}"
             )
         if arm.inertial_parameters is None:
             raise ConfigError("model", arm.source or arm.name, "an arm's file that states masses")
@@ -236,8 +236,8 @@ class TorqueModel:
     def save(self, path: str | Path, comment: str = "") -> None:
         """Write the model as a ROS 2 parameter file, whole or not at all.
 
-        An arm of a file that was given by a relative path is named as seen from the model file. If
-        it is known how sure the model is, that is written to :func:`uncertainty_file` beside it.
+        An arm of a file that was given by a relative path is named as seen from the model file. Its
+        uncertainty, if it has one, is written to :func:`uncertainty_file` beside it.
 
         Args:
             path: File to write; one that exists is replaced.
@@ -336,7 +336,7 @@ class TorqueModel:
 
 
 def uncertainty_file(path: str | Path) -> Path:
-    """Return the path of the file, beside a model's, that says how sure the model is."""
+    """Return the path of the file, beside a model's, with its uncertainty."""
     return Path(path).with_suffix(SUFFIX)
 
 

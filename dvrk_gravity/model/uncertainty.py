@@ -1,4 +1,4 @@
-"""How sure a model is: its parameters' posterior, and the error that it never explained.
+"""Uncertainty of a model: its parameters' posterior, and the error that it never explained.
 
 Both come from the recordings that it was identified from, and lie in a file beside the model's,
 which names it: every torque that a model predicts is tau + T u + e, with T the change of torque by
@@ -32,7 +32,7 @@ _TURN = 1e-4  # m/s^2, of differences by the direction of gravity, in which weig
 
 @dataclass(frozen=True)
 class OutsideSettings:
-    """When it is told that a recording goes beyond what a model was identified on.
+    """When a recording counts as beyond the range that a model was identified on.
 
     Attributes:
         share: Part of the samples, below which nothing is said of it. Chosen.
@@ -55,8 +55,7 @@ class ModelUncertainty:
         error: (n,) RMS of the error on data that the fit had not seen, in joint space, N·m; NaN
             where it is not known.
         band: Hz; that error is what is left below this; NaN of static poses.
-        together: (n,) s in which errors hang together: the residual's correlation time; NaN
-            likewise, as speed.
+        together: (n,) s, the residual's correlation time; NaN likewise, as speed.
         lower: (n,) least true position that it was identified on.
         upper: (n,) greatest one.
         speed: (n,) greatest speed.
@@ -134,7 +133,7 @@ class ModelUncertainty:
         return tuple(result)
 
     def fits(self, terms: Iterable[Term]) -> bool:
-        """Tell whether terms have the coefficients that the posterior is about."""
+        """Return whether terms have the posterior's coefficients."""
         known = coefficients_of(terms)
         return all(
             name in known
@@ -158,7 +157,7 @@ class ModelUncertainty:
             q: Positions, rad or m.
             qd: Velocities, rad/s or m/s; ``None`` of poses.
             present: (n,) joints that were recorded; nothing is said of others.
-            settings: Of how many samples it is told.
+            settings: How many samples count.
         """
         least = (settings or OutsideSettings()).share
         of = "the poses" if qd is None else "the time"

@@ -44,7 +44,7 @@ class JointLoads:
 def pinocchio_model(mechanism: Mechanism) -> pin.Model:
     """Return the chain as a Pinocchio model with one joint of one coordinate per link.
 
-    A rigid joint becomes a revolute one that nobody moves: Pinocchio gives reactions
+    A rigid joint becomes a revolute one that stays at zero: Pinocchio gives reactions
     at joints only, and merging the links would lose them.
     """
     inertias = {

@@ -138,7 +138,7 @@ class Mechanism:
 
     @property
     def bodies(self) -> tuple[Body, ...]:
-        """The chain as the bodies of an arm; a rigid joint is a revolute one that nobody moves."""
+        """The chain as the bodies of an arm; a rigid joint is a revolute one that stays at zero."""
         bodies: list[Body] = []
         end = np.zeros(3)
         for i, (link, joint) in enumerate(zip(self.links, self.joints, strict=True)):

@@ -1,4 +1,4 @@
-from .nodes import DEFAULTS as DEFAULTS
+from .nodes import FRICTION_RATIO as FRICTION_RATIO
 from .nodes import node_parameters as node_parameters
 from .parameter import Parameter as Parameter
 from .parameter import Value as Value

@@ -1,7 +1,7 @@
-"""A declared parameter: type, unit, default, range and meaning, in one place.
+"""A declared parameter: type, unit, default, range and meaning.
 
-The node declares its ROS parameters, model files are checked, and the table in
-docs/parameters.md is written from the same declarations.
+ROS parameters, checks of model files and the table in docs/parameters.md all come from these
+declarations.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import Any
 
 from dvrk_gravity.errors import ConfigError
 
-_SIMILARITY = 0.7  # of names, from 0 to 1 (difflib): a letter or two of a short one are others
-_SLIP = 0.85  # likewise: a name that differs by so little is that one, written wrongly
+# Similarity of names, 0 to 1 (difflib): of a suggestion, a letter or two of a short one differ; and
+# of a certain misspelling.
+_SIMILARITY, _SLIP = 0.7, 0.85
 Value = bool | str | float | tuple[float, ...]
 
 
@@ -25,16 +26,16 @@ class Parameter:
 
     Attributes:
         name: Dotted name, as in a ROS 2 parameter file.
-        default: Default value; its type is the parameter's type (bool, str,
-            float or a tuple of floats). An empty tuple means "not given".
-        unit: SI unit, ``""`` if it has none.
-        meaning: What it is, in a few words.
+        default: Default value, of the parameter's type (bool, str, float or a tuple of floats). An
+            empty tuple means "not given".
+        unit: SI unit, ``""``: none.
+        meaning: In a few words.
         lower: Least value allowed (of every entry of an array).
         upper: Greatest value allowed.
         lengths: Lengths allowed for a tuple that is given; ``()`` means any.
         choices: Values allowed for a string; ``()`` means any.
         read_only: Cannot be changed while the node runs.
-        units: Of a tuple's entries, where each has its own; ``unit`` is then that of most.
+        units: Of a tuple's entries, where they differ; ``unit`` is then that of most.
     """
 
     name: str
@@ -123,7 +124,7 @@ class Parameter:
 
 
 def is_finite(value: float) -> bool:
-    """Tell whether a number is finite; an integer too large for a float is not."""
+    """Return whether a number is finite; an integer too large for a float is not."""
     try:
         return math.isfinite(value)
     except OverflowError:
@@ -136,12 +137,12 @@ def check_all(
     """Return ``values`` checked against ``table``, in the table's order.
 
     Args:
-        table: The parameters that there are.
-        values: Given ones.
-        declared_by: What declares groups of parameters, in words; "" if nothing outside does.
+        table: The declared parameters.
+        values: The given ones.
+        declared_by: What declares groups of parameters, in words; "": nothing outside.
 
     Raises:
-        ConfigError: A name that the table does not have, or a value that fails its check.
+        ConfigError: A name that the table lacks, or a value that fails its check.
     """
     for name in values:
         if name not in table:
@@ -151,7 +152,7 @@ def check_all(
 
 
 def _about(name: str, table: Mapping[str, Parameter], declared_by: str) -> str:
-    """Return what may be wrong with a name that a table does not have, as an addition."""
+    """Return a hint on a name that the table lacks."""
     near = difflib.get_close_matches(name, table, n=1, cutoff=_SIMILARITY)
     meant = f"did you mean {near[0]}?" if near else ""
     group = name.partition(".")[0]

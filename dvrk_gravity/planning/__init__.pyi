@@ -4,6 +4,6 @@ from .exciting import exciting_motion as exciting_motion
 from .limits import MotionLimits as MotionLimits
 from .limits import PairLimit as PairLimit
 from .limits import careful as careful
-from .move import Move as Move
-from .multisine import Multisine as Multisine
-from .multisine import used_range as used_range
+from .motions import Move as Move
+from .motions import Multisine as Multisine
+from .motions import used_range as used_range

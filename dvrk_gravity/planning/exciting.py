@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning.limits import MotionLimits, PairLimit
-from dvrk_gravity.planning.multisine import Multisine
+from dvrk_gravity.planning.motions import Multisine
 
 GRID = 0.005  # s; a sine of 0.6 Hz is at most 5e-5 of its amplitude higher between two points
 
@@ -45,14 +45,14 @@ class SweepSettings:
         lowest: Least cycles in a motion: every joint goes through its range in both directions.
         highest: Most cycles. Chosen: so slow that a sweep takes a tenth of the acceleration.
         steps: Halvings of the sweep's interval: to a thousandth of it.
-        tried: So many sweeps are drawn; the one that leaves out least of a joint is taken. Chosen.
+        draws: So many sweeps are drawn; the one that leaves out least of a joint is taken. Chosen.
     """
 
     share: float = 0.85
     lowest: float = 1.2
     highest: float = 1.8
     steps: int = 10
-    tried: int = 12
+    draws: int = 12
 
 
 def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
@@ -87,7 +87,7 @@ def covering_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
     sines = _sines(limits, duration, random)
     settings = SweepSettings()
     sines = replace(sines, amplitude=settings.share * sines.amplitude)
-    drawn = [_with_sweep(sines, limits, random) for _ in range(settings.tried)]
+    drawn = [_with_sweep(sines, limits, random) for _ in range(settings.draws)]
     return max(drawn, key=lambda motion: float(coverage([motion], limits).min()))
 
 

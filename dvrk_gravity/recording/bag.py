@@ -1,4 +1,4 @@
-"""Reading bags without ROS: rosbag2 (sqlite3, mcap) and ROS 1, whole or as a crash leaves them."""
+"""Reading bags without ROS: rosbag2 (sqlite3, mcap) and ROS 1, complete or cut off by a crash."""
 
 from __future__ import annotations
 
@@ -15,26 +15,33 @@ from typing import Any
 
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.recording import mcap_file, ros1_file, sqlite_file, unpack
-from dvrk_gravity.recording.bag_file import BagFile, BagFileError
+from dvrk_gravity.recording import record_files, sqlite_file
+from dvrk_gravity.recording.bag_file import (
+    ZSTD_MAGIC,
+    BagFile,
+    BagFileError,
+    UnpackError,
+    unpack_file,
+    unpacked_message,
+)
 from dvrk_gravity.recording.cdr import CdrError, from_ros1
-from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.data_warning import Note
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-# Of rosbag2; a ROS 1 bag, and what its recorder leaves if it is killed.
+# Of rosbag2; a ROS 1 bag, and one whose recorder was killed.
 ROSBAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 SUFFIXES = (*ROSBAG2_SUFFIXES, ".bag", ".bag.active")
 METADATA = "metadata.yaml"
 _KINDS: tuple[tuple[bytes, Callable[[Path], BagFile]], ...] = (
     (sqlite_file.MAGIC, sqlite_file.SqliteFile),
-    (mcap_file.MAGIC, mcap_file.McapFile),
-    (ros1_file.MAGIC, ros1_file.Ros1File),
+    (record_files.MCAP_MAGIC, record_files.McapFile),
+    (record_files.ROS1_MAGIC, record_files.Ros1File),
 )
-# What arms' readings are called, the most certain first: by the dVRK, by it before version 2, by
-# ROS's own drivers (and, for all arms together, by what draws them).
+# Topic names of arms' readings, the most certain first: of the dVRK, of its version 1, of ROS's
+# own drivers (and, for all arms together, of whatever draws them).
 _READINGS = ("measured_js", "state_joint_current", "joint_states")
 _NUMBER = re.compile(r"_(\d+)$")  # of a part of a bag that was split
-_DISK_SHARE = 0.5  # of what is free, that unpacking a file may take
+_DISK_SHARE = 0.5  # of the free space, that unpacking a file may take
 
 
 @cache
@@ -46,19 +53,19 @@ def typestore() -> Any:
 
 
 def is_bag(path: Path) -> bool:
-    """Tell whether a path is that of a bag, by its name: a folder, or a file of one."""
+    """Return whether a path is a bag's, by its name: a folder, or a file of one."""
     return path.is_dir() or path.name.lower().endswith(SUFFIXES)
 
 
 class BagReader:
     """A bag, open for reading (context manager): a rosbag2's folder, or a file of any bag.
 
-    What can be read of a damaged one is read.
+    Of a damaged bag, the readable part is read.
 
     Attributes:
         path: Folder or file.
         topics: Message type of every topic.
-        notes: What was not as it should be; complete when all messages were read.
+        notes: Irregularities; complete when all messages were read.
 
     Raises:
         RecordingError: On entering and reading, if nothing can be read.
@@ -84,7 +91,7 @@ class BagReader:
                     file = self._open(path)
                 except RecordingError:
                     raise
-                # Damaged bytes lead parsers to whatever error.
+                # Damaged bytes make parsers raise any error.
                 except Exception as error:
                     problems.append(f"{path.name}: {_line(error)}")
                     continue
@@ -144,11 +151,7 @@ class BagReader:
         return [inside[name] for name in named if name in inside]
 
     def _all(self, inside: list[Path], described: bool) -> list[Path]:
-        """Return all files of a folder without a description that can be read.
-
-        Raises:
-            RecordingError: They are none, or of several bags.
-        """
+        """Return all files of a folder without readable metadata; raise if of several bags."""
         if not inside:
             raise RecordingError(
                 self.path,
@@ -166,16 +169,12 @@ class BagReader:
         return inside
 
     def _open(self, path: Path) -> BagFile:
-        """Open one file.
-
-        Raises:
-            BagFileError: It is no bag's.
-        """
+        """Open one file; raise ``BagFileError`` if it is no bag's."""
         if not text_file.is_file(path):
             raise RecordingError(path, "is a pipe or device, expected a file of a bag")
         with path.open("rb") as file:
             head = file.read(max(len(magic) for magic, _ in _KINDS))
-        if head.startswith(unpack.ZSTD_MAGIC):
+        if head.startswith(ZSTD_MAGIC):
             path = self._unpacked(path)
             with path.open("rb") as file:
                 head = file.read(len(head))
@@ -189,7 +188,7 @@ class BagReader:
         folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="dvrk_gravity-"))
         most = int(_DISK_SHARE * shutil.disk_usage(folder).free)
         target = Path(folder, path.stem)
-        if not unpack.unpack_file(path, target, most):
+        if not unpack_file(path, target, most):
             self._note(f"{path.name} is compressed, and breaks off")
         return target
 
@@ -200,11 +199,6 @@ class BagReader:
 
         Of several, it is the only one under the arm's name (``/MTMR/measured_js`` of mtmr), or the
         only one that names its joints.
-
-        Args:
-            topic: The topic, if it is said.
-            arm: Name of the arm, if it is known.
-            joints: Names of its joints.
 
         Raises:
             RecordingError: If there is none, or several and no reason to prefer one.
@@ -255,9 +249,9 @@ class BagReader:
         return names
 
     def raw(self, *topics: str) -> Iterator[tuple[str, int, bytes]]:
-        """Yield topic, receive time (ns) and bytes of some topics' messages, as they were written.
+        """Yield topic, receive time (ns) and CDR bytes of some topics' messages, in file order.
 
-        Bytes are CDR; JointStates of ROS 1 are brought into that.
+        JointStates of ROS 1 are converted to CDR.
 
         Raises:
             RecordingError: If a topic is absent, or nothing of a damaged file can be read.
@@ -271,7 +265,7 @@ class BagReader:
             wanted = [key for key, channel in file.channels.items() if channel.topic in topics]
             for key, received, data in _guarded(file, wanted):
                 channel = file.channels[key]
-                # A sqlite3 column holds whatever was put there.
+                # A sqlite3 column may hold any type.
                 if not isinstance(data, bytes) or not isinstance(received, int):
                     raise RecordingError(
                         self.path,
@@ -279,8 +273,8 @@ class BagReader:
                         f"{received!r:.40}, expected bytes received at a whole number of ns",
                     )
                 try:
-                    data = unpack.message(data)
-                except unpack.UnpackError as error:
+                    data = unpacked_message(data)
+                except UnpackError as error:
                     file.left_out[f"message that {error}"] += 1
                     continue
                 if channel.encoding == "ros1" and channel.msgtype == JOINT_STATE:
@@ -291,12 +285,12 @@ class BagReader:
                         continue
                 count += 1
                 yield channel.topic, received, data
-            self._say(name, file, count)
+            self._note_damage(name, file, count)
         if not count and any(note.kind == "cut_off" for note in self.notes):
             raise self._unreadable("; ".join(note.text for note in self.notes))
 
-    def _say(self, name: str, file: BagFile, count: int) -> None:
-        """Note what was found in a file by the time that it was read."""
+    def _note_damage(self, name: str, file: BagFile, count: int) -> None:
+        """Note what could not be read of a file, once it was read."""
         if file.broken:
             self._note(f"{name} {file.broken}: {count} messages read until there")
         for what, times in file.left_out.items():
@@ -305,11 +299,7 @@ class BagReader:
         file.left_out.clear()
 
     def message(self, topic: str, data: bytes) -> Any:
-        """Return CDR bytes of one of the topic's messages as a ``rosbags`` message object.
-
-        Raises:
-            RecordingError: If the bytes are not of the topic's type.
-        """
+        """Return a message from its CDR bytes; raise ``RecordingError`` if of another type."""
         try:
             return typestore().deserialize_cdr(data, self.topics[topic])
         except Exception as error:
@@ -319,7 +309,7 @@ class BagReader:
 
 
 def _guarded(file: BagFile, wanted: Sequence[Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield messages up to where damaged bytes lead the parser to an error."""
+    """Yield messages up to where damaged bytes make the parser fail."""
     messages = file.messages(wanted)
     while True:
         try:
@@ -344,7 +334,7 @@ def _place(path: Path) -> tuple[str, int]:
 
 
 def _is_under(topic: str, arm: str) -> bool:
-    """Tell whether a topic lies in an arm's namespace: /MTMR, or a numbered one, /PSM1."""
+    """Return whether a topic lies in an arm's namespace: /MTMR, or a numbered one, /PSM1."""
     return any(
         part.lower().rstrip("0123456789") == arm.lower() or part.lower() == arm.lower()
         for part in topic.split("/")

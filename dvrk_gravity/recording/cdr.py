@@ -1,9 +1,9 @@
 """sensor_msgs/JointState in CDR bytes: many messages of one layout decoded at once.
 
-A driver's JointStates differ only in their stamp and numbers: frame and joint
-names, hence the place of every number, stay the same. So the layout of one
-message is parsed, and all messages that agree with it byte by byte outside the
-numbers are read as one array. Byte layout: OMG DDSI-RTPS, plain CDR (XCDR1).
+A driver's JointStates differ only in their stamp and numbers: frame and joint names, hence the
+place of every number, stay the same. So the layout of one message is parsed, and all messages that
+agree with it byte by byte outside the numbers are read as one array. Byte layout: OMG DDSI-RTPS,
+plain CDR (XCDR1).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MAX_PADDING = 3  # some writers pad the data to a multiple of four
 
 
 class CdrError(ValueError):
-    """Bytes that are not a JointState; the text says where they stop making sense."""
+    """Bytes that are not a JointState; the text names the place of the first error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,7 @@ class JointStateLayout:
 
     @classmethod
     def parse(cls, raw: bytes) -> JointStateLayout:
-        """Parse one message.
-
-        Raises:
-            CdrError: If the bytes are not a JointState.
-        """
+        """Parse one message; raise ``CdrError`` if the bytes are not a JointState."""
         if len(raw) < STAMP.stop or raw[0] != 0 or raw[1] not in (0, 1):
             raise CdrError(f"{len(raw)} bytes that do not begin like plain CDR")
         order = "<" if raw[1] else ">"
@@ -110,10 +106,7 @@ class JointStateLayout:
     def decode(
         self, messages: Sequence[bytes]
     ) -> tuple[NDArray[np.int64], tuple[NDArray[np.float64], ...]]:
-        """Return stamps ``(N,)`` ns and position, velocity, effort ``(N, count)`` of messages.
-
-        All must have this layout.
-        """
+        """Return stamps (N,) ns and position, velocity, effort (N, count) of this layout."""
         size = len(self.template)
         table = np.frombuffer(b"".join(messages), np.uint8).reshape(-1, size)
 
@@ -135,14 +128,7 @@ def encode_joint_state(
     velocity: Sequence[float] = (),
     effort: Sequence[float] = (),
 ) -> bytes:
-    """Return a JointState with an empty frame as little-endian CDR bytes.
-
-    Args:
-        stamp_ns: Header stamp, ns.
-        names: Joint names.
-        position: rad.
-        velocity: rad/s.
-        effort: N·m.
+    """Return a JointState with an empty frame as little-endian CDR bytes; SI units.
 
     Raises:
         CdrError: If the stamp's seconds do not fit in 32 bits.
@@ -172,11 +158,7 @@ def encode_joint_state(
 
 
 def from_ros1(raw: bytes) -> bytes:
-    """Return a JointState in ROS 1's bytes as little-endian CDR bytes.
-
-    Raises:
-        CdrError: If they are not one.
-    """
+    """Return a JointState in ROS 1's bytes as little-endian CDR bytes, or raise ``CdrError``."""
     try:
         seconds, nanoseconds, at = *struct.unpack_from("<II", raw, 4), 12
 

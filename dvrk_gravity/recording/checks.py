@@ -1,60 +1,45 @@
-"""What is wrong with a recording: typed findings by joint, with numbers."""
+"""Checks of a recording: findings by joint, with numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.recording.data import Recording
-from dvrk_gravity.recording.data_warning import DataWarning, Kind
-from dvrk_gravity.recording.frozen import frozen
-from dvrk_gravity.recording.grid import TimingSettings
-from dvrk_gravity.recording.impossible import beyond_the_arm, driven_motors, jumps
-from dvrk_gravity.recording.notes import Note, merged
+from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
+from dvrk_gravity.recording.limits import beyond_the_arm, jumps, position_unit
+from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.signal_checks import (
-    position_unit,
+    driven_motors,
+    frozen,
     quantisation,
     ripple,
     sampling,
     saturation,
 )
+from dvrk_gravity.recording.timing import TimingSettings
 from dvrk_gravity.recording.velocity import common_factor, compare_velocity
 
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
-
-
-@dataclass(frozen=True)
-class CheckSettings:
-    """When time counts as irregular, and a joint as at rest.
-
-    Attributes:
-        time_jitter: Standard deviation of the intervals, as a part of their median. Chosen.
-        still: Way below which a joint did not move, rad (2 mm where it slides). Chosen: about
-            1 deg, more than a servo that holds moves by.
-        rates: Hz, between which robots are recorded: stamps that are not in seconds are known by
-            it. Chosen wider than any console's rate.
-    """
-
-    time_jitter: float = 0.05
-    still: float = 0.02
-    rates: tuple[float, float] = (10.0, 5000.0)
+# Way below which a joint did not move, rad (2 mm where it slides). Chosen: about 1 deg, more than a
+# servo that holds moves by.
+STILL = 0.02
+_JITTER = 0.05  # standard deviation of the intervals, as a part of their median. Chosen
+# Hz, between which robots are recorded: stamps that are not in seconds are known by it. Chosen
+# wider than any console's rate.
+_RATES = (10.0, 5000.0)
 
 
 def check(
     recording: Recording, effort_limits: Mapping[str, float] | None = None
 ) -> tuple[DataWarning, ...]:
-    """Look for what makes a recording worse than it seems.
+    """Return the faults of a trajectory or static poses, those of the whole recording first.
 
     Args:
         recording: Trajectory or static poses.
         effort_limits: Limit by joint, N·m, in the recording's coordinates; without it, saturation
             shows only as an extreme effort that repeats.
-
-    Returns:
-        Findings, those of the whole recording first.
     """
     signals = check_signals(recording, effort_limits)
     if any(finding.kind in UNITS for finding in signals):
@@ -72,7 +57,7 @@ def in_order(findings: Iterable[DataWarning]) -> tuple[DataWarning, ...]:
 def check_signals(
     recording: Recording, effort_limits: Mapping[str, float] | None = None
 ) -> tuple[DataWarning, ...]:
-    """Return what a part of a recording tells by itself: units, time, signals; see ``check``."""
+    """Return the findings about a part of a recording: units, time, signals; see ``check``."""
     findings = beyond_the_arm(recording)
     if findings:
         # Every further figure would be in the wrong unit.
@@ -89,7 +74,7 @@ def check_signals(
 
 
 def check_counts(samples: int, notes: Iterable[Note]) -> list[DataWarning]:
-    """Return findings about what reading left out of a file of which samples are left."""
+    """Return the reader's notes as findings about a file of which so many samples are left."""
     notes = merged(notes)
     total = samples + sum(note.count for note in notes)
     return [note.warning(total) for note in notes]
@@ -97,69 +82,46 @@ def check_counts(samples: int, notes: Iterable[Note]) -> list[DataWarning]:
 
 def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
     """Return findings about joints that do not move; ``ranges`` (n,) rad or m."""
-    still = ranges < CheckSettings().still * recording.scale
+    still = ranges < STILL * recording.scale
     if np.all(still):
         furthest = recording.joints[int(np.argmax(ranges))]
         unit = position_unit(recording, furthest)
-        return [
-            DataWarning(
-                "nothing_moves",
-                None,
-                {f"range_{unit}": float(ranges.max())},
-                f"no joint moves by more than {ranges.max():.2g} {unit}",
-                unusable=True,
-            )
-        ]
-    return [
-        DataWarning(
-            "no_motion",
-            joint,
-            {f"range_{position_unit(recording, joint)}": float(ranges[k])},
-            f"moves by {ranges[k]:.2g} {position_unit(recording, joint)} only",
-        )
-        for k, joint in enumerate(recording.joints)
-        if still[k]
-    ]
+        text = f"no joint moves by more than {ranges.max():.2g} {unit}"
+        numbers = {f"range_{unit}": float(ranges.max())}
+        return [DataWarning("nothing_moves", None, numbers, text, unusable=True)]
+    findings = []
+    for k in np.flatnonzero(still).tolist():
+        joint, way = recording.joints[k], float(ranges[k])
+        unit = position_unit(recording, joint)
+        text = f"moves by {way:.2g} {unit} only"
+        findings.append(DataWarning("no_motion", joint, {f"range_{unit}": way}, text))
+    return findings
 
 
 def _time(recording: Recording) -> list[DataWarning]:
     assert recording.time is not None
     intervals = np.diff(recording.time)
     typical = float(np.median(intervals))
-    findings, settings = [], CheckSettings()
-    slowest, fastest = settings.rates
+    findings = []
+    slowest, fastest = _RATES
     for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
         if 1.0 / typical < 2.0 and slowest <= 1.0 / (typical * factor) <= fastest:
-            findings.append(
-                DataWarning(
-                    "time_unit",
-                    None,
-                    {"interval": typical},
-                    f"{typical:g} s between samples: expected seconds, not {unit} (of a CSV file: "
-                    f"--columns 'time=time[{unit}]')",
-                    unusable=True,
-                )
+            text = (
+                f"{typical:g} s between samples: expected seconds, not {unit} (of a CSV file: "
+                f"--columns 'time=time[{unit}]')"
             )
+            numbers = {"interval": typical}
+            findings.append(DataWarning("time_unit", None, numbers, text, unusable=True))
     long = intervals > TimingSettings().gap * typical
     if long.any():
-        findings.append(
-            DataWarning(
-                "gaps",
-                None,
-                {"count": int(long.sum()), "longest_s": float(intervals.max())},
-                f"{long.sum()} gaps in time, the longest {intervals.max():.3g} s",
-            )
-        )
+        numbers = {"count": int(long.sum()), "longest_s": float(intervals.max())}
+        text = f"{long.sum()} gaps in time, the longest {intervals.max():.3g} s"
+        findings.append(DataWarning("gaps", None, numbers, text))
     jitter = float(np.std(intervals[~long]))
-    if jitter > settings.time_jitter * typical:
-        findings.append(
-            DataWarning(
-                "time_jitter",
-                None,
-                {"jitter_s": jitter, "interval_s": typical},
-                f"intervals vary by {1e3 * jitter:.2g} ms around {1e3 * typical:.3g} ms",
-            )
-        )
+    if jitter > _JITTER * typical:
+        numbers = {"jitter_s": jitter, "interval_s": typical}
+        text = f"intervals vary by {1e3 * jitter:.2g} ms around {1e3 * typical:.3g} ms"
+        findings.append(DataWarning("time_jitter", None, numbers, text))
     return findings
 
 
@@ -167,36 +129,27 @@ def _velocity(recording: Recording) -> list[DataWarning]:
     fits = compare_velocity(recording)
     findings, common = [], common_factor(fits)
     if common is not None:
-        findings.append(
-            DataWarning(
-                "wrong_clock",
-                None,
-                {"factor": common},
-                f"velocity is {common:.3g} times the differentiated position at all joints: the "
-                f"clock, or all velocities, are wrong by a factor of {max(common, 1 / common):.2g}",
-            )
+        text = (
+            f"velocity is {common:.3g} times the differentiated position at all joints: the "
+            f"clock, or all velocities, are wrong by a factor of {max(common, 1 / common):.2g}"
         )
+        findings.append(DataWarning("wrong_clock", None, {"factor": common}, text))
     for joint, fit in zip(recording.joints, fits, strict=True):
         if fit is None or not fit.worse:
             continue
-        sense = "late" if fit.lag > 0.0 else "early"
+        scaled = common is None and fit.of_another_scale
+        kind: Kind = "velocity_factor" if scaled else "velocity_mismatch"
         numbers = {
             "slope": fit.slope,
             "lag_s": fit.lag,
             "correlation": fit.correlation,
             "residual": fit.residual,
         }
-        findings.append(
-            DataWarning(
-                "velocity_factor"
-                if common is None and fit.of_another_scale
-                else "velocity_mismatch",
-                joint,
-                numbers,
-                f"velocity is {fit.slope:.3g} times the differentiated position"
-                f"{fit.suspicion}, {abs(1e3 * fit.lag):.1f} ms {sense}, correlation "
-                f"{fit.correlation:.3f}, {100 * fit.residual:.0f} % of it unexplained",
-                unusable=fit.position_in_degrees,
-            )
+        text = (
+            f"velocity is {fit.slope:.3g} times the differentiated position{fit.suspicion}, "
+            f"{abs(1e3 * fit.lag):.1f} ms {'late' if fit.lag > 0.0 else 'early'}, correlation "
+            f"{fit.correlation:.3f}, {100 * fit.residual:.0f} % of it unexplained"
         )
+        unusable = fit.position_in_degrees
+        findings.append(DataWarning(kind, joint, numbers, text, unusable))
     return findings

@@ -1,30 +1,176 @@
-"""What the columns of a CSV file are: as a user says it, and as it is read."""
+"""Columns of a CSV file: the meaning of their names, as programs write or users map them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.recording.column_names import Quantity, recognised
-from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.data_warning import Note
 
+DEGREE = np.pi / 180.0
+# Factors to rad, m, N·m, N, A and s; by what they are units of.
+UNITS: dict[str, dict[str, float]] = {
+    "position": {"rad": 1.0, "deg": DEGREE, "°": DEGREE, "m": 1.0, "mm": 1e-3},
+    "velocity": {"rad/s": 1.0, "deg/s": DEGREE, "°/s": DEGREE, "m/s": 1.0, "mm/s": 1e-3},
+    "effort": {
+        "nm": 1.0, "n·m": 1.0, "n.m": 1.0, "n*m": 1.0, "n m": 1.0, "n": 1.0, "a": 1.0, "ma": 1e-3,
+        "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3, "kn": 1e3,
+    },
+    "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    "direction": {},
+}  # fmt: skip
+Quantity = Literal["time", "position", "velocity", "effort", "direction", "name", "nothing"]
 Columns = Mapping[str, str] | str | Path
 EXPECTED = "time, direction or <joint>.position/velocity/effort/direction"
 WAY_OUT = "; or --columns 'NAME=time,NAME=<joint>.position,…'"
 OF_READINGS: tuple[Quantity, ...] = ("position", "velocity", "effort", "direction")
+_WORDS: dict[Quantity, str] = {
+    "position": "position positions pos q angle angles jpos joint_pos joint_position "
+    "joint_positions jointposition actual_q actual_position measured_q q_measured state_q",
+    "velocity": "velocity velocities vel qd dq qdot q_dot jvel joint_vel joint_velocity "
+    "joint_velocities jointvelocity speed actual_qd actual_velocity measured_dq state_dq",
+    "effort": "effort efforts eff torque torques tau tau_j jointtorque joint_torque joint_torques "
+    "joint_effort jointeffort moment actual_moment current currents actual_current state_tau_j",
+    "name": "name",
+}
+_QUANTITY: dict[str, Quantity] = {
+    word: quantity for quantity, words in _WORDS.items() for word in words.split()
+}
+# The best first: where a file has several, the first of these is its time.
+TIMES = ("time", "__time", "%time", "timestamp", "time_stamp", "stamp", "rosbagtimestamp",
+         "receive time", "elapsed time", "elapsed", "duration", "seconds", "t")  # fmt: skip
+_SECONDS, _NANOSECONDS = {"sec", "secs"}, {"nanosec", "nsec", "nsecs", "nanosecs"}
+# Words of commands, which are no readings.
+_COMMANDS = ("target", "desired", "setpoint", "command", "cmd", "goal", "reference")
+_INDEXES = {"", "index", "unnamed: 0", "#", "row"}  # of rows, that pandas and others write first
+
+_UNIT = re.compile(r"\s*[\[(]\s*([^\[\]()\d][^\[\]()]*?)\s*[\])]$")
+_SUFFIX = re.compile(r"^(time|timestamp|stamp|t|position|pos|angle)_(ns|us|ms|s|deg|rad)$")
+_NUMBERED = re.compile(r"^(.*?)_?v?(\d+)$")
+_JOINT_NUMBER = re.compile(r"^(?:joint|axis|motor|j|a|q)_?(\d+)$")
+
+
+@dataclass(frozen=True)
+class ColumnName:
+    """Meaning of a column's name.
+
+    Attributes:
+        quantity: Quantity of the column; ``nothing``: an index of rows, which is not read.
+        joint: Name of the joint, ``""`` where a number stands for it.
+        number: Number of the joint in the file's own count; -1 where its name is given.
+        unit: As written; ``""`` where it is not.
+        prefix: Text before it, such as a topic: columns of one prefix belong together.
+        part: Of a time: ``stamp`` of a header, its ``sec`` or ``nanosec``, or ``plain``.
+        command: Whether it is a command to the arm.
+        native: Whether it is named as this package names columns.
+    """
+
+    quantity: Quantity
+    joint: str = ""
+    number: int = -1
+    unit: str = ""
+    prefix: str = ""
+    part: str = "plain"
+    command: bool = False
+    native: bool = False
+
+
+def recognised(text: str, known: Collection[str] = ()) -> ColumnName | None:
+    """Return the meaning of a header's text, ``None`` if unknown; ``known``: an arm's joints."""
+    if text.lower() in _INDEXES:
+        return ColumnName("nothing")
+    unit = ""
+    if found := _UNIT.search(text):
+        unit, text = found[1], text[: found.start()]
+    elif found := _SUFFIX.match(text.lower()):
+        text, unit = found[1], found[2]
+    if text in ("time", "direction"):
+        return ColumnName("time" if text == "time" else "direction", unit=unit, native=True)
+    joint, _, quantity = text.rpartition(".")
+    if joint and quantity in ("position", "velocity", "effort", "direction"):
+        path, _, own = joint.rpartition("/")
+        of: Quantity = quantity  # type: ignore[assignment]
+        name, prefix = (joint, "") if joint in known else (own, path)
+        return ColumnName(
+            of, name, unit=unit, prefix=prefix, command=_commanded(path), native=not prefix
+        )
+    time = _time(text)
+    if time is not None:
+        return ColumnName("time", unit=unit, prefix=time[0], part=time[1])
+    column = _of_joint(text, known)
+    if column is None:
+        return None
+    made, prefix = column
+    command = _commanded(text.replace(made.joint, ""))
+    return ColumnName(made.quantity, made.joint, made.number, unit, prefix, command=command)
+
+
+def _commanded(text: str) -> bool:
+    lower = text.lower()
+    return any(word in lower for word in _COMMANDS)
+
+
+def _time(text: str) -> tuple[str, str] | None:
+    """Return the prefix of a time's name, and which part of a time it is."""
+    lower = text.lower().strip()
+    if lower in TIMES:
+        return "", "plain"
+    *before, last = re.split(r"[./\-]", lower)
+    prefix = "/".join(part for part in before if part not in ("header", "stamp", "field", ""))
+    if last in _SECONDS | _NANOSECONDS:
+        return prefix, "sec" if last in _SECONDS else "nanosec"
+    if last == "stamp" and before and before[-1] == "header":
+        return prefix, "stamp"
+    if last == "timestamp" and before:  # as cisst's collector writes it
+        return prefix, "stamp"
+    return None
+
+
+def _of_joint(text: str, known: Collection[str]) -> tuple[ColumnName, str] | None:
+    """Return quantity and joint of a column, by name or number, and their prefix."""
+    parts = [part for part in re.split(r"[\s./\-\[\]()]+", text) if part]
+    if not parts:
+        return None
+    lower = [part.lower() for part in parts]
+    if lower[-1] in _QUANTITY and len(parts) > 1:  # …/joint/position, joint.pos
+        quantity, joint = _QUANTITY[lower[-1]], parts[-2]
+        number = _JOINT_NUMBER.match(lower[-2])
+        made = ColumnName(quantity, joint)
+        if number and joint not in known:
+            made = ColumnName(quantity, number=int(number[1]))
+        return made, "/".join(parts[:-2])
+    if len(parts) > 1 and lower[-2] in _QUANTITY:  # position[0], position/joint
+        if lower[-1].lstrip("v").isdigit():
+            return ColumnName(
+                _QUANTITY[lower[-2]], number=int(lower[-1].lstrip("v"))
+            ), "/".join(parts[:-2])  # fmt: skip
+        if parts[-1] in known:
+            return ColumnName(_QUANTITY[lower[-2]], parts[-1]), "/".join(parts[:-2])
+    for joint in sorted(known, key=len, reverse=True):  # joint_pos, position_joint
+        for rest in (parts[-1].removeprefix(f"{joint}_"), parts[-1].removesuffix(f"_{joint}")):
+            if rest != parts[-1] and rest.lower() in _QUANTITY:
+                return ColumnName(_QUANTITY[rest.lower()], joint), "/".join(parts[:-1])
+    numbered = _NUMBERED.match(lower[-1])  # q1, position0, actual_q_0
+    if numbered and numbered[1] in _QUANTITY:
+        return ColumnName(_QUANTITY[numbered[1]], number=int(numbered[2])), "/".join(parts[:-1])
+    return None
 
 
 def read_columns(given: Columns | None) -> dict[str, str]:
-    """Return what columns are said to be, by their names.
+    """Return the targets of a user's mapping of columns, by the columns' names.
 
     Args:
         given: ``NAME=TARGET,…``, the path of a YAML file with ``NAME: TARGET``, or such a mapping.
             A target is ``time``, ``direction`` or ``<joint>.position``, ``.velocity``, ``.effort``,
-            with a unit behind it where it is not the SI one: ``time[ms]``, ``elbow.position[deg]``.
+            followed by its unit where it is not the SI one: ``time[ms]``, ``elbow.position[deg]``.
             Columns of a file without a header are called 1, 2, 3, ….
 
     Raises:
@@ -54,11 +200,11 @@ def read_columns(given: Columns | None) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class TimeColumns:
-    """Where a file's times are: one column, or one of seconds and one of nanoseconds.
+    """Place of a file's times: one column, or one of seconds and one of nanoseconds.
 
     Attributes:
         columns: Its, or their, numbers in the file.
-        factor: To seconds; ``None``: its unit is not said.
+        factor: To seconds; ``None``: its unit is not stated.
         text: Whether it holds dates.
     """
 
@@ -69,16 +215,16 @@ class TimeColumns:
 
 @dataclass(frozen=True)
 class Header:
-    """Where a file's columns are.
+    """Places of a file's columns.
 
     Attributes:
         names: Of all its columns.
         joints: Those that are read, in the arm's order.
-        time: Where the times are; ``None``: static poses.
+        time: Place of the times; ``None``: static poses.
         quantities: Number in the file of each joint's column; -1 of a joint that has none.
         factors: (n,) by which a quantity's columns are multiplied.
         same: Pairs of columns of one name, which must hold the same.
-        notes: What was taken for what.
+        notes: Which columns were read as what.
     """
 
     names: tuple[str, ...]
@@ -91,7 +237,7 @@ class Header:
 
     @property
     def used(self) -> list[int]:
-        """Numbers of all columns that are looked at."""
+        """Numbers of all columns that are read."""
         found = set(self.time.columns if self.time else ())
         found.update(column for columns in self.quantities.values() for column in columns)
         found.update(column for pair in self.same for column in pair)

@@ -9,19 +9,23 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.column_names import TIMES, UNITS, ColumnName, Quantity, recognised
 from dvrk_gravity.recording.csv_columns import (
     EXPECTED,
     OF_READINGS,
+    TIMES,
+    UNITS,
     WAY_OUT,
+    ColumnName,
     Header,
+    Quantity,
     TimeColumns,
+    recognised,
 )
-from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.samples import QUANTITIES, TimeBase, check_joints
 
 _SHOWN = 8  # names of columns in one line
-# What one value a row makes: nothing that can be put together for sure.
+# A file of one value a row, whose samples cannot be put together for sure.
 _FOXGLOVE = {"elapsed time", "receive time", "topic", "value"}
 
 
@@ -32,60 +36,59 @@ class HeaderReader:
     Attributes:
         where: File and line, for errors.
         arm: Whose joints are read; ``None``: those that the header names.
-        given: What columns are said to be.
+        given: Targets of columns that a user has mapped.
         time_base: Which of two times is read, where there are two.
+        names: Of the columns.
+        first: Cells of the first row.
     """
 
     where: str
     arm: Arm | None
     given: Mapping[str, str]
-    time_base: TimeBase = "stamp"
+    time_base: TimeBase
+    names: Sequence[str]
+    first: Sequence[str]
 
     @property
     def _known(self) -> tuple[str, ...]:
         return self.arm.joint_names if self.arm else ()
 
-    def read(self, names: Sequence[str], first: Sequence[str]) -> Header:
-        """Return where the columns are.
+    def _error(self, problem: str) -> RecordingError:
+        return RecordingError(self.where, problem)
 
-        Args:
-            names: Of the columns.
-            first: Cells of the first row.
+    def read(self) -> Header:
+        """Return the places of the columns.
 
         Raises:
-            RecordingError: Columns missing, twice, or that could be either of two things.
+            RecordingError: Columns missing, twice, or ambiguous.
         """
-        columns, same = self._columns(names)
-        found = self._of_one_source(names, columns)
-        found = self._named(names, found, first)
-        joints, quantities = self._quantities(names, found)
-        time = self._time(names, columns, found, first)
+        columns, same = self._columns()
+        found = self._named(self._of_one_source(columns))
+        joints, quantities = self._quantities(found)
+        time = self._time(columns, found)
         if time is None:
-            self._require_poses(names, columns)
+            self._require_poses(columns)
         factors = {
-            quantity: np.array([self._factor(names, quantity, at) for at in places])
+            quantity: np.array([self._factor(quantity, at) for at in places])
             for quantity, places in quantities.items()
         }
-        notes = self._notes(names, columns, found, quantities, joints, time)
-        return Header(tuple(names), joints, time, quantities, factors, same, notes)
+        notes = self._notes(columns, found, quantities, joints, time)
+        return Header(tuple(self.names), joints, time, quantities, factors, same, notes)
 
-    def _columns(
-        self, names: Sequence[str]
-    ) -> tuple[dict[int, ColumnName], tuple[tuple[int, int], ...]]:
-        """Return what is recognised, and which columns have the name of one before."""
+    def _columns(self) -> tuple[dict[int, ColumnName], tuple[tuple[int, int], ...]]:
+        """Return the recognised columns, and pairs of columns that share a name."""
         for name in self.given:
-            if name not in names:
-                shown = ", ".join(names)[:200]
-                raise RecordingError(self.where, f"no column {name!r} (--columns), it has {shown}")
-        if {name.lower() for name in names} >= _FOXGLOVE:
-            raise RecordingError(
-                self.where, "looks like the data of a Foxglove plot, one value a row: expected "
+            if name not in self.names:
+                shown = ", ".join(self.names)[:200]
+                raise self._error(f"no column {name!r} (--columns), it has {shown}")
+        if {name.lower() for name in self.names} >= _FOXGLOVE:
+            raise self._error("looks like the data of a Foxglove plot, one value a row: expected "
                 "one sample a row, or the bag itself"
             )  # fmt: skip
         found: dict[int, ColumnName] = {}
         first: dict[str, int] = {}
         same = []
-        for at, name in enumerate(names):
+        for at, name in enumerate(self.names):
             if name in first:
                 same.append((first[name], at))
                 continue
@@ -98,19 +101,16 @@ class HeaderReader:
         return found, tuple(pair for pair in same if pair[0] in found)
 
     def _taken(self, column: ColumnName) -> bool:
-        """Tell whether ``--columns`` names another column for what one seems to be."""
-        said = [recognised(target) for target in self.given.values()]
-        if column.number >= 0:
-            return any(other and other.quantity == column.quantity for other in said)
+        """Return whether ``--columns`` maps another column to the same quantity and joint."""
         return any(
-            other and (other.quantity, other.joint) == (column.quantity, column.joint)
-            for other in said
+            target is not None
+            and target.quantity == column.quantity
+            and (column.number >= 0 or target.joint == column.joint)
+            for target in map(recognised, self.given.values())
         )
 
-    def _of_one_source(
-        self, names: Sequence[str], columns: Mapping[int, ColumnName]
-    ) -> dict[int, ColumnName]:
-        """Return the columns of joints' readings, those of the arm's topic if there are several."""
+    def _of_one_source(self, columns: Mapping[int, ColumnName]) -> dict[int, ColumnName]:
+        """Return the columns of joints' readings; of several topics, those of the arm's."""
         found = {
             at: column
             for at, column in columns.items()
@@ -134,35 +134,31 @@ class HeaderReader:
                 continue
             key = column.quantity, column.joint, column.number
             if key in seen:
-                raise RecordingError(
-                    self.where,
-                    f"columns {names[seen[key]]!r} and {names[at]!r} could both be the "
+                raise self._error(
+                    f"columns {self.names[seen[key]]!r} and {self.names[at]!r} could both be the "
                     f"{column.quantity} of a joint, expected one{WAY_OUT}",
                 )
             seen[key] = at
             result[at] = column
         return result
 
-    def _named(
-        self, names: Sequence[str], columns: Mapping[int, ColumnName], first: Sequence[str]
-    ) -> dict[int, ColumnName]:
+    def _named(self, columns: Mapping[int, ColumnName]) -> dict[int, ColumnName]:
         """Return columns with the joints' names where numbers stand for them."""
         numbered = {at: column for at, column in columns.items() if column.number >= 0}
         if not numbered:
             return {at: column for at, column in columns.items() if column.quantity != "name"}
         numbers = sorted({c.number for c in numbered.values() if c.quantity == "position"})
-        said = {
-            column.number: first[at].strip().strip('"')
+        joints = {
+            column.number: self.first[at].strip().strip('"')
             for at, column in numbered.items()
-            if column.quantity == "name" and at < len(first)
+            if column.quantity == "name" and at < len(self.first)
         }
-        if not said and numbers and len(numbers) == len(self._known):
-            said = dict(zip(numbers, self._known, strict=True))
-        some = next(names[at] for at in numbered)
-        if numbers and not set(numbers) <= set(said):
+        if not joints and numbers and len(numbers) == len(self._known):
+            joints = dict(zip(numbers, self._known, strict=True))
+        some = next(self.names[at] for at in numbered)
+        if numbers and not set(numbers) <= set(joints):
             arm = f", expected {len(self._known)} of arm {self.arm.name}" if self.arm else ""
-            raise RecordingError(
-                self.where,
+            raise self._error(
                 f"columns such as {some!r} do not name their joints: {len(numbers)} of them{arm}"
                 f"{WAY_OUT}",
             )
@@ -170,38 +166,38 @@ class HeaderReader:
         for at, column in columns.items():
             if column.quantity == "name":
                 continue
-            if column.number >= 0 and column.number in said:
-                column = replace(column, joint=said[column.number])
+            if column.number >= 0 and column.number in joints:
+                column = replace(column, joint=joints[column.number])
             if column.joint or column.quantity == "direction":
                 result[at] = column
         return result
 
     def _quantities(
-        self, names: Sequence[str], columns: Mapping[int, ColumnName]
+        self, columns: Mapping[int, ColumnName]
     ) -> tuple[tuple[str, ...], dict[str, list[int]]]:
         """Return the joints, and the columns of each quantity."""
         known = self._known
-        index: dict[tuple[str, str], int] = {}
-        for at, column in columns.items():
-            index[column.joint, column.quantity] = at
+        index: dict[tuple[str, str], int] = {
+            (column.joint, column.quantity): at for at, column in columns.items()
+        }
         whole = all((joint, "position") in index for joint in known)
         for at, column in columns.items():
             # Where all of the arm's joints are, others are another arm's or a hand's; else a
             # misprint.
             if known and column.native and column.joint and column.joint not in known and not whole:
-                raise self._unknown(names, at)
+                raise self._unknown(at)
             if column.native and not column.joint and column.quantity != "direction":
-                raise self._unknown(names, at)
+                raise self._unknown(at)
         named = tuple(dict.fromkeys(joint for joint, _ in index if joint))
         check_joints(self.where, named, self.arm)
         joints = tuple(joint for joint in known or named if joint in named)
         if not joints:
             if not columns or not any(column.joint for column in columns.values()):
-                for at, name in enumerate(names):
+                for at, name in enumerate(self.names):
                     if not recognised(name, known):
-                        raise self._unknown(names, at)
-                raise RecordingError(self.where, f"no <joint>.position column{WAY_OUT}")
-            raise self._unknown(names, next(iter(columns)))
+                        raise self._unknown(at)
+                raise self._error(f"no <joint>.position column{WAY_OUT}")
+            raise self._unknown(next(iter(columns)))
         quantities: dict[str, list[int]] = {}
         for quantity in (*QUANTITIES, "direction"):
             places = [index.get((joint, quantity), -1) for joint in joints]
@@ -209,31 +205,29 @@ class HeaderReader:
             if len(missing) == len(joints) and quantity != "position":
                 continue
             if missing and quantity != "velocity":
-                raise RecordingError(self.where, f"no column {missing[0]}.{quantity}{WAY_OUT}")
+                raise self._error(f"no column {missing[0]}.{quantity}{WAY_OUT}")
             quantities[quantity] = places
         if ("", "direction") in index:
             if "direction" in quantities:
-                raise RecordingError(self.where, "both direction and <joint>.direction columns")
+                raise self._error("both direction and <joint>.direction columns")
             quantities["direction"] = [index["", "direction"]] * len(joints)
         return joints, quantities
 
-    def _unknown(self, names: Sequence[str], at: int) -> RecordingError:
+    def _unknown(self, at: int) -> RecordingError:
         known = f", joints: {', '.join(self._known)}" if self._known else ""
-        return RecordingError(
-            self.where,
-            f"column {at + 1} is {names[at][:40]!r}, expected {EXPECTED}{known}{WAY_OUT}",
+        return self._error(
+            f"column {at + 1} is {self.names[at][:40]!r}, expected {EXPECTED}{known}{WAY_OUT}",
         )
 
     def _time(
-        self, names: Sequence[str], columns: Mapping[int, ColumnName],
-        read: Mapping[int, ColumnName], first: Sequence[str],
-    ) -> TimeColumns | None:  # fmt: skip
-        """Return where the times are."""
+        self, columns: Mapping[int, ColumnName], read: Mapping[int, ColumnName]
+    ) -> TimeColumns | None:
+        """Return the places of the times."""
         prefixes = {column.prefix.lower() for column in read.values()}
         times = {at: column for at, column in columns.items() if column.quantity == "time"}
-        said = [at for at in times if names[at] in self.given]
-        if said:
-            return self._one_time(names, said[0], times[said[0]], first)
+        mapped = [at for at in times if self.names[at] in self.given]
+        if mapped:
+            return self._one_time(mapped[0], times[mapped[0]])
         stamps: list[tuple[str, tuple[int, ...]]] = []
         for at, column in times.items():
             if column.part == "stamp":
@@ -246,81 +240,77 @@ class HeaderReader:
             stamps = [(prefix, at) for prefix, at in stamps if _belongs(prefix, prefixes)]
         plain = sorted(
             (at for at, column in times.items() if column.part == "plain"),
-            key=lambda at: _rank(names[at]),
+            key=lambda at: _rank(self.names[at]),
         )
         if len(stamps) == 1 and not (self.time_base == "receive" and plain):
             places = stamps[0][1]
             if len(places) == 2:
                 return TimeColumns(places, 1.0)
-            return self._one_time(names, places[0], times[places[0]], first)
+            return self._one_time(places[0], times[places[0]])
         if plain:
-            return self._one_time(names, plain[0], times[plain[0]], first)
-        # What pandas writes first, without a name, if it is the time.
-        if names and names[0] == "" and first and _is_date(first[0]):
+            return self._one_time(plain[0], times[plain[0]])
+        # pandas writes its index first, without a name: here it is the time.
+        if self.names and self.names[0] == "" and self.first and _is_date(self.first[0]):
             return TimeColumns((0,), 1.0, True)
         return None
 
-    def _one_time(
-        self, names: Sequence[str], at: int, column: ColumnName, first: Sequence[str]
-    ) -> TimeColumns:
-        unit = column.unit.lower()
-        if unit and unit not in UNITS["time"]:
-            raise RecordingError(
-                self.where,
-                f"column {names[at]!r} is in {unit}, expected {', '.join(UNITS['time'])}",
-            )
-        date = at < len(first) and _is_date(first[at])
-        return TimeColumns((at,), UNITS["time"][unit] if unit else None, date)
+    def _one_time(self, at: int, column: ColumnName) -> TimeColumns:
+        factor = self._unit_factor("time", at, column) if column.unit else None
+        date = at < len(self.first) and _is_date(self.first[at])
+        return TimeColumns((at,), factor, date)
 
-    def _require_poses(self, names: Sequence[str], columns: Mapping[int, ColumnName]) -> None:
-        """Refuse a file without a time in which some column may be it."""
-        others = [name for at, name in enumerate(names) if at not in columns and not self.given]
+    def _require_poses(self, columns: Mapping[int, ColumnName]) -> None:
+        """Refuse a file without a time if some unknown column may be it."""
+        others = [
+            name for at, name in enumerate(self.names) if at not in columns and not self.given
+        ]
         if others:
-            raise RecordingError(
-                self.where,
+            raise self._error(
                 f"no column is known as time, and it may be one of {_some(others)}: "
                 "--columns NAME=time; or leave them out, if these are static poses",
             )
 
-    def _factor(self, names: Sequence[str], quantity: str, at: int) -> float:
+    def _factor(self, quantity: str, at: int) -> float:
         if at < 0:
             return 1.0
-        column = recognised(self.given.get(names[at], names[at]), self._known)
-        unit = column.unit.lower() if column else ""
-        if unit and unit not in UNITS[quantity]:
-            raise RecordingError(
-                self.where,
-                f"column {names[at]!r} is in {unit}, expected one of {', '.join(UNITS[quantity])}",
+        column = recognised(self.given.get(self.names[at], self.names[at]), self._known)
+        return self._unit_factor(quantity, at, column) if column and column.unit else 1.0
+
+    def _unit_factor(self, quantity: str, at: int, column: ColumnName) -> float:
+        """Return the factor of a column's unit to the SI one."""
+        unit, known = column.unit.lower(), UNITS[quantity]
+        if unit not in known:
+            raise self._error(
+                f"column {self.names[at]!r} is in {unit}, expected one of {', '.join(known)}"
             )
-        return UNITS[quantity][unit] if unit else 1.0
+        return known[unit]
 
     def _notes(
-        self, names: Sequence[str], columns: Mapping[int, ColumnName],
+        self, columns: Mapping[int, ColumnName],
         read: Mapping[int, ColumnName], quantities: Mapping[str, list[int]],
         joints: Sequence[str], time: TimeColumns | None,
     ) -> tuple[Note, ...]:  # fmt: skip
-        """Return what was taken for what, and what is not read."""
+        """Return which columns were read as what, and which were not read."""
         taken = []
         for quantity, places in quantities.items():
             for joint, at in zip(joints, places, strict=True):
                 if at >= 0 and not read[at].native:
-                    taken.append(f"{names[at]} as {joint}.{quantity}")
+                    taken.append(f"{self.names[at]} as {joint}.{quantity}")
                     break
-        if time is not None and names[time.columns[0]] not in (*self.given, "time"):
-            taken.insert(0, f"{' and '.join(names[at] for at in time.columns)} as time")
+        if time is not None and self.names[time.columns[0]] not in (*self.given, "time"):
+            taken.insert(0, f"{' and '.join(self.names[at] for at in time.columns)} as time")
         used = {at for places in quantities.values() for at in places} | set(
             time.columns if time else ()
         )
-        others = [name for at, name in enumerate(names)
-                  if at not in used and not (at in columns and columns[at].quantity in
-                                             ("nothing", "name", "time"))]  # fmt: skip
-        own = [name for at, name in enumerate(names) if at in read and read[at].native]
-        others = [name for name in others if name not in own]
+        known = {at for at, c in columns.items() if c.quantity in ("nothing", "name", "time")}
+        own = {self.names[at] for at in read if read[at].native}
+        others = [name for at, name in enumerate(self.names)
+                  if at not in used | known and name not in own]  # fmt: skip
         lines = []
         if taken:
             lines.append(f"columns read: {', '.join(taken)}, and so on")
         efforts = quantities.get("effort", [])
-        if any("current" in names[at].lower() for at in efforts if at >= 0):
+        if any("current" in self.names[at].lower() for at in efforts if at >= 0):
             lines.append("efforts are currents (--effort-unit A, or --drive-gains)")
         if others:
             lines.append(f"columns not read: {_some(others)}")
@@ -328,7 +318,7 @@ class HeaderReader:
 
 
 def _belongs(prefix: str, prefixes: Iterable[str]) -> bool:
-    """Tell whether a stamp's prefix is that of the columns that are read."""
+    """Return whether a stamp's prefix is that of the columns that are read."""
     return any(prefix.strip("/").lower() == other.strip("/") for other in prefixes)
 
 
@@ -343,6 +333,6 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _is_date(cell: str) -> bool:
-    """Tell whether a cell holds a date and time, and no number."""
+    """Return whether a cell holds a date and time, not a number."""
     text = cell.strip().strip('"')
     return len(text) >= 10 and text[4] == "-" and text[7] == "-" and text[:4].isdigit()

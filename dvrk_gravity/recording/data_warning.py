@@ -1,4 +1,4 @@
-"""Typed findings about the data of a recording."""
+"""Findings about the data of a recording: of its reader (notes) and of its checks (warnings)."""
 
 from __future__ import annotations
 
@@ -8,56 +8,26 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Literal
 
+from dvrk_gravity.errors import RecordingError
+
 Kind = Literal[
-    "invalid_stamps",
-    "repeated_stamps",
-    "stamps_back",
-    "unreadable",
-    "other_messages",
-    "not_finite",
-    "impossible_readings",
-    "cut_off",
-    "not_recorded",
-    "wrapped",
-    "topic",
-    "columns",
-    "read_before",
-    "stale_samples",
-    "read_jitter",
-    "time_jitter",
-    "gaps",
-    "samples_discarded",
-    "velocity_mismatch",
-    "velocity_factor",
-    "wrong_clock",
-    "effort_ripple",
-    "effort_saturation",
-    "effort_frozen",
-    "position_quantisation",
-    "velocity_quantisation",
-    "effort_quantisation",
-    "no_motion",
-    "nothing_moves",
-    "position_unit",
-    "effort_unit",
-    "position_jump",
-    "exchanged_joints",
-    "effort_sign",
-    "time_unit",
-    "coordinates",
-    "arm_limits",
-    "other_hand",
-    "excerpt",
-    "arm_file",
-]
+    "invalid_stamps", "repeated_stamps", "stamps_back", "unreadable", "other_messages",
+    "not_finite", "impossible_readings", "cut_off", "not_recorded", "wrapped", "topic", "columns",
+    "duplicate_samples", "stale_samples", "read_jitter", "time_jitter", "gaps", "samples_discarded",
+    "velocity_mismatch", "velocity_factor", "wrong_clock", "effort_ripple", "effort_saturation",
+    "effort_frozen", "position_quantisation", "velocity_quantisation", "effort_quantisation",
+    "no_motion", "nothing_moves", "position_unit", "effort_unit", "position_jump",
+    "exchanged_joints", "effort_sign", "time_unit", "coordinates", "arm_limits", "other_hand",
+    "excerpt", "arm_file",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class DataWarning:
-    """One thing that is wrong with a recording.
+    """One fault of a recording.
 
     Attributes:
-        kind: What it is.
+        kind: Its kind.
         joint: Name of the joint, or ``None`` if it concerns the whole recording.
         numbers: Figures by name; the unit ends the name where there is one.
         text: One line with the figures.
@@ -81,14 +51,56 @@ class DataWarning:
         return ": ".join(part for part in (self.recording, self.joint, self.text) if part)
 
 
+@dataclass(frozen=True)
+class Note:
+    """One observation of a reader.
+
+    Attributes:
+        kind: Its kind.
+        text: A sentence; for samples that were left out, the reason.
+        joint: Name of the joint, or ``None`` if it concerns the whole recording.
+        count: Samples that were left out for this reason; 0: none were.
+    """
+
+    kind: Kind
+    text: str
+    joint: str | None = None
+    count: int = 0
+
+    def warning(self, total: int) -> DataWarning:
+        """Return it as a finding about a file of ``total`` samples."""
+        if not self.count:
+            return DataWarning(self.kind, self.joint, {}, self.text)
+        numbers = {"samples": self.count, "share": self.count / total}
+        text = f"{self.count} of {total} samples {self.text}, left out"
+        return DataWarning(self.kind, self.joint, numbers, text)
+
+
+def merged(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Return each note once; counts of equal notes are added up."""
+    found: dict[tuple[Kind, str, str | None], Note] = {}
+    for note in notes:
+        key = note.kind, note.text, note.joint
+        before = found[key].count if key in found else 0
+        found[key] = replace(note, count=before + note.count)
+    return tuple(found.values())
+
+
+def require_usable(source: str, warnings: Iterable[DataWarning]) -> None:
+    """Raise ``RecordingError`` with the first warning that makes a recording unusable."""
+    for warning in warnings:
+        if warning.unusable:
+            raise RecordingError(source, str(warning))
+
+
 def about_arm(doubts: Iterable[str]) -> tuple[DataWarning, ...]:
-    """Return warnings about the masses in an arm's file, of what ``Arm.doubts`` says of it."""
+    """Return ``Arm.doubts`` about the masses in an arm's file as warnings."""
     text = "in the arm's file: "
     return tuple(DataWarning("arm_file", None, {}, text + doubt) for doubt in doubts)
 
 
 def labels(sources: Sequence[str]) -> tuple[str, ...]:
-    """Return what tells recordings apart: the files' names, or else their whole sources."""
+    """Return short distinct names of recordings: their files' names, or else the whole sources."""
     names = tuple(PurePath(source).name for source in sources)
     return names if len(set(names)) == len(names) else tuple(sources)
 
@@ -96,29 +108,23 @@ def labels(sources: Sequence[str]) -> tuple[str, ...]:
 def about(
     number: int, sources: Sequence[str], warnings: Iterable[DataWarning]
 ) -> tuple[DataWarning, ...]:
-    """Return warnings that say which of several recordings they are about.
-
-    Args:
-        number: Which of the sources it is.
-        sources: Of all recordings.
-        warnings: What was found in it.
-    """
+    """Return the warnings about recording ``number`` of several sources, labelled with its name."""
     if len(sources) == 1:
         return tuple(warnings)
     return tuple(replace(each, recording=labels(sources)[number]) for each in warnings)
 
 
 def brief(warnings: Iterable[DataWarning]) -> list[str]:
-    """Return the lines of a terminal: what is alike at several joints is said of the first.
+    """Return terminal lines: of like findings at several joints, the first and the joints' names.
 
     A report lists every one of them.
     """
-    alike: dict[tuple[Kind, str, str], list[DataWarning]] = {}
+    groups: dict[tuple[Kind, str, str], list[DataWarning]] = {}
     for warning in warnings:
         key = warning.kind, warning.recording, "" if warning.joint else warning.text
-        alike.setdefault(key, []).append(warning)
+        groups.setdefault(key, []).append(warning)
     lines = []
-    for first, *others in alike.values():
+    for first, *others in groups.values():
         joints = ", ".join(dict.fromkeys(other.joint for other in others if other.joint))
         lines.append(f"{first}; likewise {joints}" if joints else str(first))
     return lines

@@ -1,7 +1,6 @@
-"""Zero-phase low-pass filter and derivatives, with a description of what was done.
+"""Zero-phase low-pass filter and derivatives of uniformly sampled (N,) or (N, k) arrays.
 
-Everything works along the first axis of ``(N,)`` or ``(N, k)`` arrays sampled uniformly, so the
-same filter can go over positions, efforts and the columns of a regressor: a linear model stays
+The same filter goes over positions, efforts and the columns of a regressor: a linear model stays
 true when both of its sides are filtered alike.
 """
 
@@ -54,14 +53,7 @@ class LowPass:
         return _design(self.cutoff, self.rate, self.order)[1]
 
     def __call__(self, array: Array) -> Array:
-        """Return the filtered array, same shape.
-
-        Args:
-            array: ``(N,)`` or ``(N, k)``.
-
-        Raises:
-            ShapeError: If there are no more than ``edge`` samples.
-        """
+        """Return the filtered array; raise ``ShapeError`` for ``edge`` samples or fewer."""
         from scipy.signal import sosfiltfilt
 
         sections, edge = _design(self.cutoff, self.rate, self.order)
@@ -71,7 +63,7 @@ class LowPass:
         return np.asarray(sosfiltfilt(sections, array, axis=0, padlen=edge))
 
     def __str__(self) -> str:
-        """Say what the filter is, for reports."""
+        """Describe the filter, for reports."""
         return (
             f"zero-phase low-pass: Butterworth of order {self.order}, {self.cutoff:g} Hz, forward "
             f"and backward (half amplitude there); {self.edge} samples "
@@ -90,18 +82,7 @@ def _design(cutoff: float, rate: float, order: int) -> tuple[Array, int]:
 
 
 def lowpass(array: Array, rate: float, cutoff: float, order: int = ORDER) -> Array:
-    """Return ``LowPass(cutoff, rate, order)(array)``.
-
-    Args:
-        array: ``(N,)`` or ``(N, k)``.
-        rate: Sampling rate, Hz.
-        cutoff: Cut-off frequency, Hz.
-        order: Order of one of the two runs.
-
-    Raises:
-        RecordingError: If the cut-off does not go with the rate.
-        ShapeError: If there are too few samples.
-    """
+    """Return ``LowPass(cutoff, rate, order)(array)``."""
     return LowPass(cutoff, rate, order)(array)
 
 
@@ -114,14 +95,7 @@ _SECOND = np.array([-3.0, -10.0, 18.0, -6.0, 1.0]) / 12.0
 def derivative(array: Array, rate: float) -> Array:
     """Return the time derivative by five-point differences, one-sided for two samples at the ends.
 
-    It amplifies noise: filter first.
-
-    Args:
-        array: ``(N,)`` or ``(N, k)``.
-        rate: Sampling rate, Hz.
-
-    Raises:
-        ShapeError: If there are fewer than five samples.
+    It amplifies noise: filter first. Fewer than five samples raise ``ShapeError``.
     """
     array = np.asarray(array, dtype=np.float64)
     if array.ndim == 0 or len(array) < 5:

@@ -17,7 +17,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
-from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.samples import (
     CHUNK,
     QUANTITIES,
@@ -28,9 +28,9 @@ from dvrk_gravity.recording.samples import (
 )
 from dvrk_gravity.recording.table import Assembly, RowTable
 
-# Layouts tried on all of a chunk's messages; a stranger stream than that is decoded singly.
+# Layouts tried on all of a chunk's messages; a more irregular stream is decoded singly.
 SHARED_LAYOUTS = 8
-NO_STAMP = bytes(8)  # what the dVRK marks invalid data by, and what drivers send that never stamp
+NO_STAMP = bytes(8)  # of data that the dVRK marks as invalid, and of drivers that never stamp
 
 
 class JointStateSample(NamedTuple):
@@ -53,8 +53,11 @@ class _Batch(NamedTuple):
     values: tuple[Array, ...]
 
 
+_Sent = tuple[_Batch, tuple[str, ...], tuple[str, ...]]  # with its joints and its quantities
+
+
 def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
-    """Decode a chunk; return also what is wrong with messages that are none, by their index."""
+    """Decode a chunk; return also the errors of messages that are no JointStates, by index."""
     batches: list[_Batch] = []
     wrong: dict[int, str] = {}
     pending = np.arange(len(raws))
@@ -79,7 +82,7 @@ def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
 def read_joint_states(
     path: str | Path, topic: str | None = None, chunk: int = 1000
 ) -> Iterator[JointStateSample]:
-    """Yield every JointState of a topic as it was sent, invalid ones included, in receive order.
+    """Yield every JointState of a topic as sent, invalid ones included, in receive order.
 
     Raises:
         RecordingError: If the bag or a message cannot be read.
@@ -114,8 +117,8 @@ def iterate_bag(
 
     Joints are matched by name, in any order; names that are not the arm's (a gripper) are left
     out. Without an arm, they are those of most of the first messages. Times are relative to the
-    first sample. Messages with stamp 0 are left out and counted (``invalid``), so are those with
-    the time of the message before (``repeated``), and what ``notes`` tell.
+    first sample. Messages are left out and counted with stamp 0 (``invalid``), with the time of
+    the message before (``repeated``), or for a reason in ``notes``.
 
     Raises:
         RecordingError: If nothing of the bag can be read, or its times cannot be used.
@@ -151,7 +154,7 @@ def _tables(
             if time_base == "receive":
                 stamps = np.array([receive_ns for _, receive_ns, _ in part], np.int64)
             numbers = np.arange(first - len(part), first)
-            part.clear()  # what is read next takes its place
+            part.clear()  # its memory serves the next read
             if not messages_of.joints:
                 invalid += left_out
                 continue
@@ -166,7 +169,7 @@ def _tables(
 
 
 class _Read(NamedTuple):
-    """What was read of N messages: stamps (N,) ns, arrays (N, n), which are used, notes."""
+    """Content of N messages: stamps (N,) ns, arrays (N, n), mask of the used ones, notes."""
 
     stamps: NDArray[np.int64]
     values: dict[str, Array]
@@ -191,7 +194,7 @@ class _Messages:
         self._problem = ""
 
     def read(self, first: int, raws: list[bytes]) -> _Read:
-        """Return what some messages hold; ``first`` is the number of the first one, for errors.
+        """Return the content of messages; ``first`` is the number of the first one, for errors.
 
         Raises:
             RecordingError: If the joints are a larger arm's.
@@ -202,12 +205,11 @@ class _Messages:
         for index, why in wrong.items():
             self._problem = self._problem or f"message {first + index} is not a JointState: {why}"
         damaged, others = len(wrong), 0
-        found: list[tuple[_Batch, tuple[str, ...], tuple[str, ...]]] = []
+        found: list[_Sent] = []
         for batch in batches:
-            why = _misfit(batch, self._known)
             sent = tuple(q for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1])
             joints = tuple(joint for joint in self._known or batch.names if joint in batch.names)
-            if why:
+            if why := _misfit(batch, joints, self._known):
                 self._problem = self._problem or f"message {first + int(batch.indices[0])} {why}"
                 damaged += len(batch.indices) if joints else 0
                 others += 0 if joints else len(batch.indices)
@@ -229,7 +231,7 @@ class _Messages:
             used[batch.indices] = True
         return _Read(stamps, values, used, _notes(damaged, others))
 
-    def _choose(self, found: list[tuple[_Batch, tuple[str, ...], tuple[str, ...]]]) -> None:
+    def _choose(self, found: list[_Sent]) -> None:
         """Choose the joints and fields that most of the first messages have."""
         counts: Counter[tuple[frozenset[str], tuple[str, ...]]] = Counter()
         for batch, joints, sent in found:
@@ -240,16 +242,15 @@ class _Messages:
         check_joints(self._source, batch.names, self._arm)
 
     def nothing(self, messages: int) -> RecordingError:
-        """Return what to say of a topic without a message of use."""
+        """Return the error about a topic without a usable message."""
         if self._problem:
             return RecordingError(self._source, self._problem)
         return RecordingError(self._source, "holds no JointState messages")
 
 
-def _misfit(batch: _Batch, known: tuple[str, ...]) -> str:
-    """Return why messages cannot be used, if so."""
+def _misfit(batch: _Batch, joints: tuple[str, ...], known: tuple[str, ...]) -> str:
+    """Return why messages cannot be used, or ``""``."""
     names = batch.names
-    joints = tuple(joint for joint in known or names if joint in names)
     if not joints:
         expected = f"some of: {', '.join(known)}" if known else "names of joints"
         return f"names joints {', '.join(names)[:200] or '(none)'}, expected {expected}"

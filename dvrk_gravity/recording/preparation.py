@@ -1,4 +1,4 @@
-"""From a raw recording to arrays that a model can be fitted to, saying what was done."""
+"""From a raw recording to arrays for a fit, with a description of each step."""
 
 from __future__ import annotations
 
@@ -9,19 +9,26 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.acceleration import known_acceleration
 from dvrk_gravity.recording.checks import check
-from dvrk_gravity.recording.data import Recording
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.data_warning import DataWarning, require_usable
 from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
-from dvrk_gravity.recording.gaps import Gaps
-from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
-from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.quantization import known_acceleration, quantum
+from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import not_recorded
+from dvrk_gravity.recording.timing import (
+    TimingSettings,
+    longest_bridged,
+    resample,
+    split_at_gaps,
+    stale,
+)
 from dvrk_gravity.recording.velocity import compare_velocity
 
 DEFAULT_CUTOFF = 5.65  # Hz; the published evaluations of these arms use it
 SHORTEST = 4  # edges of the filter that a part must be long to be kept
+# Part of the samples whose loss is a warning: without a tenth, intervals are some 5 % wider than
+# the recording promises (1 / sqrt(0.9)).
+DISCARDED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +53,12 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A recording made ready, and what that took.
+    """A prepared recording.
 
     Attributes:
         segments: Parts without gaps, in order.
-        warnings: What was found in the raw recording.
-        handling: What was done, one sentence each.
+        warnings: Findings about the raw recording.
+        handling: Steps of the preparation, one sentence each.
         filter: The low-pass that went over every signal, or ``None`` for static poses.
     """
 
@@ -59,6 +66,71 @@ class Prepared:
     warnings: tuple[DataWarning, ...]
     handling: tuple[str, ...]
     filter: LowPass | None
+
+
+@dataclass
+class Gaps:
+    """Counts the gaps of a trajectory.
+
+    Attributes:
+        low: The low-pass that goes over every part.
+        longest: Longest interval that is interpolated over, s.
+        bridged: Gaps that were.
+        longest_bridged: The longest of these, s.
+        splits: Gaps that were not.
+        parts: Parts that were kept.
+        lost: Samples of parts that are too short for the filter.
+    """
+
+    low: LowPass
+    longest: float
+    bridged: int = 0
+    longest_bridged: float = 0.0
+    splits: int = 0
+    parts: int = 0
+    lost: int = 0
+
+    def count(self, time: Array) -> None:
+        """Count the gaps between (N,) times, s."""
+        intervals = np.diff(time)
+        gaps = intervals[intervals > TimingSettings().gap / self.low.rate]
+        bridged = gaps[gaps <= self.longest]
+        self.bridged += len(bridged)
+        self.longest_bridged = max(self.longest_bridged, float(bridged.max(initial=0.0)))
+        self.splits += len(gaps) - len(bridged)
+
+    @property
+    def discarded(self) -> int:
+        """Samples that gaps cost: those of short parts, and the filter's ends on either side."""
+        return self.lost + 2 * self.low.edge * max(self.parts - 1, 0)
+
+    def handling(self) -> list[str]:
+        """Return the steps taken, one sentence each."""
+        lines = []
+        if self.bridged:
+            lines.append(
+                f"{self.bridged} gaps of up to {1e3 * self.longest_bridged:.3g} ms interpolated "
+                f"over (up to {1e3 * self.longest:.3g} ms is short for the filter)"
+            )
+        if self.splits:
+            lines.append(
+                f"split at gaps into {self.parts} parts, {self.lost} samples of short ones left out"
+            )
+        return lines
+
+    def warnings(self, samples: int) -> tuple[DataWarning, ...]:
+        """Return a warning if gaps cost too many of the samples of a recording."""
+        share = self.discarded / samples
+        if share <= DISCARDED:
+            return ()
+        numbers = {"samples": self.discarded, "share": share, "gaps": self.splits}
+        text = (
+            f"{self.discarded} of {samples} samples ({100 * share:.0f} %) are not used: "
+            f"{self.splits} gaps of more than {1e3 * self.longest:.3g} ms leave parts that are "
+            f"short for the filter, which takes {self.low.edge / self.low.rate:.2g} s at either "
+            "end of each; record without gaps"
+        )
+        return (DataWarning("samples_discarded", None, numbers, text),)
 
 
 def prepare(
@@ -71,31 +143,28 @@ def prepare(
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
 
-    Static poses are passed on as they are. In a trajectory, stale samples are taken out; it is
-    split at gaps that are too long to interpolate over; every part is interpolated onto a uniform
-    grid at the nominal rate (where it is not on one already); position, velocity and effort go
-    through one zero-phase low-pass. The velocity of a joint whose column is missing or worse than
-    the differentiated position is replaced by that derivative, and so is one that is late, as
-    filtered ones are. The acceleration is the derivative of the resulting velocity, as far as the
-    steps of the positions let it be known (``known_acceleration``).
+    Static poses are not changed. In a trajectory, stale samples are removed; it is split at gaps
+    that are too long to interpolate over; every part is interpolated onto a uniform grid at the
+    nominal rate; position, velocity and effort go through one zero-phase low-pass. A velocity
+    column that is missing, late (as filtered ones are) or worse than the differentiated position is
+    replaced by that derivative. The acceleration is the derivative of the resulting velocity,
+    limited to the band that position steps allow (``known_acceleration``).
 
     Args:
-        recording: What was recorded.
+        recording: Trajectory or static poses.
         cutoff: Of the low-pass, Hz.
         order: Of one of its two runs.
         effort_limits: See ``check``.
         band: Frequency below which the signals will be used, Hz; default: the cut-off. Gaps that
             are short against it are interpolated over, see ``longest_bridged``.
-        warnings: What was found in the recording that this is a part of; ``None``: it is checked.
+        warnings: Findings about the recording that this is a part of; ``None``: it is checked.
 
     Raises:
         RecordingError: If a check finds the recording unusable, if it is too short to filter, or
             if the cut-off does not go with the sampling rate.
     """
     warnings = check(recording, effort_limits) if warnings is None else warnings
-    for warning in warnings:
-        if warning.unusable:
-            raise RecordingError(recording.source, str(warning))
+    require_usable(recording.source, warnings)
     rate = recording.rate
     if recording.time is None:
         segment = Segment(recording, None, 0)

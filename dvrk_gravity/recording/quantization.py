@@ -1,30 +1,27 @@
-"""The step of quantised readings, such as an encoder's."""
+"""Quantised readings, such as an encoder's: their step, and the errors that it causes."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.recording.filters import LowPass
 
 QUANTUM_SAMPLES = 20_000  # looked at, at most: enough to see neighbouring steps
-
-
-@dataclass(frozen=True)
-class QuantumSettings:
-    """When readings count as multiples of a step.
-
-    Attributes:
-        percentile: Of the distances between distinct values, which is taken for one step. Chosen:
-            the least ones may be rounding.
-        whole: Steps by which a distance may differ from a whole number. Chosen.
-        most: Part of the distances that must be whole. Chosen.
-    """
-
-    percentile: float = 5.0
-    whole: float = 0.1
-    most: float = 0.9
+# Percentile of the distances between distinct values that is taken for one step. Chosen: the least
+# ones may be rounding.
+_PERCENTILE = 5.0
+# Steps by which a distance may differ from a whole number, and part of the distances that must be
+# whole. Chosen.
+_WHOLE, _MOST = 0.1, 0.9
+# Of an acceleration's variance, the part that may be steps: inertia that is fitted to it is too
+# small by as much (Fuller 1987, Measurement Error Models, section 1.1). Chosen: a torque constant
+# is known to two per cent.
+_SHARE = 0.02
+_SLOWEST = 1.0  # Hz; no lower cut-off. Chosen: as fast as arms swing at their usual speeds
+_CUTOFFS = 12  # between that and the band
+# Times the variance expected of steps, that a low-pass may remove: more is motion. Chosen.
+_REMOVED = 2.0
 
 
 def velocity_error(step: float, band: float, rate: float) -> float:
@@ -71,8 +68,49 @@ def quantum(values: Array) -> float:
     gaps = gaps[gaps > 1e-9 * max(abs(distinct[0]), abs(distinct[-1]))]
     if not len(gaps):
         return 0.0
-    settings = QuantumSettings()
-    step = float(np.percentile(gaps, settings.percentile))
+    step = float(np.percentile(gaps, _PERCENTILE))
     multiples = gaps / step
-    whole = np.abs(multiples - np.round(multiples)) < settings.whole
-    return step if np.mean(whole) > settings.most else 0.0
+    whole = np.abs(multiples - np.round(multiples)) < _WHOLE
+    return step if np.mean(whole) > _MOST else 0.0
+
+
+def known_acceleration(acceleration: Array, step: Array, rate: float, band: float) -> Array:
+    """Return (N, n) accelerations low-passed until little of them is the steps of positions.
+
+    Steps are white noise of step / sqrt(12) up to half the rate (Bennett 1948); differentiated
+    twice, its power grows with the fourth power of the frequency. Where that is too much of the
+    acceleration below a band, it is low-passed as far as necessary, and no further than what is
+    removed can be steps.
+
+    Args:
+        acceleration: (N, n) rad/s^2 or m/s^2.
+        step: (n,) of the positions, rad or m; 0 of those that have none.
+        rate: Hz.
+        band: Hz; accelerations are used below this.
+    """
+    result = acceleration.copy()
+    for joint in np.flatnonzero(step).tolist():
+        result[:, joint] = _quiet(acceleration[:, joint], float(step[joint]), rate, band)
+    return result
+
+
+def _quiet(values: Array, step: float, rate: float, band: float) -> Array:
+    """Return (N,) accelerations of one joint, low-passed as far as necessary."""
+    cutoffs = np.geomspace(band, min(_SLOWEST, band), _CUTOFFS).tolist()
+    quiet, seen = values, np.inf
+    noisiest = acceleration_error(step, band, rate) ** 2
+    for cutoff in cutoffs:
+        low = LowPass(cutoff, rate)
+        if len(values) <= low.edge:
+            break
+        slow = low(values)
+        variance, noise = float(np.var(slow)), acceleration_error(step, cutoff, rate) ** 2
+        if cutoff == band:  # the band that is used: not filtered further
+            seen = variance
+        elif seen - variance > _REMOVED * (noisiest - noise):
+            break
+        else:
+            quiet = slow
+        if noise <= _SHARE * max(variance - noise, 0.0):
+            break
+    return quiet

@@ -1,25 +1,25 @@
-"""Readings that no joint can have had, left out; and angles that wrap at a turn, unwrapped.
+"""Impossible readings left out, and angles that wrap at a turn unwrapped.
 
-A joint that jumps and is back a moment later, or stands still for a moment and then is where it has
-gone meanwhile, was not read in between. A jump that stays is another matter: which side of it is
-right would have to be guessed, and the checks refuse it.
+A joint that jumps and is back a moment later, or stands still for a moment and then catches up,
+was not read in between. A jump that stays is refused by the checks: which side of it is right would
+have to be guessed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import chain
+from dataclasses import replace
+from itertools import chain, compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import FASTEST, UNTIMED_STEP
-from dvrk_gravity.arrays import Array
-from dvrk_gravity.recording.grid import stale
-from dvrk_gravity.recording.notes import Note, merged
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.recording.data_warning import Note, merged
+from dvrk_gravity.recording.limits import EFFORT_MARGIN, MOMENT, largest, reachable
 from dvrk_gravity.recording.samples import Samples, join
-from dvrk_gravity.recording.steps import StepSettings, largest, reachable
+from dvrk_gravity.recording.timing import stale
 
 TURN = 2.0 * np.pi
 _AWAY = "in which its position jumps away and back"
@@ -27,39 +27,22 @@ _STALLED = "in which its position stands still and then catches up"
 _EFFORT = "with an effort that no such motor has"
 
 
-@dataclass(frozen=True)
-class RepairSettings:
-    """What is no reading, and what is a turn.
-
-    Attributes:
-        away: s, that a reading may be away. Chosen: 20 samples at 200 Hz.
-        stalled: s, that a joint may seem to stand still while it moves. Chosen.
-        faster: Times the joint's speed before or after, at which it may have moved meanwhile.
-            Chosen: it may have been speeding up.
-        turn: rad, that a step may be off a turn. Chosen: a joint at 25 rad/s, read at 50 Hz.
-        effort: Times what the motor can. As ``PossibleSettings.effort_margin``.
-        most: Part of the samples that may be no readings. Chosen: more is a fault of the recording,
-            which the checks refuse.
-    """
-
-    away: float = 0.1
-    stalled: float = 0.25
-    faster: float = 2.0
-    turn: float = 0.5
-    effort: float = 10.0
-    most: float = 0.1
-
-    @property
-    def around(self) -> float:
-        """S on either side that are looked at with a sample."""
-        return 2.0 * (self.away + self.stalled)
+_MOST_AWAY = 0.1  # s, that a reading may be away. Chosen: 20 samples at 200 Hz
+_MOST_STALLED = 0.25  # s, that a joint may seem to stand still while it moves. Chosen
+# Multiple of the joint's speed before or after, at which it may have moved meanwhile. Chosen: it
+# may have been speeding up.
+_FASTER = 2.0
+_TURN_ERROR = 0.5  # rad, that a step may be off a turn. Chosen: a joint at 25 rad/s, read at 50 Hz
+# Part of the samples that may be no readings. Chosen: more is a fault of the recording, which the
+# checks refuse.
+_MOST = 0.1
+_AROUND = 2.0 * (_MOST_AWAY + _MOST_STALLED)  # s on either side that are looked at with a sample
 
 
 def repaired(parts: Iterator[Samples]) -> Iterator[Samples]:
     """Yield consecutive parts of a recording without impossible readings, which are counted."""
-    settings = RepairSettings()
     before: Samples | None = None  # the last samples that were yielded
-    held: Samples | None = None  # what is looked at with the next ones
+    held: Samples | None = None  # samples to be decided on with the next ones
     offset: Array | float = 0.0
     for part in chain(parts, (None,)):
         if part is not None and part.time is None:
@@ -72,13 +55,13 @@ def repaired(parts: Iterator[Samples]) -> Iterator[Samples]:
             return
         new = join(given)
         first = 0 if before is None else len(before)
-        block, turned = _unwrapped(new if before is None else join([before, new]), settings)
+        block, turned = _unwrapped(new if before is None else join([before, new]))
         assert block.time is not None
         offset = offset + turned
         cut = len(block)
         if part is not None:
-            cut = max(first, int(np.searchsorted(block.time, block.time[-1] - settings.around)))
-        found = _impossible(block, settings, before is None, part is None)
+            cut = max(first, int(np.searchsorted(block.time, block.time[-1] - _AROUND)))
+        found = _impossible(block, before is None, part is None)
         keep = np.zeros(len(block), dtype=bool)
         keep[first:cut] = True
         notes = list(block.notes)
@@ -91,14 +74,14 @@ def repaired(parts: Iterator[Samples]) -> Iterator[Samples]:
             done = whole if keep.all() else whole.rows(np.flatnonzero(keep))
             yield done
             assert done.time is not None
-            recent = int(np.searchsorted(done.time, done.time[-1] - settings.around))
+            recent = int(np.searchsorted(done.time, done.time[-1] - _AROUND))
             before = done.rows(np.arange(recent, len(done))).counted()
         elif held is not None:
             held = held.with_found([whole.rows(slice(0, 0))])
 
 
 def _moved(part: Samples, offset: Array | float) -> Samples:
-    """Return samples whose positions are turned on."""
+    """Return samples with an offset added to their positions."""
     if not np.any(offset):
         return part
     position = part.position + offset
@@ -106,14 +89,14 @@ def _moved(part: Samples, offset: Array | float) -> Samples:
     return replace(part, position=position)
 
 
-def _count(text: str, joint: str, keep: NDArray[np.bool_], rows: NDArray[np.intp]) -> list[Note]:
-    """Return a note of how many more samples are left out for something, if any."""
+def _count(text: str, joint: str, keep: Mask, rows: NDArray[np.intp]) -> list[Note]:
+    """Return a note of how many more samples are left out for a reason, if any."""
     count = int(keep[rows].sum())
     return [Note("impossible_readings", text, joint, count)] if count else []
 
 
-def _unwrapped(samples: Samples, settings: RepairSettings) -> tuple[Samples, Array | float]:
-    """Return samples with angles that go on beyond a turn, and what was added at their end."""
+def _unwrapped(samples: Samples) -> tuple[Samples, Array | float]:
+    """Return samples with angles that go on beyond a turn, and the offset at their end."""
     time = samples.time
     assert time is not None
     way = np.diff(samples.position, axis=0)
@@ -123,12 +106,10 @@ def _unwrapped(samples: Samples, settings: RepairSettings) -> tuple[Samples, Arr
         return samples, 0.0
     interval = np.diff(time)[:, None]
     rest = way - TURN * turns
-    most = np.minimum(
-        FASTEST * (interval + float(np.median(interval))) + UNTIMED_STEP, settings.turn
-    )
+    most = np.minimum(FASTEST * (interval + float(np.median(interval))) + UNTIMED_STEP, _TURN_ERROR)
     found = (turns != 0.0) & turning & (np.abs(rest) <= most)
-    # Files wrap at half a turn, or at a whole one; what was unwrapped before is turns away.
-    ends = np.abs((samples.position + np.pi / 2.0) % np.pi - np.pi / 2.0) <= settings.turn
+    # Files wrap at half a turn, or at a whole one; angles unwrapped before are turns away.
+    ends = np.abs((samples.position + np.pi / 2.0) % np.pi - np.pi / 2.0) <= _TURN_ERROR
     at_ends = ends[:-1] & ends[1:]
     found &= at_ends
     if samples.velocity is not None:
@@ -138,90 +119,83 @@ def _unwrapped(samples: Samples, settings: RepairSettings) -> tuple[Samples, Arr
         return samples, 0.0
     added = np.zeros_like(samples.position)
     added[1:] = np.cumsum(np.where(found, -TURN * turns, 0.0), axis=0)
-    notes = [
-        Note("wrapped", "its position wraps at a turn, and is read as going on beyond it", joint)
-        for joint, any_found in zip(samples.joints, found.any(axis=0), strict=True)
-        if any_found
-    ]
+    text = "its position wraps at a turn, and is read as going on beyond it"
+    notes = [Note("wrapped", text, joint) for joint in compress(samples.joints, found.any(axis=0))]
     moved = _moved(samples, added)
     return replace(moved, notes=merged((*samples.notes, *notes))), added[-1]
 
 
-def _may_turn(samples: Samples) -> NDArray[np.bool_]:
-    """Return (n,): joints that can go on beyond a turn; not known without the arm, all."""
+def _may_turn(samples: Samples) -> Mask:
+    """Return the (n,) mask of joints that can go on beyond a turn; of an unknown arm, all."""
     if samples.arm is None:
         return np.ones(len(samples.joints), dtype=bool)
-    joints = {joint.name: joint for joint in samples.arm.joints}
-    return np.array(
-        [
-            joints[name].kind == "revolute" and joints[name].upper - joints[name].lower > TURN
-            for name in samples.joints
-        ]
-    )
+    joints = {
+        joint.name: joint.kind == "revolute" and joint.upper - joint.lower > TURN
+        for joint in samples.arm.joints
+    }
+    return np.array([joints[name] for name in samples.joints])
 
 
 Left = tuple[str, str, NDArray[np.intp]]  # why, of which joint, which rows
 
 
-def _impossible(samples: Samples, settings: RepairSettings, starts: bool, ends: bool) -> list[Left]:
-    """Return rows that hold readings which no joint can have had.
+def _impossible(samples: Samples, starts: bool, ends: bool) -> list[Left]:
+    """Return rows with impossible readings.
 
     Args:
-        samples: Samples with some before and after those that are asked for.
-        settings: What is no reading.
+        samples: Those in question, with some before and after.
         starts: Whether the recording begins with them.
         ends: Whether it ends with them.
     """
-    found = _beyond_motors(samples, settings)
+    found = _beyond_motors(samples)
     way = np.abs(np.diff(samples.position, axis=0))
     if not (way > UNTIMED_STEP * samples.scale).any():  # which any joint can go
         return found
     fresh = np.flatnonzero(~stale(samples))
-    track = _Track(samples.rows(fresh), settings, starts, ends)
+    track = _Track(samples.rows(fresh), starts, ends)
     following = np.append(fresh, len(samples))
     for joint in np.flatnonzero(track.beyond.any(axis=0)).tolist():
         own = [
             (text, samples.joints[joint], np.arange(fresh[first], following[stop]))
             for text, first, stop in track.of(joint)
         ]
-        if sum(len(rows) for _, _, rows in own) <= settings.most * len(samples):
+        if sum(len(rows) for _, _, rows in own) <= _MOST * len(samples):
             found += own
     return found
 
 
-def _beyond_motors(samples: Samples, settings: RepairSettings) -> list[Left]:
-    """Return rows with efforts far beyond the motors' for a moment; for long, they are a unit."""
+def _beyond_motors(samples: Samples) -> list[Left]:
+    """Return rows with efforts far beyond the motors' for a moment; longer, the unit is wrong."""
     if samples.arm is None or samples.effort is None:
         return []
     assert samples.time is not None
     _, strength = largest(samples.arm)
-    most = settings.effort * np.array([strength[joint] for joint in samples.joints])
+    most = EFFORT_MARGIN * np.array([strength[joint] for joint in samples.joints])
     beyond = np.abs(samples.effort) > most
     found = []
     for joint in np.flatnonzero(beyond.any(axis=0)).tolist():
-        if np.mean(beyond[:, joint]) > settings.most:
+        if np.mean(beyond[:, joint]) > _MOST:
             continue
         edges = np.flatnonzero(np.diff(beyond[:, joint], prepend=False, append=False))
         for first, stop in edges.reshape(-1, 2).tolist():
-            if samples.time[stop - 1] - samples.time[first] <= settings.away:
+            if samples.time[stop - 1] - samples.time[first] <= _MOST_AWAY:
                 found.append((_EFFORT, samples.joints[joint], np.arange(first, stop)))
     return found
 
 
 class _Track:
-    """Where joints went, and which steps of theirs are none."""
+    """Tracks of joints, and impossible steps in them."""
 
-    def __init__(self, fresh: Samples, settings: RepairSettings, starts: bool, ends: bool) -> None:
+    def __init__(self, fresh: Samples, starts: bool, ends: bool) -> None:
         assert fresh.time is not None
         self._time, self._position, self._scale = fresh.time, fresh.position, fresh.scale
         self._way = np.abs(np.diff(fresh.position, axis=0))
         self.beyond = self._way > reachable(fresh)
-        self._settings, self._starts, self._ends = settings, starts, ends
+        self._starts, self._ends = starts, ends
 
     def of(self, joint: int) -> Iterator[tuple[str, int, int]]:
-        """Yield what is wrong with a joint's samples from one on to before another."""
+        """Yield faults of a joint: reason, first sample, sample after the last."""
         steps = np.flatnonzero(self.beyond[:, joint]).tolist()
-        count, away = len(self._time), self._settings.away
         at = 0
         while at < len(steps):
             step = steps[at]  # from this sample to the next
@@ -235,14 +209,11 @@ class _Track:
                 yield _AWAY, step + 1, steps[at + back] + 1
                 at += back + 1
                 continue
-            if self._starts and at == 0 and self._time[step] - self._time[0] <= away:
+            first, last = self._starts and at == 0, self._ends and at == len(steps) - 1
+            if first and self._time[step] - self._time[0] <= _MOST_AWAY:
                 yield _AWAY, 0, step + 1
-            elif (
-                self._ends
-                and at == len(steps) - 1
-                and (self._time[-1] - self._time[step + 1] <= away)
-            ):
-                yield _AWAY, step + 1, count
+            elif last and self._time[-1] - self._time[step + 1] <= _MOST_AWAY:
+                yield _AWAY, step + 1, len(self._time)
             at += 1
 
     def _still_since(self, joint: int, sample: int) -> int:
@@ -251,32 +222,31 @@ class _Track:
         first = sample
         while first > 0 and position[first - 1] == position[sample]:
             first -= 1
-            if time[sample] - time[first] > self._settings.stalled:
+            if time[sample] - time[first] > _MOST_STALLED:
                 return sample  # it stands
         return first
 
     def _back(self, joint: int, steps: list[int], at: int) -> int:
-        """Return how many steps later a joint is back where it went on to; 0: it is not."""
+        """Return after how many steps a joint is back on its track; 0: it is not."""
         for more in range(1, len(steps) - at):
             last = steps[at + more]
-            if self._time[last] - self._time[steps[at] + 1] > self._settings.away:
+            if self._time[last] - self._time[steps[at] + 1] > _MOST_AWAY:
                 return 0
             if self._goes_on(joint, steps[at], last + 1):
                 return more
         return 0
 
     def _goes_on(self, joint: int, first: int, last: int) -> bool:
-        """Tell whether a joint can have gone from one sample to another as it moves around them."""
+        """Return whether a joint can go from one sample to another at its speed around them."""
         interval = float(self._time[last] - self._time[first])
         speed = max(self._speed(joint, first, -1), self._speed(joint, last, 1))
-        most = min(self._settings.faster * speed, FASTEST * float(self._scale[joint])) * interval
+        most = min(_FASTER * speed, FASTEST * float(self._scale[joint])) * interval
         way = abs(float(self._position[last, joint] - self._position[first, joint]))
         return way <= most + UNTIMED_STEP * float(self._scale[joint])
 
     def _speed(self, joint: int, sample: int, side: int) -> float:
-        """Return how fast a joint moves just before or after a sample."""
-        moment = StepSettings().moment
-        other = int(np.searchsorted(self._time, self._time[sample] + side * moment))
+        """Return a joint's speed just before or after a sample."""
+        other = int(np.searchsorted(self._time, self._time[sample] + side * MOMENT))
         first, last = sorted((sample, min(other, len(self._time) - 1)))
         own = ~self.beyond[first:last, joint]
         if not own.any():

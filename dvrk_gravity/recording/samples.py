@@ -1,19 +1,19 @@
-"""What a file of a recording holds: arrays of some joints, as they were read, not yet checked."""
+"""Samples of some joints as arrays, not yet checked: what readers return and writers take."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, larger_arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import LinkWeight, State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.data_warning import Kind
-from dvrk_gravity.recording.notes import Note, merged
+from dvrk_gravity.recording.data_warning import Kind, Note, merged
 
 Coordinates = Literal["joint", "actuator"]
 TimeBase = Literal["stamp", "receive"]
@@ -26,7 +26,7 @@ LARGEST = 1e12  # no reading of a robot; keeps squares and sums finite
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """N samples of n joints: what readers of files return and writers take.
+    """N samples of n joints.
 
     Attributes:
         joints: Names of the n columns; joints that were not recorded are left out. Of an arm, they
@@ -34,19 +34,17 @@ class Samples:
         time: ``(N,)`` s, strictly increasing, relative to ``start_ns`` (so the first sample
             of a file is at 0; a slice keeps its own times). ``None``: static poses.
         position: ``(N, n)`` rad or m.
-        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded; NaN throughout of a joint
-            of which it was not.
-        effort: ``(N, n)`` N·m or N that the actuators apply, or ``None`` where not recorded; NaN
-            throughout of a joint of which it was not.
+        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded; NaN throughout of a
+            joint without it.
+        effort: ``(N, n)`` N·m or N that the actuators apply, like ``velocity``.
         direction: ``(N, n)``, +1 or -1: how a static pose was approached, or ``None``.
         coordinates: ``"joint"`` (what measured_js publishes) or ``"actuator"`` (motors).
         source: File or folder that it came from.
-        start_ns: Absolute stamp of time 0, ns; 0 where the file does not tell.
-        invalid: Number of messages left out because they carried stamp 0, which is how the
-            dVRK marks invalid data.
-        repeated: Number of samples left out because they carried the stamp of the sample before.
-        arm: Whose joints these are; ``None`` where it is not known: then nothing tells units apart.
-        notes: What else reading found and left out.
+        start_ns: Absolute stamp of time 0, ns; 0 where the file has none.
+        invalid: Number of messages left out with stamp 0, by which the dVRK marks invalid data.
+        repeated: Number of samples left out with the stamp of the sample before.
+        arm: Whose joints these are; ``None`` where it is not known: then units are not known.
+        notes: Other findings of the reader.
     """
 
     joints: tuple[str, ...]
@@ -83,22 +81,17 @@ class Samples:
 
     def rows(self, selection: slice | Sequence[int] | NDArray[np.bool_ | np.integer]) -> Self:
         """Return the samples that a slice, index array or mask of length N selects."""
+        arrays: dict[str, Any] = {name: a[selection] for name, a in self.arrays().items()}
+        return replace(self, **arrays)
 
-        def pick(array: Array | None) -> Array | None:
-            return None if array is None else array[selection]
-
-        return replace(
-            self,
-            time=pick(self.time),
-            position=self.position[selection],
-            velocity=pick(self.velocity),
-            effort=pick(self.effort),
-            direction=pick(self.direction),
-        )
+    def arrays(self) -> dict[str, Array]:
+        """Return the arrays of the samples by name, without those that were not recorded."""
+        named = ((name, getattr(self, name)) for name in ("time", *QUANTITIES, "direction"))
+        return {name: array for name, array in named if array is not None}
 
     @property
     def found(self) -> tuple[Note, ...]:
-        """All that reading found."""
+        """All findings of the reader."""
         counted: tuple[tuple[Kind, int, str], ...] = (
             ("invalid_stamps", self.invalid, "with stamp 0 (marked invalid)"),
             ("repeated_stamps", self.repeated, "with the time of the sample before"),
@@ -107,7 +100,7 @@ class Samples:
         return (*notes, *self.notes)
 
     def with_found(self, others: Iterable[Samples]) -> Self:
-        """Return the same samples with what reading found in others, too."""
+        """Return the same samples with the findings about others added."""
         parts: tuple[Samples, ...] = (*others, self)
         return replace(
             self,
@@ -117,7 +110,7 @@ class Samples:
         )
 
     def counted(self) -> Self:
-        """Return the same samples without what was left out in reading, which is counted once."""
+        """Return the same samples without findings, which are counted elsewhere."""
         return replace(self, invalid=0, repeated=0, notes=())
 
 
@@ -132,11 +125,7 @@ def not_recorded(values: Array | None) -> NDArray[np.bool_]:
 
 
 def check_joints(source: str, names: Collection[str], arm: Arm | None) -> None:
-    """Check that a file's joints are not those of a larger arm, of which these are a part.
-
-    Raises:
-        RecordingError: They are.
-    """
+    """Raise ``RecordingError`` if a file's joints are those of a larger arm than the expected."""
     other = larger_arm(arm.name, names) if arm else ""
     if arm and other:
         raise RecordingError(
@@ -149,25 +138,50 @@ def join(parts: Sequence[SamplesT]) -> SamplesT:
     if len(parts) == 1:
         return parts[0]
 
-    def column(name: str) -> Array | None:
-        values = [getattr(part, name) for part in parts]
-        if values[0] is None:
-            return None
-        result = np.concatenate(values)
-        result.flags.writeable = False
-        return result
+    arrays: dict[str, Any] = {}
+    for name in parts[0].arrays():
+        arrays[name] = np.concatenate([getattr(part, name) for part in parts])
+        arrays[name].flags.writeable = False
+    return replace(parts[0], **arrays).counted().with_found(parts)
 
-    position = column("position")
-    assert position is not None
-    return (
-        replace(
-            parts[0],
-            time=column("time"),
-            position=position,
-            velocity=column("velocity"),
-            effort=column("effort"),
-            direction=column("direction"),
-        )
-        .counted()
-        .with_found(parts)
-    )
+
+def converted(
+    effort: Array | None, position: Array, joints: Sequence[str],
+    before: Arm | None, after: Arm | None,
+) -> Array | None:  # fmt: skip
+    """Return (N, k) efforts in one arm's terms in another's: drive gains, weight in the reading.
+
+    Efforts that an arm reads without its weight are completed by the masses in its file; if the
+    file states none, or a joint was not recorded, they stay.
+
+    Args:
+        effort: (N, k), ``None`` where not recorded.
+        position: (N, k) rad or m.
+        joints: Names of the k joints.
+        before: The arm in whose terms they are; ``None``: as they were read.
+        after: The arm in whose terms they are to be; ``None``: as they were read.
+    """
+    if effort is None:
+        return None
+    unread = [_unread(position, joints, arm) for arm in (before, after)]
+    factor = np.ones(len(joints))
+    for arm, power in ((before, -1.0), (after, 1.0)):
+        if arm is not None and arm.drive_gains is not None:
+            gains = dict(zip(arm.joint_names, arm.drive_gains.tolist(), strict=True))
+            factor *= np.array([gains[joint] for joint in joints]) ** power
+    if (factor == 1.0).all() and unread[0] is unread[1]:
+        return effort
+    result = effort if unread[0] is None else effort - unread[0]
+    result = result * factor
+    if unread[1] is not None:  # what was never measured stays zero
+        result = np.where(result.any(axis=0), result + unread[1], 0.0)
+    result.flags.writeable = False
+    return result
+
+
+def _unread(position: Array, joints: Sequence[str], arm: Arm | None) -> Array | None:
+    """Return the (N, k) weight that an arm's readings lack, if they do and its file states it."""
+    if arm is None or arm.gravity_in_reading or tuple(joints) != arm.joint_names:
+        return None
+    weight = LinkWeight.stated(arm)
+    return None if weight is None else weight.torque(State.of(position))

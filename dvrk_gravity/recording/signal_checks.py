@@ -1,104 +1,97 @@
-"""Checks of the signals: stale and jittering samples, saturation, quantisation."""
+"""Checks of the signals: stale and jittering samples, steps, efforts that are no readings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arrays import Array
-from dvrk_gravity.recording.data import Recording
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.filters import LowPass
-from dvrk_gravity.recording.grid import speed, split_at_gaps, stale
+from dvrk_gravity.recording.limits import effort_unit, position_unit
 from dvrk_gravity.recording.quantization import quantum, velocity_error
-from dvrk_gravity.recording.sample_times import retimed
+from dvrk_gravity.recording.recording import Recording
+from dvrk_gravity.recording.timing import retimed, speed, split_at_gaps, stale
+
+# When signals are worse than they seem.
+_STALE = 0.01  # part of the samples that repeat the one before while the arm moves. Chosen
+_READ_JITTER = 0.2  # RMS of samples off their stamps, in sampling intervals. Chosen
+_COARSE_POSITION = 0.1  # one encoder step a sample, as a part of the joint's RMS velocity. Chosen
+# Error of the derived velocity below _STEP_BAND, likewise: at 200 Hz that of _COARSE_POSITION. In
+# faster samples a step is a larger velocity, and the error in the band is not.
+_COARSE_VELOCITY = 0.0047
+_STEP_BAND = 20.0  # Hz; motion is used below it (`diagnosis.load`)
+_COARSE = 0.05  # one step, as a part of the signal's standard deviation. Chosen
+_PINNED_RUN = 5  # equal extreme readings in a row, while the joint moves. Chosen
+_PINNED_SHARE = 0.02  # part of static poses with the same extreme effort. Chosen
+# Part of the torque that ripple puts into the fitted band. Real recordings (MTM, PSM, UR10e) have
+# 0.000 to 0.005, simulated ones without steps 0.000 to 0.004 (`Multisine.draw`, seeds 0 to 7, at
+# 100, 200, 1000 Hz); a stiff servo that follows steps at 50 to 500 Hz leaves 0.03 to 0.15 at
+# 200 Hz, 0.01 to 0.04 at 1 kHz (seeds 1 to 4 of `stepped` in test/test_set_points.py).
+_RIPPLE = 0.01
+_RIPPLE_BAND = 5.65  # Hz, that is fitted: `DEFAULT_CUTOFF`
+_SLOWEST = 1e-6  # rad/s; a slower joint shows no jitter. Chosen: rounding
+# s, for which an effort may be the same while its joint moves. Chosen: a part of most motions'
+# periods.
+_FROZEN = 1.0
+# Change of the joint's speed meanwhile, in its RMS speed: friction and inertia take another effort
+# then; at a constant speed a noiseless one may stay. Chosen.
+_FROZEN_CHANGE = 1.0
+_FROZEN_SPEED = 0.02  # rad/s, of that change at least (a tenth in m/s). Chosen: a held joint
+# Steps of an effort in the standard deviation of its other samples: a coarser effort may stay the
+# same for long. Chosen, as _COARSE.
+_FROZEN_STEPS = 20.0
+# s, for which the greatest or least effort is the same where a limit holds it. Chosen: five
+# readings at 200 Hz, as _PINNED_RUN.
+_CLIPPED = 0.025
+# Part of the work there and back that friction has given to the motor, where none can be, beside
+# what springs and weight may still give back: once over the range. Real arms have 0.2 to 1.0 of it
+# the other way round (the recordings of docs/psm.md, docs/own_arm.md and docs/identification.md).
+# Chosen; among neighbours' weights and springs the sum of one joint need not be its friction's.
+_DRIVEN = 0.2
 
 
-@dataclass(frozen=True)
-class SignalSettings:
-    """When signals are worse than they seem.
-
-    Attributes:
-        stale: Part of the samples that repeat the one before while the arm moves. Chosen.
-        read_jitter: Way of samples off their stamps, RMS in sampling intervals. Chosen.
-        coarse_position: One encoder step a sample, as a part of the joint's RMS velocity. Chosen.
-        coarse_velocity: Error of the derived velocity below ``step_band``, likewise: at 200 Hz that
-            of ``coarse_position``. In faster samples a step is a larger velocity, and the error in
-            the band is none the greater.
-        step_band: Hz, that motion is looked at below (``diagnosis.load``).
-        coarse: One step, as a part of the signal's standard deviation. Chosen.
-        pinned_run: Equal extreme readings in a row, while the joint moves. Chosen.
-        pinned_share: Part of static poses with the same extreme effort. Chosen.
-        ripple: Part of the torque that ripple puts into what is fitted. Real recordings (MTM, PSM,
-            UR10e) have 0.000 to 0.005, simulated ones without steps 0.000 to 0.004
-            (`Multisine.draw`, seeds 0 to 7, at 100, 200, 1000 Hz); a stiff servo that follows steps
-            at 50 to 500 Hz leaves 0.03 to 0.15 at 200 Hz, 0.01 to 0.04 at 1 kHz (seeds 1 to 4 of
-            `stepped` in test/test_set_points.py).
-        ripple_band: Hz, what is fitted: ``prepare.DEFAULT_CUTOFF``.
-        slowest: Velocity below which a joint shows no jitter, rad/s. Chosen: rounding.
-    """
-
-    stale: float = 0.01
-    read_jitter: float = 0.2
-    coarse_position: float = 0.1
-    coarse_velocity: float = 0.0047
-    step_band: float = 20.0
-    coarse: float = 0.05
-    pinned_run: int = 5
-    pinned_share: float = 0.02
-    ripple: float = 0.01
-    ripple_band: float = 5.65
-    slowest: float = 1e-6
-
-
-def _longest_run(mask: NDArray[np.bool_]) -> int:
+def _longest_run(mask: Mask) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def sampling(recording: Recording) -> list[DataWarning]:
     """Return findings about stale samples and samples taken off their stamps."""
-    findings, settings = [], SignalSettings()
+    findings = []
     old = stale(recording)
-    if np.mean(old) > settings.stale:
+    if np.mean(old) > _STALE:
         longest = _longest_run(old)
-        findings.append(
-            DataWarning(
-                "stale_samples",
-                None,
-                {"samples": int(old.sum()), "share": float(np.mean(old)), "longest": longest},
-                f"{old.sum()} of {len(recording)} samples repeat the one before while the arm "
-                f"moves, up to {longest} in a row",
-            )
+        numbers = {"samples": int(old.sum()), "share": float(np.mean(old)), "longest": longest}
+        text = (
+            f"{old.sum()} of {len(recording)} samples repeat the one before while the arm "
+            f"moves, up to {longest} in a row"
         )
+        findings.append(DataWarning("stale_samples", None, numbers, text))
     # Over a gap nothing is smooth.
     jitter = read_jitter(max(split_at_gaps(recording), key=len))
     rate = recording.rate
     fresh = max(split_at_gaps(recording.rows(~old)), key=len)
     corrected = rate is not None and retimed(fresh) is not fresh
-    if (
-        jitter is not None
-        and rate is not None
-        and (corrected or jitter * rate > settings.read_jitter)
-    ):
-        findings.append(
-            DataWarning(
-                "read_jitter",
-                None,
-                {"jitter_s": jitter, "interval_s": 1.0 / rate, "corrected": float(corrected)},
-                f"samples were taken about {1e3 * jitter:.2g} ms off their stamps, stale ones "
-                f"included (interval {1e3 / rate:.3g} ms)"
-                + ("; put back to when positions and velocities agree" if corrected else ""),
-            )
+    if jitter is None or rate is None:
+        return findings
+    if corrected or jitter * rate > _READ_JITTER:
+        numbers = {"jitter_s": jitter, "interval_s": 1.0 / rate, "corrected": float(corrected)}
+        text = (
+            f"samples were taken about {1e3 * jitter:.2g} ms off their stamps, stale ones "
+            f"included (interval {1e3 / rate:.3g} ms)"
+            + ("; put back to when positions and velocities agree" if corrected else "")
         )
+        findings.append(DataWarning("read_jitter", None, numbers, text))
     return findings
 
 
 def read_jitter(recording: Recording) -> float | None:
-    """Return how far samples lie off their stamps, RMS in s, or ``None`` if the data cannot tell.
+    """Return how far samples lie off their stamps, RMS in s; ``None`` if it cannot be estimated.
 
     A sample that is taken ``dt`` off its stamp is wrong by velocity times ``dt``: what the position
     has above a tenth of the sampling rate grows with speed, while noise and quantisation do not.
@@ -111,47 +104,43 @@ def read_jitter(recording: Recording) -> float | None:
     rough = recording.position - LowPass(rate / 10.0, rate)(recording.position)
     inner = slice(20, -20)
     squared_speed = speed(recording)[inner] ** 2
-    slopes, slowest = [], SignalSettings().slowest
+    slopes = []
     for error, squared in zip((rough[inner] ** 2).T, squared_speed.T, strict=True):
-        if np.ptp(squared) > slowest**2:
+        if np.ptp(squared) > _SLOWEST**2:
             columns = np.column_stack([np.ones_like(squared), squared / squared.max()])
             slopes.append(np.linalg.lstsq(columns, error, rcond=None)[0][1] / squared.max())
     return float(np.sqrt(max(np.median(slopes), 0.0))) if slopes else None
 
 
 def ripple(recording: Recording) -> list[DataWarning]:
-    """Return a finding where efforts ripple with the motion faster than the recording can follow.
+    """Return a finding if efforts ripple with the motion faster than the recording can follow.
 
-    A position servo answers every step of its commands with a blow of torque. Blows faster than
-    half the sampling rate turn up anywhere below it: as much in the band that is fitted as in one
-    equally wide above, for all that is known. Commands in exact step with the samples would show no
-    ripple and yet do the same harm; clocks of two programs are never so exact.
+    A position servo answers every step of its commands with a pulse of torque. Pulses faster than
+    half the sampling rate alias to any frequency below it: as much into the fitted band as into an
+    equally wide one above. Commands in exact step with the samples would show no ripple and do the
+    same harm; clocks of two programs are never so exact.
     """
-    share, settings = effort_ripple(recording), SignalSettings()
-    if share is None or share <= settings.ripple or recording.rate is None:
+    share = effort_ripple(recording)
+    if share is None or share <= _RIPPLE or recording.rate is None:
         return []
-    return [
-        DataWarning(
-            "effort_ripple",
-            None,
-            {"share": share, "above_hz": recording.rate / 4.0},
-            f"efforts ripple above {recording.rate / 4.0:.3g} Hz, the more the faster the joints "
-            f"move: about {100 * share:.2g} % of the torque below {settings.ripple_band:g} Hz may "
-            "be ripple in disguise; command positions in finer steps, or record at 1 kHz",
-        )
-    ]
+    text = (
+        f"efforts ripple above {recording.rate / 4.0:.3g} Hz, the more the faster the joints "
+        f"move: about {100 * share:.2g} % of the torque below {_RIPPLE_BAND:g} Hz may "
+        "be ripple in disguise; command positions in finer steps, or record at 1 kHz"
+    )
+    numbers = {"share": share, "above_hz": recording.rate / 4.0}
+    return [DataWarning("effort_ripple", None, numbers, text)]
 
 
 def effort_ripple(recording: Recording) -> float | None:
-    """Return the part of the torque that ripple puts into what is fitted, or ``None``.
+    """Return the part of the torque that ripple puts into the fitted band, or ``None``.
 
-    It is what efforts have above a quarter of the sampling rate and what grows with the joint's
+    Ripple is the part of efforts above a quarter of the sampling rate that grows with the joint's
     speed, as steps of commanded positions do and noise does not: the slope of its square against
-    squared velocity. Spread evenly over the frequencies, the band that is fitted has its part of
-    it. The median over the joints is returned.
+    squared velocity. It is taken as spread evenly over the frequencies; the median over the joints
+    is returned.
     """
-    rate, effort, settings = recording.rate, recording.effort, SignalSettings()
-    band, slowest = settings.ripple_band, settings.slowest
+    rate, effort, band = recording.rate, recording.effort, _RIPPLE_BAND
     if rate is None or effort is None or rate / 4.0 < band:
         return None
     fresh = max(split_at_gaps(recording.rows(~stale(recording))), key=len)
@@ -163,7 +152,7 @@ def effort_ripple(recording: Recording) -> float | None:
     torque = np.mean(fresh.effort**2, axis=0)
     shares = []
     for power, squared, whole in zip(fast.T, squared_speed.T, torque, strict=True):
-        if np.ptp(squared) > slowest**2 and whole > 0.0:
+        if np.ptp(squared) > _SLOWEST**2 and whole > 0.0:
             relative = squared / squared.max()
             columns = np.column_stack([np.ones_like(relative), relative])
             grows = float(np.linalg.lstsq(columns, power, rcond=None)[0][1] * relative.mean())
@@ -175,7 +164,7 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
     """Return findings about efforts that stay at a limit (N·m by joint) or at an extreme."""
     if recording.effort is None:
         return []
-    timed, settings = recording.time is not None, SignalSettings()
+    timed = recording.time is not None
     fresh, velocity = np.ones(len(recording), dtype=bool), None
     if timed and len(recording) >= 100:
         fresh = ~stale(recording)
@@ -191,28 +180,23 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
             pinned = effort == reached
             if velocity is None:
                 enough = not timed and np.ptp(effort) > 0.0
-                least = max(settings.pinned_run, settings.pinned_share * len(effort))
+                least = max(_PINNED_RUN, _PINNED_SHARE * len(effort))
                 enough = enough and pinned.sum() > least
             else:
                 moving = velocity[fresh, column]
                 pinned &= moving > 0.1 * np.sqrt(np.mean(moving**2))
-                enough = _longest_run(pinned) >= settings.pinned_run
+                enough = _longest_run(pinned) >= _PINNED_RUN
         if enough:
-            findings.append(
-                DataWarning(
-                    "effort_saturation",
-                    joint,
-                    {"effort_nm": abs(reached), "samples": int(pinned.sum())},
-                    f"effort stays at {reached:.4g} {_effort_unit(recording, joint)} in "
-                    f"{pinned.sum()} samples",
-                )
-            )
+            count, unit = int(pinned.sum()), effort_unit(recording, joint)
+            numbers = {"effort_nm": abs(reached), "samples": count}
+            text = f"effort stays at {reached:.4g} {unit} in {count} samples"
+            findings.append(DataWarning("effort_saturation", joint, numbers, text))
     return findings
 
 
 def quantisation(recording: Recording) -> list[DataWarning]:
     """Return findings about signals whose steps are coarse for the motion."""
-    findings, settings = [], SignalSettings()
+    findings = []
     rate = recording.rate
     rough = speed(recording) if rate is not None and len(recording) >= 100 else None
     for column, joint in enumerate(recording.joints):
@@ -221,57 +205,175 @@ def quantisation(recording: Recording) -> list[DataWarning]:
             typical = float(np.sqrt(np.mean(rough[:, column] ** 2)))
             step = quantum(recording.position[:, column])
             if _coarse(step, rate, typical):
-                findings.append(
-                    DataWarning(
-                        "position_quantisation",
-                        joint,
-                        {
-                            f"step_{measured_in}": step,
-                            "velocity_step": step * rate,
-                            "velocity_rms": typical,
-                        },
-                        f"position has steps of {step:.3g} {measured_in}: one a sample is "
-                        f"{step * rate:.2g} {measured_in}/s, the joint moves at {typical:.2g}",
-                    )
+                numbers = {
+                    f"step_{measured_in}": step,
+                    "velocity_step": step * rate,
+                    "velocity_rms": typical,
+                }
+                text = (
+                    f"encoder resolution is coarse ({step:.3g} {measured_in}): differentiated "
+                    f"velocity has steps of {step * rate:.2g} {measured_in}/s, the joint moves at "
+                    f"{typical:.2g}"
                 )
+                findings.append(DataWarning("position_quantisation", joint, numbers, text))
         signals: tuple[tuple[Kind, Array | None, str], ...] = (
             ("velocity_quantisation", recording.velocity, f"{measured_in}/s"),
-            ("effort_quantisation", recording.effort, _effort_unit(recording, joint)),
+            ("effort_quantisation", recording.effort, effort_unit(recording, joint)),
         )
         for kind, values, unit in signals:
             if values is None:
                 continue
             step, spread = quantum(values[:, column]), float(np.std(values[:, column]))
-            if spread > 0.0 and step > settings.coarse * spread:
-                findings.append(
-                    DataWarning(
-                        kind,
-                        joint,
-                        {"step": step, "spread": spread},
-                        f"{kind.split('_')[0]} has steps of {step:.2g} {unit}, its standard "
-                        f"deviation is {spread:.2g}",
-                    )
+            if spread > 0.0 and step > _COARSE * spread:
+                text = (
+                    f"{kind.split('_')[0]} has steps of {step:.2g} {unit}, its standard "
+                    f"deviation is {spread:.2g}"
                 )
+                numbers = {"step": step, "spread": spread}
+                findings.append(DataWarning(kind, joint, numbers, text))
     return findings
 
 
 def _coarse(step: float, rate: float, typical: float) -> bool:
-    """Tell whether encoder steps are coarse for a joint of some RMS velocity."""
-    settings = SignalSettings()
-    if typical <= 0.0 or step * rate <= settings.coarse_position * typical:
+    """Return whether encoder steps are coarse for a joint of some RMS velocity."""
+    if typical <= 0.0 or step * rate <= _COARSE_POSITION * typical:
         return False
-    band = min(settings.step_band, rate / 5.0)
+    band = min(_STEP_BAND, rate / 5.0)
     error = velocity_error(step, band, min(rate, typical / step))
-    return error > settings.coarse_velocity * typical
+    return error > _COARSE_VELOCITY * typical
 
 
-def position_unit(recording: Recording, joint: str) -> str:
-    """Return the unit of a joint's position; where the arm is not known, it is taken to turn."""
-    arm = recording.arm
-    return "rad" if arm is None else arm.units[arm.joint_names.index(joint)]
+def driven_motors(recording: Recording) -> list[DataWarning]:
+    """Return findings about motors that friction would drive: their efforts have the wrong sign."""
+    if recording.effort is None:
+        return []
+    way = np.diff(recording.position, axis=0)
+    work = 0.5 * (recording.effort[1:] + recording.effort[:-1]) * way
+    there_and_back = np.abs(work).sum(axis=0)
+    length = np.maximum(np.abs(way).sum(axis=0), 1e-300)
+    last = np.ptp(recording.position, axis=0) / length  # part of the way without a return
+    findings = []
+    for joint in np.flatnonzero(there_and_back > 0.0).tolist():
+        part = float(work[:, joint].sum() / there_and_back[joint])
+        if part < -_DRIVEN - last[joint]:
+            text = (
+                f"its motor takes {-100 * part:.0f} % of the work there and back out of the "
+                "arm, as if friction drove it: an effort of the wrong sign, or of another "
+                "joint, a hand that moves the arm, or work transferred from other joints"
+            )
+            findings.append(
+                DataWarning("effort_sign", recording.joints[joint], {"work": part}, text)
+            )
+    return findings
 
 
-def _effort_unit(recording: Recording, joint: str) -> str:
-    """Return the unit of a joint's effort; where the arm is not known, it is taken to turn."""
-    arm = recording.arm
-    return "N·m" if arm is None else arm.effort_units[arm.joint_names.index(joint)]
+@dataclass(frozen=True)
+class FrozenSpan:
+    """Samples of a joint's effort that are no readings.
+
+    Attributes:
+        joint: Number of its column.
+        rows: First sample, and the one after the last.
+        span: s, times of the first and the last.
+        value: The effort, N·m.
+    """
+
+    joint: int
+    rows: tuple[int, int]
+    span: tuple[float, float]
+    value: float
+
+    @classmethod
+    def of(cls, recording: Recording, joint: int, first: int, stop: int) -> FrozenSpan:
+        """Return the span of a joint's samples [first, stop)."""
+        assert recording.time is not None
+        assert recording.effort is not None
+        span = float(recording.time[first]), float(recording.time[stop - 1])
+        return cls(joint, (first, stop), span, float(recording.effort[first, joint]))
+
+
+def frozen_efforts(recording: Recording) -> list[FrozenSpan]:
+    """Return spans of efforts that stay the same, to the last bit, while their joint moves.
+
+    Poses and short recordings have none. An effort at its greatest or least is one that a limit
+    holds (:func:`saturation`).
+    """
+    velocity, found = cache(partial(speed, recording)), []
+    for joint, column, runs in _equal_efforts(recording, _FROZEN, 1):
+        moving = velocity()[:, joint]
+        typical = float(np.sqrt(np.mean(moving**2)))
+        enough = max(_FROZEN_CHANGE * typical, _FROZEN_SPEED * float(recording.scale[joint]))
+        for first, stop in runs:
+            others = np.delete(column, slice(first, stop))
+            if np.ptp(moving[first:stop]) < enough or _at_a_limit(float(column[first]), others):
+                continue
+            if not len(others) or np.std(others) >= _FROZEN_STEPS * _step(column):
+                found.append(FrozenSpan.of(recording, joint, first, stop))
+    return found
+
+
+def clipped_efforts(recording: Recording) -> list[FrozenSpan]:
+    """Return spans of efforts at a limit, their greatest or least, while their joint moves.
+
+    The arm took more than was read. Poses and short recordings have none.
+    """
+    velocity, found = cache(partial(speed, recording)), []
+    for joint, column, runs in _equal_efforts(recording, _CLIPPED):
+        ends = {float(column.min()), float(column.max())} - {0.0}
+        runs = [(first, stop) for first, stop in runs if float(column[first]) in ends]
+        if not runs or np.std(column) < _FROZEN_STEPS * _step(column):
+            continue
+        size = np.abs(velocity()[:, joint])
+        slowest = max(0.1 * np.sqrt(np.mean(size**2)), _FROZEN_SPEED / 2.0)
+        found += [
+            FrozenSpan.of(recording, joint, first, stop)
+            for first, stop in runs
+            if np.mean(size[first:stop]) > slowest
+        ]
+    return found
+
+
+def _equal_efforts(
+    recording: Recording, duration: float, more: int = 0
+) -> Iterator[tuple[int, Array, list[tuple[int, int]]]]:
+    """Yield joints' efforts and runs [first, stop) of equal ones, of s and some samples more."""
+    rate, effort = recording.rate, recording.effort
+    if rate is None or effort is None or len(recording) < 100:
+        return
+    least = max(2, int(np.ceil(duration * rate)) + more)
+    for joint, column in enumerate(effort.T):
+        edges = np.flatnonzero(np.diff(column, prepend=np.nan, append=np.nan)).tolist()
+        runs = [(first, stop) for first, stop in pairwise(edges) if stop - first >= least]
+        if runs:
+            yield joint, column, runs
+
+
+def _at_a_limit(value: float, others: Array) -> bool:
+    """Return whether an effort, which is not zero, is the greatest or the least of all."""
+    if not len(others):
+        return False
+    return (value > 0.0 and value >= others.max()) or (value < 0.0 and value <= others.min())
+
+
+def _step(values: Array) -> float:
+    """Return the step of efforts; the distance of only two of them is one."""
+    distinct = np.unique(values)
+    return float(np.ptp(distinct)) if len(distinct) < 3 else quantum(values)
+
+
+def frozen(recording: Recording) -> list[DataWarning]:
+    """Return findings about efforts that are no readings, one a joint."""
+    spans = frozen_efforts(recording)
+    findings = []
+    for joint in dict.fromkeys(span.joint for span in spans):
+        own = [span for span in spans if span.joint == joint]
+        first, last = own[0].span
+        seconds = sum(span.span[1] - span.span[0] for span in own)
+        further = f", {seconds:.3g} s in {len(own)} such spans" if len(own) > 1 else ""
+        text = (
+            f"effort stays at {own[0].value:.4g} from {first:.6g} to {last:.6g} s "
+            f"({last - first:.3g} s{further}) while the joint goes on moving: no reading"
+        )
+        numbers = {"seconds": seconds, "from_s": first, "to_s": last}
+        findings.append(DataWarning("effort_frozen", recording.joints[joint], numbers, text))
+    return findings

@@ -10,11 +10,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from dvrk_gravity.recording.bag_file import BagFile, BagFileError, Channel
-from dvrk_gravity.recording.unpack import LARGEST_MESSAGE, TOO_LARGE
+from dvrk_gravity.recording.bag_file import (
+    LARGEST_MESSAGE,
+    TOO_LARGE,
+    BagFile,
+    BagFileError,
+    Channel,
+)
 
 MAGIC = b"SQLite format 3\0"
-# What SQLite keeps beside a file while it writes: the last changes, or how to undo them.
+# SQLite keeps the last changes, or how to undo them, beside a file while it writes.
 _BESIDE = ("-wal", "-journal")
 
 

@@ -1,4 +1,4 @@
-"""Recordings that are read from their files in parts, or are given in memory."""
+"""Recordings read from their files in parts, or in memory."""
 
 from __future__ import annotations
 
@@ -7,85 +7,85 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
-from dvrk_gravity.recording import files
-from dvrk_gravity.recording.csv_columns import Columns
-from dvrk_gravity.recording.data import Recording
-from dvrk_gravity.recording.files import A_PATH
-from dvrk_gravity.recording.pieces import blocks
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase, join
+from dvrk_gravity.recording.files import A_PATH, ReadOptions, read
+from dvrk_gravity.recording.recording import Recording
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, join
 from dvrk_gravity.validation import path_of
 
-HEAD = 10_000  # samples by which what is the same for all of a file is found out
+HEAD = 10_000  # samples of a file's first part
 
 
 def iterate_recording(
-    path: str | Path,
-    topic: str | None = None,
-    coordinates: Coordinates = "joint",
-    time_base: TimeBase = "stamp",
-    chunk: int = CHUNK,
-    arm: Arm | None = None,
-    columns: Columns | None = None,
+    path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]
 ) -> Iterator[Recording]:
     """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
     Memory stays at a few parts, whatever the length of the file. Times are relative to the first
-    sample of the whole; arguments are those of ``Recording.load``.
+    sample of the whole; options are those of ``Recording.load``.
 
     Raises:
-        RecordingError: When the part that cannot be used is reached.
+        RecordingError: On reaching a part that cannot be used.
     """
-    parts = files.read(path, topic, coordinates, time_base, chunk, arm, columns)
-    return map(Recording.checked, parts)
+    return map(Recording.checked, read(path, chunk, **options))
+
+
+def blocks(parts: Iterable[Recording], size: int) -> Iterator[Recording]:
+    """Yield consecutive parts of any length as blocks of ``size`` samples, the last one shorter."""
+    held: list[Recording] = []
+    count = 0
+    for part in parts:
+        held.append(part)
+        count += len(part)
+        while count > size:
+            whole = join(held)
+            yield whole.rows(slice(0, size))
+            # Left-out samples were counted with the block.
+            held = [whole.rows(slice(size, None)).counted()]
+            count -= size
+    if held:
+        yield join(held)
 
 
 class RecordingFile:
-    """A recording that is left in its file and read in parts, as often as asked for.
+    """A recording that stays in its file and is read in parts, any number of times.
 
     Attributes:
-        head: Its first part; tells joints, quantities, and whether there is a time.
+        head: Its first part, which has joints, quantities and kind of time.
 
     Raises:
         RecordingError: On opening, if the first part cannot be used.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        topic: str | None = None,
-        time_base: TimeBase = "stamp",
-        coordinates: Coordinates = "joint",
-        arm: Arm | None = None,
-        columns: Columns | None = None,
-    ) -> None:
-        """Read the first part; arguments are those of ``Recording.load``."""
-        self._path, self._topic, self._time_base = path, topic, time_base
-        self._coordinates, self._arm, self._columns = coordinates, arm, columns
+    def __init__(self, path: str | Path, **options: Unpack[ReadOptions]) -> None:
+        """Read the first part; options are those of ``Recording.load``."""
+        self._path, self._options = path, options
         self._changes: tuple[Callable[[Iterator[Recording]], Iterator[Recording]], ...] = ()
-        if arm is not None and arm.held:  # which the arm's own joints do not tell
-            whole = iterate_recording(path, topic, coordinates, time_base, columns=columns)
-            next(whole).require_held(arm)
+        arm = options.get("arm")
+        if arm is not None and arm.held:  # those are not among the arm's joints
+            whole: ReadOptions = {**options, "arm": None}
+            next(iterate_recording(path, **whole)).require_held(arm)
         self.head = next(blocks(self.parts(), HEAD))
 
     def __repr__(self) -> str:
-        """Say which file it is."""
+        """Return the file's name."""
         return f"<RecordingFile {self._path}>"
 
     def of(self, arm: Arm) -> RecordingFile:
         """Return the same file read as an arm's; see ``Recording.of``."""
-        if self._arm is arm:
+        if self._options.get("arm") is arm:
             return self
-        given = self._path, self._topic, self._time_base, self._coordinates
-        result = RecordingFile(*given, arm, self._columns)
+        options: ReadOptions = {**self._options, "arm": arm}
+        result = RecordingFile(self._path, **options)
         return result._changed(*self._changes) if self._changes else result
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
-        """Return the same file without some spans of its rows, each from one row to before another.
+        """Return the same file without some spans [start, stop) of its rows.
 
         Raises:
             RecordingError: If nothing is left.
@@ -93,7 +93,7 @@ class RecordingFile:
         return self._changed(partial(_without, left_out=tuple(left_out)))
 
     def mended(self, mend: Callable[[Recording], Recording]) -> RecordingFile:
-        """Return the same file with each of its parts put right; samples stay in their places."""
+        """Return the same file with each part corrected by a function that keeps its samples."""
         return self._changed(partial(map, mend))
 
     def _changed(
@@ -109,10 +109,7 @@ class RecordingFile:
 
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
-        parts = iterate_recording(
-            self._path, self._topic, self._coordinates, self._time_base,
-            arm=self._arm, columns=self._columns,
-        )  # fmt: skip
+        parts = iterate_recording(self._path, **self._options)
         for change in self._changes:
             parts = change(parts)
         return parts
@@ -125,7 +122,7 @@ class RecordingFile:
 def _without(
     parts: Iterator[Recording], left_out: Sequence[tuple[int, int]]
 ) -> Iterator[Recording]:
-    """Yield what is left of parts without some spans of the rows of all."""
+    """Yield parts without some spans of the rows of all."""
     row = 0
     for part in parts:
         keep = np.ones(len(part), dtype=bool)
@@ -142,15 +139,15 @@ Given = Recording | RecordingFile | str | os.PathLike[str]
 def opened(
     given: Given | Iterable[Given], coordinates: Coordinates = "joint", arm: Arm | None = None
 ) -> list[Recording | RecordingFile]:
-    """Return one or several recordings as a list, paths as the files that they name.
+    """Return one or several recordings or paths as a list of recordings.
 
     Args:
         given: One or several.
-        coordinates: Of the files that are given as paths, which do not tell.
+        coordinates: Of files that are given as paths.
         arm: Whose joints they are to be; see ``Recording.of``.
 
     Raises:
-        ArgumentError: What is neither a recording nor a path.
+        ArgumentError: Neither a recording nor a path.
         RecordingError: A file that cannot be used, or joints that are not the arm's.
     """
     if isinstance(given, Recording | RecordingFile | str | os.PathLike):

@@ -1,13 +1,13 @@
-"""From a file's rows or messages to samples: times that increase, and numbers that are some.
+"""From a file's rows or messages to samples with increasing times and finite numbers.
 
-A sample that cannot be used is left out and counted; what is wrong with a whole file is an error.
+A sample that cannot be used is left out and counted; a fault of the whole file is an error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.notes import Note, merged
+from dvrk_gravity.recording.data_warning import Note, merged
 from dvrk_gravity.recording.samples import LARGEST, Coordinates, Samples
-from dvrk_gravity.recording.timeline import HELD, increasing
 
-# Times stand still where fewer than this part of more than so many rows have one of their own.
+# Samples in a row that may be out of order: 0.1 s at 1 kHz. Chosen: more is another recording
+# appended, or a clock that was set, and which part is right would have to be guessed.
+_MOST = 100
+_HELD = _MOST + 1  # samples whose stamps are judged together with those that follow them
+# Times stand still where fewer than this part of more than so many rows have a time of their own.
 # Chosen: between a clock of whole seconds at 100 Hz, and readings at 100 Hz published at 1 kHz.
 _MOVING, _FROZEN = 0.02, 10
 # Part of the rows that may be out of the order of time. Chosen: a quarter of a file is no moment.
@@ -28,15 +31,15 @@ _WILD = 0.25
 
 @dataclass(frozen=True, eq=False)
 class RowTable:
-    """Rows of a file, as they are in it.
+    """Rows of a file as read.
 
     Attributes:
         joints: Names of the n columns.
         stamps: ``(N,)`` ns; ``None``: static poses.
-        numbers: ``(N,)`` of the lines or messages that they come from, for errors.
+        numbers: ``(N,)`` of their lines or messages, for errors.
         values: ``(N, n)`` by quantity, ``direction`` among them.
         invalid: Rows that were left out because they carried stamp 0.
-        notes: What was found in reading them.
+        notes: The reader's findings.
     """
 
     joints: tuple[str, ...]
@@ -51,21 +54,19 @@ class RowTable:
         return len(self.numbers)
 
     def rows(self, selection: slice | Mask | NDArray[np.intp]) -> RowTable:
-        """Return some of the rows: of a slice they are views, which keep the others in memory."""
+        """Return some rows; a slice gives views, which keep all rows in memory."""
         stamps = None if self.stamps is None else self.stamps[selection]
         values = {name: array[selection] for name, array in self.values.items()}
         return replace(self, stamps=stamps, numbers=self.numbers[selection], values=values)
 
     def after(self, other: RowTable | None) -> RowTable:
-        """Return the rows of another table and then these, with what was found in these."""
+        """Return the rows of another table followed by these, with the findings about these."""
         if other is None:
             return self
         stamps = None
         if self.stamps is not None and other.stamps is not None:
             stamps = np.concatenate([other.stamps, self.stamps])
-        values = {
-            name: np.concatenate([other.values[name], array]) for name, array in self.values.items()
-        }
+        values = {name: np.concatenate([other.values[name], a]) for name, a in self.values.items()}
         numbers = np.concatenate([other.numbers, self.numbers])
         return replace(self, stamps=stamps, numbers=numbers, values=values)
 
@@ -76,10 +77,10 @@ class Assembly:
 
     Attributes:
         source: The file.
-        row: What a row is called in errors: a line, a message.
-        coordinates: What the columns are.
+        row: Word for a row in errors: a line, a message.
+        coordinates: Of the columns.
         arm: Whose joints they are, if it is known.
-        way_out: What to do where the times cannot be used.
+        way_out: End of errors about times: what a user can do.
     """
 
     source: str
@@ -97,7 +98,7 @@ class Assembly:
     _absent: dict[str, Mask] = field(default_factory=dict)  # of these, by quantity
 
     def samples(self, tables: Iterable[RowTable]) -> Iterator[Samples]:
-        """Yield the usable samples of consecutive tables, and with them what was left out.
+        """Yield the usable samples of consecutive tables, with notes on the others.
 
         Raises:
             RecordingError: Times that stand still or go back for long, or nothing of use.
@@ -109,13 +110,13 @@ class Assembly:
             block = held if table is None else table.after(held)
             if block is None:
                 continue
-            # What is wrong with the last stamps is seen by the next ones.
+            # Whether the last stamps are in order depends on the next ones.
             some = table is not None and block.stamps is not None
-            cut = max(len(block) - HELD, 0) if some else len(block)
+            cut = max(len(block) - _HELD, 0) if some else len(block)
             rest = block.rows(np.arange(cut, len(block)))
             held = replace(rest, invalid=0, notes=()) if some else None
             found = self._usable(self._in_order(block, cut))
-            del table, block, rest  # what is read next takes their place
+            del table, block, rest  # their memory serves the next read
             if not len(found):
                 empty.append(found)
                 continue
@@ -158,13 +159,13 @@ class Assembly:
         return found
 
     def _usable(self, table: RowTable) -> Samples:
-        """Return a table's rows in which all is recorded, but for what never is."""
+        """Return a table's complete rows; quantities that a joint never has are NaN."""
         notes = table.notes
         if self._joints is None and len(table):
             self._joints, found = self._settled(table)
             notes += found
         joints = self._joints if self._joints is not None else np.ones(len(table.joints), bool)
-        names = tuple(name for name, own in zip(table.joints, joints, strict=True) if own)
+        names = tuple(compress(table.joints, joints))
         values, usable = {}, np.ones(len(table), dtype=bool)
         for quantity, array in table.values.items():
             absent = self._absent.get(quantity, np.zeros(int(joints.sum()), dtype=bool))
@@ -197,26 +198,25 @@ class Assembly:
         )  # fmt: skip
 
     def _settled(self, table: RowTable) -> tuple[Mask, tuple[Note, ...]]:
-        """Return which joints are read, and what was not recorded, by a file's first rows."""
+        """Return which joints are read, by a file's first rows, and notes on what is missing."""
         missing: dict[str, Mask] = {
             quantity: np.asarray(~(np.abs(array) < LARGEST).any(axis=0))
             for quantity, array in table.values.items()
         }
         joints = ~missing["position"]
-        notes = self._left_out(table, missing["position"], "position", joints)
+        notes = self._left_out(table, missing["position"], "position")
         if not joints.any():
             raise RecordingError(self.source, "no position is a finite number")
         effort = missing.get("effort", np.zeros(len(joints), dtype=bool))
         if self.arm is not None and (effort & joints).any() and not effort[joints].all():
             # A joint without a motor that is read, such as a gripper's finger.
-            notes += self._left_out(table, effort & joints, "effort", joints)
+            notes += self._left_out(table, effort & joints, "effort")
             joints = joints & ~effort
         for quantity in ("velocity", "effort"):
             if quantity not in missing or not missing[quantity][joints].any():
                 continue
             self._absent[quantity] = missing[quantity][joints]
-            without = joints & missing[quantity]
-            named = [name for name, left in zip(table.joints, without, strict=True) if left]
+            named = list(compress(table.joints, joints & missing[quantity]))
             every = len(named) == int(joints.sum())
             whose = "of all joints" if every else f"of {', '.join(named)}"
             taken = ": differentiated from positions" if quantity == "velocity" else ""
@@ -225,19 +225,12 @@ class Assembly:
         return joints, notes
 
     @staticmethod
-    def _left_out(table: RowTable, without: Mask, quantity: str, of: Mask) -> tuple[Note, ...]:
-        named = [name for name, left in zip(table.joints, without, strict=True) if left]
-        if not named:
-            return ()
+    def _left_out(table: RowTable, without: Mask, quantity: str) -> tuple[Note, ...]:
         text = f"not read: no {quantity} was recorded (no finite number)"
-        return tuple(Note("not_recorded", text, name) for name in named)
+        return tuple(Note("not_recorded", text, name) for name in compress(table.joints, without))
 
     def _require_progress(self) -> None:
-        """Refuse a file whose times stand still, or are in no order.
-
-        Raises:
-            RecordingError: They do.
-        """
+        """Refuse a file whose times stand still, or are in no order."""
         total = self._times + self._standing
         if self._wild > _WILD * (total + self._wild):
             raise RecordingError(
@@ -253,7 +246,7 @@ class Assembly:
             )
 
     def _nothing(self, empty: Iterable[Samples]) -> RecordingError:
-        """Return what to say of a file without a usable sample."""
+        """Return the error about a file without a usable sample."""
         found = merged(note for samples in empty for note in samples.found)
         total = sum(note.count for note in found)
         why = "; ".join(note.warning(total).text for note in found)
@@ -262,3 +255,63 @@ class Assembly:
         return RecordingError(
             self.source, f"holds no usable samples{f': {why}' if why else ''}{way_out}"
         )
+
+
+def increasing(
+    stamps: NDArray[np.int64], previous: int | None, decided: int
+) -> tuple[Mask, Mask, int | None]:
+    """Find the increasing ones of consecutive stamps, leaving out as few as possible.
+
+    Where time goes back, either the stamps before were ahead for a moment, or those after are late
+    for one: the shorter run of the two is out of order.
+
+    Args:
+        stamps: ``(N,)`` ns.
+        previous: Last stamp in use before them; ``None``: they are the first.
+        decided: Number of stamps to decide on; the others are context.
+
+    Returns:
+        ``(N,)`` masks of those that are later than all used before, and of those out of order; the
+        others repeat the one before. The index of the first one of a run that is too long to be
+        left out, ``None`` if there is none.
+    """
+    steps = np.diff(stamps, prepend=stamps[0] - 1 if previous is None else previous)
+    if (steps >= 0).all():
+        return steps > 0, np.zeros(len(stamps), dtype=bool), None
+    wild = np.zeros(len(stamps), dtype=bool)
+    values = stamps.tolist()
+    used: list[int] = []
+    at = 0
+    while at < len(values):
+        value = values[at]
+        last = values[used[-1]] if used else previous
+        if last is None or value >= last:
+            used.append(at)
+            at += 1
+            continue
+        ahead = _ahead(values, used, value) if previous is None or value >= previous else _HELD
+        late = 0
+        while late <= _MOST and at + late < len(values) and values[at + late] <= last:
+            late += 1
+        if min(ahead, late) > _MOST:
+            if at < decided:
+                return wild, wild, at
+            break
+        if ahead < late:
+            wild[used[len(used) - ahead :]] = True
+            del used[len(used) - ahead :]
+        else:
+            wild[at : at + late] = True
+            at += late
+    kept = np.zeros(len(stamps), dtype=bool)
+    first = stamps[used[:1]] - 1 if previous is None else [previous]
+    kept[used] = np.diff(stamps[used], prepend=first) > 0
+    return kept, wild, None
+
+
+def _ahead(values: list[int], used: list[int], value: int) -> int:
+    """Return how many of the last used stamps are later than a value, at most ``_HELD``."""
+    count = 0
+    while count <= _MOST and count < len(used) and values[used[-1 - count]] > value:
+        count += 1
+    return count

@@ -1,7 +1,7 @@
-"""A trajectory of any length made ready for a fit in little memory.
+"""A trajectory of any length prepared for a fit in little memory.
 
-The recording goes through checks, resampling, filters and derivatives piece by piece. What is
-low-passed need not be kept at the recording's rate: a part of the samples is.
+The recording goes through checks, resampling, filters and derivatives piece by piece; of the
+low-passed samples, one in several is kept.
 """
 
 from __future__ import annotations
@@ -15,16 +15,27 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import check_signals
-from dvrk_gravity.recording.data import Coordinates, Recording
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.data_warning import DataWarning, Note, require_usable
 from dvrk_gravity.recording.filters import LowPass, derivative
-from dvrk_gravity.recording.frozen import FrozenSpan, clipped_efforts, frozen_efforts
-from dvrk_gravity.recording.gaps import Gaps
-from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
-from dvrk_gravity.recording.notes import Note
-from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
-from dvrk_gravity.recording.preparation import DEFAULT_CUTOFF, SHORTEST, derived_joints, low_pass
-from dvrk_gravity.recording.sample_times import RetimingSettings
+from dvrk_gravity.recording.piecewise import Findings, Piece, with_margins
+from dvrk_gravity.recording.preparation import (
+    DEFAULT_CUTOFF,
+    SHORTEST,
+    Gaps,
+    derived_joints,
+    low_pass,
+)
+from dvrk_gravity.recording.recording import Recording
+from dvrk_gravity.recording.samples import Coordinates
+from dvrk_gravity.recording.signal_checks import FrozenSpan, clipped_efforts, frozen_efforts
+from dvrk_gravity.recording.stream import blocks
+from dvrk_gravity.recording.timing import (
+    SLOWEST_JITTER,
+    longest_bridged,
+    resample,
+    split_at_gaps,
+    stale,
+)
 
 # The motion is filtered less than the torques: friction's sign and products of velocities put
 # power above the motion's own frequencies. The columns then go through the torques' filter.
@@ -32,10 +43,10 @@ MOTION_BAND = 2.0
 # Samples kept for each period of the motion's cut-off: the rest of a fast recording is redundant.
 OVERSAMPLING = 16.0
 PIECE = 60_000  # samples that are worked on at a time
-# Edges of the torques' filter by which pieces overlap: what a margin's end does to the block is
+# Edges of the torques' filter by which pieces overlap: a margin's end affects the block by
 # EDGE_LEVEL to that power, below 1e-12 of the signal.
 MARGIN = 4.5
-# The same of the far slower filter that parts jitter from wander: 1e-5 of the jitter is enough.
+# The same of the far slower filter that separates jitter from wander: 1e-5 of the jitter is enough.
 JITTER_MARGIN = 2.0
 
 
@@ -62,17 +73,17 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """All stretches of a recording, in its own coordinates, and what was found and done.
+    """All stretches of a recording, in its own coordinates.
 
     Attributes:
         source: File or folder that it came from.
         joints: Names of the n columns.
         stretches: Gap-free parts, in order.
-        warnings: What was found in the recording.
-        handling: What was done, one sentence each.
-        coordinates: What the columns are, or ``None`` where it is not known.
-        still: Where joints that were not recorded stood: *joint* position by name, rad.
-        frozen: Where efforts are no readings, or clipped ones.
+        warnings: Findings about the recording.
+        handling: Steps of the preparation, one sentence each.
+        coordinates: Of the columns, or ``None`` where they are not known.
+        still: *Joint* positions of joints that were not recorded, by name, rad.
+        frozen: Spans of efforts that are no readings, or clipped ones.
     """
 
     source: str
@@ -86,7 +97,7 @@ class Trajectory:
 
     @property
     def head(self) -> Trajectory:
-        """What tells the joints: itself, as with recordings."""
+        """The part that has the joints: itself, as with recordings."""
         return self
 
 
@@ -95,8 +106,8 @@ def read_trajectory(
 ) -> Trajectory:
     """Check, clean, filter and thin out a trajectory that comes in consecutive parts.
 
-    The same is done as by ``prepare``, with two filters: motion and efforts. The nominal rate is
-    that of the first ``piece`` samples.
+    As :func:`prepare`, with two filters: of motion and of efforts. The nominal rate is that of the
+    first ``piece`` samples.
 
     Args:
         parts: Of one recording, with time.
@@ -123,7 +134,7 @@ def read_trajectory(
             notes.append(block.found)
             yield block
 
-    slow = LowPass(RetimingSettings().slowest, rate)
+    slow = LowPass(SLOWEST_JITTER, rate)
     margin = max(MARGIN * low.edge, JITTER_MARGIN * slow.edge)
     for index, padded in enumerate(with_margins(counted(), int(np.ceil(margin)))):
         findings.add(padded, notes[index])
@@ -143,16 +154,14 @@ def _filters(first: Recording, rate: float, cutoff: float) -> tuple[LowPass, Low
     try:
         return low_pass(first, cutoff, rate), low_pass(first, MOTION_BAND * cutoff, rate)
     except RecordingError:
-        # A wrong unit of time says more than a filter that cannot be.
-        for warning in check_signals(first):
-            if warning.unusable:
-                raise RecordingError(first.source, str(warning)) from None
+        # A wrong unit of time explains a filter that cannot be made.
+        require_usable(first.source, check_signals(first))
         raise
 
 
 @dataclass(eq=False)
 class _Run:
-    """A stretch that grows: where its grid goes on, and what was kept of it."""
+    """A growing stretch: the next point of its grid, the number of points, and the kept samples."""
 
     origin: float = 0.0
     count: int = 0
@@ -160,7 +169,7 @@ class _Run:
 
 
 class _Work:
-    """Filters pieces and strings together what is kept of them."""
+    """Filters pieces and joins their kept samples."""
 
     def __init__(self, low: LowPass, wide: LowPass) -> None:
         self._low, self._wide = low, wide
@@ -237,7 +246,7 @@ class _Work:
             yield "effort", self._low(uniform.effort)
 
     def stretches(self, recording: Recording, derived: tuple[str, ...]) -> tuple[Stretch, ...]:
-        """Return what was kept; ``derived`` names the joints whose velocity column is not used.
+        """Return the kept samples; ``derived`` names the joints whose velocity column is not used.
 
         Raises:
             RecordingError: If nothing was long enough.
@@ -263,11 +272,11 @@ class _Work:
         return tuple(found)
 
     def warnings(self) -> tuple[DataWarning, ...]:
-        """Return what was found on the way."""
+        """Return findings about gaps."""
         return self._gaps.warnings(self._samples)
 
     def handling(self, derived: tuple[str, ...]) -> tuple[str, ...]:
-        """Return what was done, one sentence each."""
+        """Return the steps taken, one sentence each."""
         lines = []
         if self._stale:
             lines.append(f"{self._stale} stale samples replaced by interpolation")

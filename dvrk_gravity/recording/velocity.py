@@ -1,4 +1,4 @@
-"""Is a velocity column as good as the derivative of the positions?"""
+"""Velocity columns compared with the derivative of the positions."""
 
 from __future__ import annotations
 
@@ -7,43 +7,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.filters import LowPass, derivative
-from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.quantization import quantum, velocity_error
+from dvrk_gravity.recording.recording import Recording
+from dvrk_gravity.recording.timing import longest_bridged, resample, split_at_gaps, stale
 
 DEGREE = np.pi / 180.0
 
 
-@dataclass(frozen=True)
-class ComparisonSettings:
-    """When a velocity column disagrees with the derivative of the positions.
-
-    Attributes:
-        cutoff: Of both signals' low-pass, Hz; less for slow recordings. Chosen: above the band that
-            is fitted (5.65 Hz).
-        slope: Relative error of its scale. Chosen.
-        residual: Part of it that the derivative leaves. Chosen.
-        lag: s that it may be late. Chosen.
-        noise: Times the error that the derivative itself has from the encoder's steps: three
-            standard deviations.
-        alike: Factor within which the scales of several joints are one, and one scale still is an
-            estimate's: of a real MTM's wrists, whose encoders are coarse, it is up to 1.18 (1.07
-            where all joints of real MTMs, PSMs and UR10es are looked at together). Chosen.
-        clock: Relative error of the scale of all joints from which on it is the clock's. Chosen.
-        clear: Correlation from which on a scale is one. Chosen.
-        slowest: RMS velocity below which a joint does not move, rad/s. Chosen: rounding.
-    """
-
-    cutoff: float = 10.0
-    slope: float = 0.03
-    residual: float = 0.08
-    lag: float = 2e-3
-    noise: float = 3.0
-    alike: float = 1.25
-    clock: float = 0.1
-    clear: float = 0.9
-    slowest: float = 1e-6
+_CUTOFF = 10.0  # Hz, of both signals' low-pass; less for slow recordings. Chosen: above 5.65 Hz
+_SLOPE = 0.03  # relative error of the column's scale. Chosen
+_RESIDUAL = 0.08  # part of the derivative that the column leaves unexplained. Chosen
+_LAG = 2e-3  # s that the column may be late. Chosen
+_NOISE = 3.0  # standard deviations of the derivative's error from the encoder's steps
+# Factor within which the scales of several joints are one, and one scale still is an estimate's: of
+# a real MTM's wrists, whose encoders are coarse, it is up to 1.18 (1.07 where all joints of real
+# MTMs, PSMs and UR10es are looked at together). Chosen.
+_EQUAL = 1.25
+_CLOCK = 0.1  # relative error of the scale of all joints beyond which it is the clock's. Chosen
+_CLEAR = 0.9  # correlation beyond which a scale is one. Chosen
+_SLOWEST = 1e-6  # rad/s, RMS, below which a joint does not move. Chosen: rounding
 
 
 @dataclass(frozen=True)
@@ -71,23 +54,20 @@ class VelocityFit:
     @property
     def worse(self) -> bool:
         """Whether the column disagrees by more than the derivative's own error can explain."""
-        settings = ComparisonSettings()
         uncertainty = 4.0 * self.residual / np.sqrt(self.samples)
-        noise = settings.noise * self.noise
-        scaled = abs(self.slope - 1.0) > max(settings.slope, uncertainty, noise)
-        return scaled or self.residual > max(settings.residual, noise)
+        noise = _NOISE * self.noise
+        scaled = abs(self.slope - 1.0) > max(_SLOPE, uncertainty, noise)
+        return scaled or self.residual > max(_RESIDUAL, noise)
 
     @property
     def of_another_scale(self) -> bool:
-        """Whether it is the derivative, surely, times a factor that is no estimate's."""
-        factor = ComparisonSettings().alike
-        clear = abs(self.correlation) > ComparisonSettings().clear
-        return clear and not 1.0 / factor < self.slope < factor
+        """Whether it is clearly the derivative times a factor beyond estimation error."""
+        return abs(self.correlation) > _CLEAR and not 1.0 / _EQUAL < self.slope < _EQUAL
 
     @property
     def late(self) -> bool:
-        """Whether the column is beyond doubt not in step with the positions, however clean."""
-        return abs(self.lag) > ComparisonSettings().lag + 4.0 * self.lag_error
+        """Whether the column is significantly late or early, however clean."""
+        return abs(self.lag) > _LAG + 4.0 * self.lag_error
 
     @property
     def position_in_degrees(self) -> bool:
@@ -96,7 +76,7 @@ class VelocityFit:
 
     @property
     def suspicion(self) -> str:
-        """What the slope looks like, or nothing."""
+        """Unit error that the slope suggests, or nothing."""
         if self.position_in_degrees:
             return " (positions in degrees?)"
         if abs(self.slope * DEGREE - 1.0) < 0.2:
@@ -105,21 +85,19 @@ class VelocityFit:
 
 
 def common_factor(fits: Sequence[VelocityFit | None]) -> float | None:
-    """Return by what the velocities of all joints are off alike; ``None`` where they are not.
+    """Return the common factor of all joints' velocities, of two at least, or ``None``.
 
-    Args:
-        fits: Of the joints; at least two of them moved. A known unit's factor is none.
+    A known unit's factor is none.
     """
-    settings = ComparisonSettings()
     found = [fit for fit in fits if fit is not None]
     slopes = np.array([fit.slope for fit in found])
     if len(found) < 2 or slopes.min() <= 0.0:
         return None
     factor = float(np.median(slopes))
-    off = np.abs(slopes - 1.0) > settings.clock
-    alike = np.abs(np.log(slopes / factor)) < np.log(settings.alike)
-    clear = all(fit.correlation > settings.clear and not fit.suspicion for fit in found)
-    return factor if clear and bool(np.all(off & alike)) else None
+    off = np.abs(slopes - 1.0) > _CLOCK
+    equal = np.abs(np.log(slopes / factor)) < np.log(_EQUAL)
+    clear = all(fit.correlation > _CLEAR and not fit.suspicion for fit in found)
+    return factor if clear and bool(np.all(off & equal)) else None
 
 
 def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
@@ -127,23 +105,19 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
 
     Stale samples are interpolated over first; the longest part without gaps is used.
 
-    Args:
-        recording: With time.
-
     Returns:
-        A fit for every joint; ``None`` where none was recorded, too short a recording, or a
-        joint whose motion does not rise above its encoder's steps.
+        A fit for every joint; ``None`` without velocities or time, if the recording is too short,
+        or if a joint's motion does not rise above its encoder's steps.
     """
-    nothing: tuple[None, ...] = (None,) * len(recording.joints)
-    nominal, settings = recording.rate, ComparisonSettings()
+    nominal = recording.rate
     if recording.velocity is None or nominal is None:
-        return nothing
-    low = LowPass(min(settings.cutoff, nominal / 20.0), nominal)
+        return (None,) * len(recording.joints)
+    low = LowPass(min(_CUTOFF, nominal / 20.0), nominal)
     parts = split_at_gaps(recording, longest_bridged(nominal, low.cutoff))
     longest = max(parts, key=len)
     fresh = longest.rows(~stale(longest))
     if len(fresh) < 6 * low.edge:
-        return nothing
+        return (None,) * len(recording.joints)
     grid = resample(replace(fresh, effort=None, direction=None), nominal)
     assert grid.velocity is not None
     inner = slice(low.edge, -low.edge)
@@ -156,7 +130,7 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
         x, y, a = derived[:, j], column[:, j], acceleration[:, j]
         spread = float(np.std(x))
         noise = velocity_error(quantum(longest.position[:, j]), low.cutoff, nominal)
-        if spread <= max(settings.noise * noise, settings.slowest) or np.isnan(y[0]):
+        if spread <= max(_NOISE * noise, _SLOWEST) or np.isnan(y[0]):
             fits.append(None)
             continue
         slope = float(x @ y / (x @ x))

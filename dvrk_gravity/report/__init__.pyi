@@ -1,6 +1,9 @@
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png
 from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
+from .findings import parameter_rows as parameter_rows
+from .findings import size_of as size_of
+from .fit_in_terminal import compared as compared
 from .fit_in_terminal import error_table as error_table
 from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text

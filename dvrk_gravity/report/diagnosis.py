@@ -10,24 +10,31 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis import (
-    BETWEEN,
     FLOORS,
-    KNOWN,
     Ambiguity,
     Diagnosis,
-    Estimate,
     Finding,
     Known,
     Picture,
-    size_of,
-    told,
+    parameter_text,
 )
-from dvrk_gravity.diagnosis import rows as parameter_rows
-from dvrk_gravity.diagnosis import title as effect_title
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.effects import Estimate
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import html
+from dvrk_gravity.report.findings import (
+    BETWEEN,
+    KNOWN,
+    effect_title,
+    parameter_rows,
+    size_of,
+)
 from dvrk_gravity.report.in_simulation import section
-from dvrk_gravity.report.units import effort_in_picture, effort_in_table
+from dvrk_gravity.report.units import (
+    effort_in_picture,
+    effort_in_table,
+    errors_of,
+    sizes_of,
+)
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -42,7 +49,7 @@ _VERDICTS = {
     "nothing_to_explain": "nothing to explain",
     "explained": "explained",
     "partly_explained": "partly explained",
-    "ambiguous": "explained, but more than one cause could be it",
+    "ambiguous": "explained, by more than one possible cause",
     "unexplained": "unexplained",
 }
 _BINS = 24
@@ -63,21 +70,21 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         f"<h1>{escape(diagnosis.sentence)}</h1>",
         f'<p><span class="verdict">{_VERDICTS[diagnosis.verdict]}</span> '
         f'<span class="small">{escape(", ".join(sources))}; {diagnosis.samples} samples '
-        f"compared, thinned out to what they hold; {diagnosis.held_out} of them held out of fit "
-        "and choice; every figure of error and gain below is of those</span></p>",
+        f"compared; {diagnosis.held_out} of them held out of fit and model selection; all errors "
+        "and gains below are of those</span></p>",
     ]
     if diagnosis.findings:
         parts.append(_overview(diagnosis.findings))
     if diagnosis.findings:
-        parts.append("<h2>What changed or was missed</h2>")
+        parts.append("<h2>Findings</h2>")
     if diagnosis.caveat:
         parts.append(f"<p class=small>{escape(diagnosis.caveat)}</p>")
     for number, finding in enumerate(diagnosis.findings, start=1):
         parts.append(_finding(number, finding, diagnosis.model.arm))
-    if diagnosis.weighed is not None:
-        parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.weighed.sentence)}.</p>")
+    if diagnosis.payload_check is not None:
+        parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.payload_check.sentence)}.</p>")
     if diagnosis.known:
-        parts.append(_known(diagnosis.known, diagnosis.beside_reference))
+        parts.append(_known(diagnosis.known, diagnosis.against_reference))
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
@@ -137,7 +144,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
         picture = html.data_url(png(finding.picture, arm))
         parts.append(f'<img alt="error before and after" src="{picture}">')
     if finding.alternatives:
-        parts.append("<p>This data cannot tell it from:</p>")
+        parts.append("<p>This data cannot separate it from:</p>")
         parts.append(
             html.table(
                 ("effect", "joint", "numbers"),
@@ -148,7 +155,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
             )
         )
     if finding.rejected:
-        parts.append("<p>Tried in its place, and worse on unseen blocks:</p>")
+        parts.append("<p>Tried in its place, but worse on unseen blocks:</p>")
         parts.append(
             html.table(
                 ("effect", "joint", "form", "log-likelihood gain", "behind"),
@@ -162,24 +169,16 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     return "\n".join(parts)
 
 
-def _known(known: Sequence[Known], beside_reference: bool) -> str:
-    """Return what is no news: known, within the model's uncertainty, or friction of another day."""
+def _known(known: Sequence[Known], against_reference: bool) -> str:
+    """Return what is expected: minor effects, the model's uncertainty and known error."""
     said = (
         f"{entry.sentence}. What to do: {entry.remedy}" if entry.remedy else entry.sentence
         for entry in known
     )
     items = "".join(f"<li>{escape(text)}</li>" for text in said)
-    title, why = (
-        KNOWN,
-        (
-            "so much was left unexplained or uncertain when the model was made; and friction is "
-            "another one from day to day"
-        ),
-    )
-    if beside_reference:
-        title, why = BETWEEN, "friction, springs and timing are others from day to day"
+    within = BETWEEN if against_reference else KNOWN
     return (
-        f"<h2>{title[0].upper()}{title[1:]}</h2><p class=small>No news: {why}.</p><ul>{items}</ul>"
+        f"<h2>Expected, not reported as findings</h2><p class=small>{within}:</p><ul>{items}</ul>"
     )
 
 
@@ -188,7 +187,7 @@ def _p_value(value: float) -> str:
 
 
 def _errors(diagnosis: Diagnosis) -> str:
-    unit, factor, decimals = effort_in_table(diagnosis.model.arm, diagnosis.sizes)
+    unit, factor, decimals = effort_in_table(diagnosis.model.arm, sizes_of(diagnosis))
     rows = []
 
     def shown(value: float) -> str:
@@ -199,22 +198,22 @@ def _errors(diagnosis: Diagnosis) -> str:
         rows.append(
             (
                 joint,
-                *(shown(column[joint]) for column in diagnosis.errors),
+                *(shown(column[joint]) for column in errors_of(diagnosis)),
                 f"{after / floor:.1f}" if floor > 0.0 and np.isfinite(after) else "",
             )
         )
     head = ("joint", "before", "after", "noise floor", "expected", "after / floor")
-    told = (
-        f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}; expected is what the "
-        "given model expects of itself here, by its parameters' posterior, its known error and "
-        "friction of another day.</p>"
+    legend = (
+        f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}. Expected: from the "
+        "posterior of the given model's parameters, its error at calibration, and day-to-day "
+        "friction variation.</p>"
     )
     title = f"<h2>Held-out error, {unit} RMS</h2><p class=small>Errors {diagnosis.compared}.</p>"
-    return title + html.table(head, rows) + told
+    return title + html.table(head, rows) + legend
 
 
 def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
-    """Return the causes, found or not, that the recording could not tell apart."""
+    """Return the causes, found or not, that the recording cannot separate."""
     rows = []
     for ambiguity in ambiguities:
         for contender in (ambiguity.first, ambiguity.second):
@@ -223,7 +222,7 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
                     effect_title(contender.effect),
                     ", ".join(contender.joints) or "the arm",
                     _numbers(contender.effect, contender.alone),
-                    _numbers(contender.effect, contender.together),
+                    _numbers(contender.effect, contender.combined),
                     f"{contender.gain:+.0f}",
                     f"{100 * contender.removed:.1f} % at {contender.at}",
                 )
@@ -238,14 +237,14 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
         else "<p>There is no sign of any.</p>"
     )
     return (
-        "<h2>What this recording cannot tell apart, were it there</h2>"
+        "<h2>Causes that this recording cannot separate</h2>"
         f"{sign}<ul>{sentences}</ul>" + html.table(head, rows)
     )
 
 
 def _numbers(effect: str, parameters: Mapping[str, Estimate]) -> str:
     return ", ".join(
-        f"{name} {told(effect, name, estimate)}" for name, estimate in parameters.items()
+        f"{name} {parameter_text(effect, name, estimate)}" for name, estimate in parameters.items()
     )
 
 
@@ -255,7 +254,7 @@ def _list(title: str, items: Sequence[str], nothing: str) -> str:
 
 
 def png(picture: Picture, arm: Arm) -> bytes:
-    """Return the error of a joint before and after, against what it depends on, as a PNG.
+    """Return a joint's error before and after, against what it depends on, as a PNG.
 
     Args:
         picture: Errors, N·m or N, and what they depend on.

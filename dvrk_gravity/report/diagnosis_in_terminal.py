@@ -7,12 +7,13 @@ from itertools import groupby
 
 import numpy as np
 
-from dvrk_gravity.diagnosis import BETWEEN, ERROR, FLOORS, KNOWN, Diagnosis, Finding, size_of
+from dvrk_gravity.diagnosis import ERROR, FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Unknown
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import in_simulation
+from dvrk_gravity.report.findings import BETWEEN, KNOWN, exact_model, size_of
 from dvrk_gravity.report.terminal import laid_out, warning_lines
-from dvrk_gravity.report.units import effort_in_table
+from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
 
 
 def diagnosis_text(
@@ -22,15 +23,15 @@ def diagnosis_text(
 
     Args:
         diagnosis: The result.
-        verbose: All that the report says in words, too.
+        verbose: Also all that the report says in words.
         width: Columns of the terminal, if there is one.
     """
     findings = diagnosis.findings
     why = contradiction(diagnosis.warnings)
     if why:
         yield laid_out(why, width)
-    if diagnosis.headline:
-        yield laid_out(diagnosis.headline, width)
+    if diagnosis.exact:
+        yield laid_out(exact_model(diagnosis.exact), width)
     verdict = diagnosis.verdict.replace("_", " ")
     if not findings:
         yield laid_out(f"{verdict}: {diagnosis.sentence}", width)
@@ -44,9 +45,9 @@ def diagnosis_text(
         yield laid_out(f"note: {diagnosis.caveat}", width)
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
     for ambiguity in suspected:
-        yield laid_out(f"not to be told apart: {ambiguity.sentence}", width)
-    if diagnosis.weighed is not None:
-        yield laid_out(f"known payload: {diagnosis.weighed.sentence}", width)
+        yield laid_out(f"cannot be separated: {ambiguity.sentence}", width)
+    if diagnosis.payload_check is not None:
+        yield laid_out(f"known payload: {diagnosis.payload_check.sentence}", width)
     if diagnosis.outside and not verbose:
         more = f"; {len(diagnosis.outside) - 1} more" if len(diagnosis.outside) > 1 else ""
         yield laid_out(f"extrapolated: {diagnosis.outside[0]}{more}", width)
@@ -80,7 +81,7 @@ def finding_table(findings: Sequence[Finding], n: int, width: int | None = None)
 
 
 def _counted(findings: Sequence[Finding]) -> str:
-    """Return how many findings there are, and of how many it is certain that something acts."""
+    """Return how many findings there are, and how many are certain."""
     certain, of = sum(finding.certain for finding in findings), len(findings)
     if of == 1:
         return f"1 finding, {'certain' if certain else 'not certain'}"
@@ -89,14 +90,14 @@ def _counted(findings: Sequence[Finding]) -> str:
 
 
 def _ambiguous(findings: Sequence[Finding]) -> str:
-    """Return of how many findings the data allow other explanations; certain ones may be."""
+    """Return how many findings have other explanations, which certain ones may have too."""
     several = sum(bool(finding.alternatives) for finding in findings)
-    which = "it" if len(findings) == 1 else f"{several} of them"
-    return f"; what explains {which} is ambiguous (see `or`)"
+    which = "" if len(findings) == 1 else f"{several} of them with "
+    return f"; {which}other possible causes (see `or`)"
 
 
 def _where(finding: Finding, n: int) -> str:
-    """Return the joints in few words, and whether it is at their motors."""
+    """Return the joints in short, and whether it is at their motors."""
     joints = finding.joints
     if not joints:
         return "the arm"
@@ -107,8 +108,8 @@ def _where(finding: Finding, n: int) -> str:
 
 
 def _how_good(diagnosis: Diagnosis) -> str:
-    """Return in a line what all findings together remove, and where most is left."""
-    unit, factor, _ = effort_in_table(diagnosis.model.arm, diagnosis.sizes)
+    """Return what all findings together remove, and where most error remains."""
+    unit, factor, _ = effort_in_table(diagnosis.model.arm, sizes_of(diagnosis))
     before, after = diagnosis.before, diagnosis.after
 
     def change(joint: str) -> str:
@@ -116,24 +117,24 @@ def _how_good(diagnosis: Diagnosis) -> str:
 
     joints = [name for name, value in after.items() if np.isfinite(value)]
     if not joints:
-        return f"errors {diagnosis.compared} are not known"
+        return f"errors {diagnosis.compared} are unknown"
     most = max(joints, key=lambda name: before[name] - after[name])
     line = f"held-out RMSE before -> after, {unit}: {change(most)}"
     least, words = diagnosis.least
     above = {name: after[name] / least[name] for name in joints if least[name] > 0.0}
     if above:
         left = max(above, key=lambda name: above[name])
-        line += f"; most left: {change(left)}, {above[left]:.2g} times {words}"
-    # What two digits do not show is no change.
+        line += f"; largest remaining: {change(left)}, {above[left]:.2g} times {words}"
+    # Changes are shown with two digits.
     worse = [name for name in joints if float(f"{after[name]:.2g}") > float(f"{before[name]:.2g}")]
     return f"{line}; worse after: {', '.join(map(change, worse))}" if worse else line
 
 
 def _details(diagnosis: Diagnosis) -> Iterator[str]:
-    yield from _told(diagnosis.findings)
+    yield from _findings(diagnosis.findings)
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
-        yield f"{BETWEEN if diagnosis.beside_reference else KNOWN}:"
+        yield f"expected ({BETWEEN if diagnosis.against_reference else KNOWN}):"
         for entry in known:
             yield f"   {entry.sentence}"
             if entry.remedy:
@@ -141,12 +142,12 @@ def _details(diagnosis: Diagnosis) -> Iterator[str]:
     unseen = [ambiguity.pair for ambiguity in diagnosis.ambiguities if not ambiguity.suspected]
     if unseen:
         yield (
-            f"no sign of these, but this data could not tell them apart: {'; '.join(unseen)} "
+            f"no sign of these, but this data could not separate them: {'; '.join(unseen)} "
             "(numbers in the report)"
         )
     yield from _errors(diagnosis)
     if diagnosis.in_simulation is not None:
-        arm, joint = diagnosis.model.arm, diagnosis.gains_most
+        arm, joint = diagnosis.model.arm, _largest_gain(diagnosis.findings)
         yield from in_simulation.lines(diagnosis.in_simulation, arm, joint)
     if diagnosis.outside:
         yield "extrapolated:"
@@ -157,7 +158,7 @@ def _details(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _errors(diagnosis: Diagnosis) -> Iterator[str]:
     """Yield the table of errors by joint."""
-    unit, factor, decimals = effort_in_table(diagnosis.model.arm, diagnosis.sizes)
+    unit, factor, decimals = effort_in_table(diagnosis.model.arm, sizes_of(diagnosis))
 
     def shown(value: float) -> str:
         return f"{factor * value:9.{decimals}f}" if np.isfinite(value) else "  unknown"
@@ -165,29 +166,35 @@ def _errors(diagnosis: Diagnosis) -> Iterator[str]:
     head = f"held-out RMSE [{unit}]"
     width = max(len(head), *(2 + len(joint) for joint in diagnosis.before))
     yield f"errors {diagnosis.compared}:"
-    columns = dict(zip(("before", "after", "floor", "expected"), diagnosis.errors, strict=True))
-    told = f"floor: {FLOORS[diagnosis.floor_from]}"
+    columns = dict(zip(("before", "after", "floor", "expected"), errors_of(diagnosis), strict=True))
+    legend = f"floor: {FLOORS[diagnosis.floor_from]}"
     if np.isfinite(list(diagnosis.expected.values())).any():
-        told += "; expected: of the model, by its own uncertainty and friction of another day"
-        told += ", which grows where it is extrapolated" if diagnosis.outside else ""
+        legend += "; expected: from the model's uncertainty and day-to-day friction variation"
+        legend += ", larger where it extrapolates" if diagnosis.outside else ""
     else:
         del columns["expected"]
     yield f"{head:<{width}}" + "".join(f" {word:>9}" for word in columns)
     for joint in diagnosis.before:
         cells = "".join(f" {shown(column[joint])}" for column in columns.values())
         yield f"{f'  {joint}':<{width}}{cells}"
-    yield told
+    yield legend
 
 
-def _told(findings: Sequence[Finding]) -> Iterator[str]:
-    """Yield findings in lines; what is done alike about one effect at several joints, once."""
+def _largest_gain(findings: Sequence[Finding]) -> str:
+    """Return the joint where the first finding in the extended model gains most."""
+    first = next(finding for finding in findings if finding.in_model)
+    return first.joints[0] if first.picture is None else first.picture.joint
 
-    def alike(numbered: tuple[int, Finding]) -> tuple[object, ...]:
+
+def _findings(findings: Sequence[Finding]) -> Iterator[str]:
+    """Yield findings in lines; a remedy that several joints share once."""
+
+    def shared(numbered: tuple[int, Finding]) -> tuple[object, ...]:
         number, finding = numbered
         alone = number if finding.alternatives else 0
         return finding.effect, finding.place, finding.remedy, finding.left_out, alone
 
-    for _, group in groupby(enumerate(findings, start=1), alike):
+    for _, group in groupby(enumerate(findings, start=1), shared):
         numbers, same = zip(*group, strict=True)
         first, last = same[0], numbers[-1]
         to = f" to {last}" if len(same) > 1 else ""

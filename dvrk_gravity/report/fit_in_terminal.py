@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification import (
     GOOD,
     POOR,
+    RULE,
     Evaluation,
     Fit,
     JointError,
     JointVerdict,
-    VerdictSettings,
     by_errors,
-    compared,
-    contradiction,
+    good_to,
     in_short,
+    in_words,
+    level_of,
 )
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.intake import contradiction
+from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
+from dvrk_gravity.recording import Coordinates
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 
 
@@ -38,7 +41,6 @@ def error_table(
         verdicts: By joint.
         width: Columns of the terminal, if there is one.
     """
-    settings = VerdictSettings()
     broad = 1 + max(map(len, errors))
     unit = arm.effort_units[0]
     head = f"RMSE {unit}"
@@ -53,13 +55,13 @@ def error_table(
         word = "do not compensate" if verdict.level == POOR else verdict.level
         row = (
             f"{joint.name:<{broad}}{error.rmse:>9.4f}{error.nrmse:>10.3f}{_in_column(error.r2):>9}"
-            f"{settings.good_to(joint):>8.3f}  {word}{other}"
+            f"{good_to(joint):>8.3f}  {word}{other}"
         )
-        plain = verdict.level == GOOD == settings.level(joint, error.nrmse)
+        plain = verdict.level == GOOD == level_of(joint, error.nrmse)
         why = f"as {said[verdict]}" if verdict.reason and verdict in said else verdict.reason
         yield row if plain or not why else laid_out(why, width, f"{row}: ")
         said.setdefault(verdict, joint.name)
-    yield laid_out(f"rule: {settings.rule}", width)
+    yield laid_out(f"rule: {RULE}", width)
 
 
 def _in_column(r2: float) -> str:
@@ -150,3 +152,30 @@ def evaluation_text(
     for line in (result.detected, *result.handling) if verbose else ():
         if line:
             yield laid_out(f"data: {line}", width)
+
+
+def compared(
+    model: TorqueModel,
+    errors: Mapping[str, JointError],
+    coordinates: Coordinates,
+    with_friction: Collection[str] = (),
+) -> str:
+    """Return a line that compares errors on a recording with the verdict in a model's file.
+
+    Arguments as of :func:`dvrk_gravity.identification.judge`.
+    """
+    alone = by_errors(model.arm, errors, coordinates, with_friction)
+    levels = {name: verdict.level for name, verdict in alone.items()}
+    found = max(levels.values(), key=VERDICTS.index)
+    worst = [name for name, level in levels.items() if level == found]
+    said = (
+        "the model carries no verdict of identify"
+        if model.verdict == NO_VERDICT
+        else f"verdict in the model file: {in_words(model.verdict)}"
+    )
+    which = ", ".join(f"{name} {100 * errors[name].nrmse:.0f} %" for name in worst)
+    rubs = any(name in with_friction for name in worst)
+    held = ", friction included, which these poses do not separate" if rubs else ""
+    why = "" if found == GOOD else f" ({which} of the torque{held})"
+    further = "; `diagnose` finds out why" if found == POOR else ""
+    return f"{said}; from these errors alone it would be: {in_words(found)}{why}{further}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dvrk_gravity.identification import Fit, VerdictSettings, contradiction
+from dvrk_gravity.identification import RULE, Fit, good_to
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
 from dvrk_gravity.report.units import effort_in_table
@@ -41,7 +42,7 @@ img{max-width:100%;display:block}
 <td class="why">{{ fit.verdict.joints[name].reason }}</td></tr>
 {% endfor %}</table>
 <p class="small">{{ rule }}. A joint's verdict is the worst of that of its error, of what is not
-known of the torque that holds the arm still, and of how far it moved.</p>
+known of its gravity torque, and of how far it moved.</p>
 
 <h2>Joint by joint</h2>
 {% for name, torque, residual in pictures %}<h3>{{ name }}</h3>
@@ -56,7 +57,7 @@ known of the torque that holds the arm still, and of how far it moved.</p>
 {% for title, rows in others if rows %}<details><summary>{{ title }} ({{ rows|length }})</summary>
 {{ changes(rows) }}</details>{% endfor %}
 
-<h2>What these data cannot tell</h2>
+<h2>What these data do not determine</h2>
 <p>{{ fit.identifiability.sentence|capitalize }}.</p>
 <ul>{% for line in fit.identifiability.statements %}<li>{{ line }}</li>
 {% else %}<li>nothing that was asked for</li>{% endfor %}</ul>
@@ -115,13 +116,12 @@ def identification_page(fit: Fit, sources: str) -> str:
             [choice for choice in fit.choices if not choice.kept],
         ),
     ]
-    settings = VerdictSettings()
     effort, factor, decimals = effort_in_table(
         fit.model.arm, [error.rmse for error in fit.held_out.values()]
     )
     return template.render(
         arm=fit.model.arm.name, fit=fit, headline=headline, poor=poor, sources=sources,
-        contradiction=contradiction(fit.warnings), rule=settings.rule,
-        good_to={name: settings.good_to(joint) for name, joint in joints.items()},
+        contradiction=contradiction(fit.warnings), rule=RULE,
+        good_to={name: good_to(joint) for name, joint in joints.items()},
         pictures=pictures, others=others, effort=effort, factor=factor, decimals=decimals,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What two models do in the simulator: a section of the report, and lines for the terminal."""
+"""Two models in the simulator: a section of the report, and lines for the terminal."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def section(result: InSimulation, arm: Arm) -> str:
     if result.drifts:
         first = result.drifts[0]
         parts.append(
-            f"<p>If the arm is as the extended model says: largest drift in {DURATION:g} s after "
-            f"it is let go at {len(first.before)} poses, compensated as the node does, "
-            f"{_units(arm)}, as far as the joints' stops. Most friction hides what is wrong; with "
-            "a tenth of it, and of its compensation, it shows.</p>"
+            f"<p>If the extended model is true: largest drift in {DURATION:g} s after release at "
+            f"{len(first.before)} poses, compensated as by the node, {_units(arm)}, up to the "
+            "joints' stops. Friction hides most errors; a tenth of it, and of its compensation, "
+            "shows them.</p>"
         )
         rows = [
             (f"{name}, {100 * drift.friction:.0f} % friction", *figures)
@@ -51,7 +51,7 @@ def section(result: InSimulation, arm: Arm) -> str:
 
 
 def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
-    """Return the same for the terminal, of one joint: a heading and what belongs to it."""
+    """Return the results of one joint for the terminal, under a heading."""
     joint = arm.joint_names.index(name)
     said = []
     if result.before is not None and result.after is not None:
@@ -73,8 +73,8 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
                 f"{with_friction} {name} drifts by {after[joint]:.1f} "
                 f"{shown_position(arm)[joint][1]}, as with the given model"
             )
-    supposed = ", where the arm is as the extended model says" if result.drifts else ""
-    return [f"in the simulator{supposed}:", *(f"   {told}" for told in (*said, *result.notes))]
+    condition = ", if the extended model is true" if result.drifts else ""
+    return [f"in the simulator{condition}:", *(f"   {line}" for line in (*said, *result.notes))]
 
 
 def _largest(way: Array, arm: Arm) -> Array:
@@ -95,10 +95,9 @@ def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
 
 
 def _drawn(drifts: Sequence[Drift], arm: Arm) -> list[int]:
-    """Return the joints that drift less by the extended model, what gains most first.
+    """Return the joints that drift less with the extended model, largest gains first.
 
-    What drifts in spite of all friction goes before what drifts with little, whose joints drag
-    each other along.
+    Those that drift in spite of friction go first; with little friction joints drag each other.
     """
     found: list[int] = []
     for drift in sorted(drifts, key=lambda drift: -drift.friction):
@@ -126,7 +125,7 @@ def _picture(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> str:
             cell.grid(alpha=0.3)
             friction = f"{100 * drift.friction:.0f} % friction"
             cell.set_title(f"{arm.joint_names[joint]}\n{friction}", fontsize=9)
-        row[0].set_ylabel(f"way [{_units(arm)}]")
+        row[0].set_ylabel(f"drift [{_units(arm)}]")
     for cell in axes[-1]:
         cell.set_xlabel("time [s]")
     lines, names = axes[0][0].get_legend_handles_labels()

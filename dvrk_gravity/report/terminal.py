@@ -7,7 +7,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.recording import DataWarning, Kind, brief
 
 MOST_WARNINGS = 3
@@ -20,7 +20,7 @@ _HANG = " " * 4
 # that is not here is shown.
 _DETAIL: frozenset[Kind] = frozenset(
     (
-        "invalid_stamps", "repeated_stamps", "read_before", "stale_samples", "read_jitter",
+        "invalid_stamps", "repeated_stamps", "duplicate_samples", "stale_samples", "read_jitter",
         "time_jitter", "gaps", "samples_discarded", "velocity_mismatch", "effort_ripple",
         "position_quantisation", "velocity_quantisation", "effort_quantisation", "excerpt",
     )
@@ -32,7 +32,7 @@ _DONE: frozenset[Kind] = frozenset(("columns",))
 _SHOWN = (
     _WARNING,
     "not recorded",
-    "held where",
+    "held as given",
     "not judged",
     "efforts are ",
     "drive gains",
@@ -43,7 +43,7 @@ _SHOWN = (
 def columns() -> int | None:
     """Return the width of the terminal on standard output; ``None`` where it is none.
 
-    Lines for a file or a pipe are not wrapped: whoever searches them finds each whole.
+    Lines for a file or a pipe are not wrapped, so that each can be searched for.
     """
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm, Joint, thousandth
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis import Diagnosis
 
 _MOST = 1.0  # N·m or N, from which a table or a picture is not in thousandths
 
@@ -21,7 +22,7 @@ def milli_effort(arm: Arm) -> str:
 def effort_in_table(arm: Arm, values: Iterable[float]) -> tuple[str, float, int]:
     """Return the unit of a table of efforts, its factor, and the decimals to show.
 
-    Thousandths, as :func:`milli_effort` tells them, unless the largest of these has four digits
+    Thousandths, as :func:`milli_effort` has them, unless the largest of these has four digits
     before its point.
 
     Args:
@@ -65,3 +66,13 @@ def shown_position(arm: Arm) -> tuple[tuple[float, str], ...]:
 
 
 _SHOWN = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
+
+
+def errors_of(diagnosis: Diagnosis) -> tuple[Mapping[str, float], ...]:
+    """Return RMS errors by joint: before, after, noise floor, and expected; N·m or N."""
+    return diagnosis.before, diagnosis.after, diagnosis.floor, diagnosis.expected
+
+
+def sizes_of(diagnosis: Diagnosis) -> tuple[float, ...]:
+    """Return the errors that a table's unit fits: not those expected, which extrapolate."""
+    return tuple(value for errors in errors_of(diagnosis)[:3] for value in errors.values())

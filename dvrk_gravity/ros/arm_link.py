@@ -1,7 +1,7 @@
-"""The one way to an arm, for every node that commands one.
+"""The link to an arm, for every node that commands one.
 
-It knows who measures the arm, who else commands it, and how a hold is brought home; nothing else
-in the package publishes a motion command.
+It watches who measures the arm and who else commands it, and delivers a hold; nothing else in the
+package publishes a motion command.
 """
 
 from __future__ import annotations
@@ -18,28 +18,24 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import Sample, SampleReader
-from dvrk_gravity.ros import operating_state
-from dvrk_gravity.ros.command_topic import CommandTopic
 from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.others import Others
-from dvrk_gravity.ros.presence import MEASURED, Presence
-from dvrk_gravity.ros.rivals import Rivals
-from dvrk_gravity.ros.wire import CommandWriter, JointStateReader, Stamp
+from dvrk_gravity.ros.others import Others, Rivals
+from dvrk_gravity.ros.presence import Presence, on_operating_state
+from dvrk_gravity.ros.wire import CommandTopic, CommandWriter, JointStateReader, Stamp
 
-__all__ = ["MEASURED", "ArmLink"]
-
-# DDS sends what was lost again, seconds later: an old command must not come after a hold.
+# DDS repeats lost messages seconds later: an old command must not follow a hold.
 _COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))
 
 
 class ArmLink:
-    """Commands one arm, and knows what there is against it.
+    """Commands one arm, and reports what forbids it.
 
     Attributes:
-        hold: Holds the arm, and sees to it that the hold arrives.
-        others: Those who command the arm on other topics.
-        rivals: Those who command it on ours.
-        further: Joints that ``measured_js`` holds beside the arm's.
+        presence: Who measures the arm, and hears a hold.
+        hold: Holds the arm, and repeats that until it is acknowledged.
+        others: Nodes that command the arm on other topics.
+        rivals: Nodes that command it on ours.
+        further: Joints of ``measured_js`` that the arm does not have.
     """
 
     def __init__(
@@ -54,27 +50,23 @@ class ArmLink:
     ) -> None:
         """Connect the topics of the node's namespace.
 
-        Args:
-            node: The node.
-            arm: The arm.
-            topic: Where it takes commands.
-            margin: (n,) positions further outside the arm's limits are refused, rad or m.
-            on_other: Called for a command of somebody else on another topic.
-            on_rival: Called for one on ours.
-            on_state: Called with what the arm's operating state says against commanding it.
+        Positions further than ``margin`` (n,), rad or m, outside the arm's limits are refused.
+        ``on_other`` is called for a command of another node on another topic than ours,
+        ``on_rival`` for one on ours, and ``on_state`` with why the arm's operating state forbids
+        commands, ``""``: it does not.
         """
         self._as_array = topic.as_array
         self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)
-        self._presence = Presence(node, any_subscriber=topic.as_array)
-        self.hold = Hold(node, self._presence.listens)
-        # Controllers of ros2_control subscribe with the middleware's defaults, which is DDS's best
-        # effort: whom they obey is not heard otherwise. An arm's console is reliable.
+        self.presence = Presence(node, any_subscriber=topic.as_array)
+        self.hold = Hold(node, self.presence.listens)
+        # Controllers of ros2_control subscribe with DDS's best effort, and obey publishers that a
+        # reliable subscription does not hear. An arm's console is reliable.
         reliability = (
             ReliabilityPolicy.BEST_EFFORT if topic.as_array else ReliabilityPolicy.RELIABLE
         )
         self.rivals = Rivals(node, self._command, on_rival, reliability)
         self.others = Others(node, self.topic, self.hold.echo, on_other)
-        operating_state.subscribe(node, on_state)
+        on_operating_state(node, on_state)
         self._unpack = JointStateReader().read
         self._read = SampleReader(
             arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
@@ -86,35 +78,26 @@ class ArmLink:
 
     @property
     def topic(self) -> str:
-        """Full name of the topic of our commands."""
+        """Full name of our command topic."""
         return self._command.topic_name
 
-    def is_there(self) -> bool:
-        """Tell whether somebody publishes ``measured_js``."""
-        return self._presence.is_there()
-
     def is_connected(self) -> bool:
-        """Tell whether the arm measures, takes our commands, and hears a hold."""
+        """Return whether the arm measures, and receives our commands and a hold."""
         return (
-            self.is_there()
+            self.presence.is_there()
             and self._command.get_subscription_count() > 0
-            and self._presence.listens()
+            and self.presence.listens()
         )
 
     def two_measure(self, info: Mapping[str, Any]) -> str:
-        """Take what the middleware says of a message of ``measured_js``.
-
-        Returns:
-            Who measures if there are several, for the messages may be of two arms; else ``""``.
-        """
-        mixed = self._presence.count(info["publication_sequence_number"])
-        return self._presence.two_measure() if mixed else ""
+        """Return which nodes measure if several do; ``info`` is the middleware's on a message."""
+        return self.presence.count(info["publication_sequence_number"])
 
     def read(self, data: bytes) -> tuple[Sample, Stamp]:
-        """Return what the bytes of a message of ``measured_js`` say of the arm, and its stamp.
+        """Return the sample and the stamp in the bytes of a message of ``measured_js``.
 
         Raises:
-            DroppedSampleError: It cannot be answered with a command.
+            DroppedSampleError: No command may answer it.
         """
         fields = self._unpack(data)
         sample = self._read(
@@ -125,10 +108,7 @@ class ArmLink:
         return sample, fields.stamp
 
     def _write_in(self, names: tuple[str, ...]) -> None:
-        """Write commands in the order in which the arm measures its joints.
-
-        A console takes them by index and ignores their names; what it measures is in its order.
-        """
+        """Write commands in the joint order of ``measured_js``: consoles ignore their names."""
         self._measured = names
         ours = tuple(name for name in names if name in self._joints)
         self.further = tuple(name for name in names if name not in self._joints)
@@ -136,7 +116,7 @@ class ArmLink:
         self._writer = CommandWriter(ours, self.rivals.mark, self._fields)
 
     def publish(self, stamp: Stamp, *values: Any) -> None:
-        """Command the arm: (n,) numbers for each of the fields that its topic has."""
+        """Command the arm: (n,) numbers for each field of its topic."""
         if self._as_array:
             (effort,) = values
             label = MultiArrayDimension(label=self.rivals.mark, size=len(effort), stride=1)
@@ -149,33 +129,25 @@ class ArmLink:
             self._command.publish(self._writer.write(stamp, *ordered))
 
     def look(self, active: bool, measuring: bool) -> dict[str, str]:
-        """See that a hold arrives, and look who is there; to be called a few times a second.
+        """Repeat a pending hold, and look for other nodes; to be called a few times a second.
 
-        Args:
-            active: The arm is under our command.
-            measuring: We listen to what it measures: by then DDS knows what the arm listens to.
-
-        Returns:
-            By cause, why the arm must not be commanded; ``""``: nothing against it.
+        Returns by cause why the arm must not be commanded; ``""``: it may. When we are
+        ``measuring``, subscribed to ``measured_js``, DDS knows the arm's subscriptions.
         """
         self.hold.look()
         self.rivals.watch(active)
-        deaf = measuring and self.is_there() and not self._presence.listens()
+        deaf = measuring and self.presence.is_there() and not self.presence.listens()
         return {
             "others": self.others.reason() if self.others.heard_lately() else "",
             "unheard": self.others.unheard(),
-            "hold": self._presence.no_hold_reason() if deaf else "",
-            "measured_js": self._presence.two_measure(),
+            "hold": self.presence.no_hold_reason() if deaf else "",
+            "measured_js": self.presence.two_measure(),
         }
 
-    def measured_elsewhere(self) -> list[str]:
-        """Return topics of other namespaces on which an arm is measured, by their full names."""
-        return self._presence.elsewhere()
-
     def commanded_by_others(self) -> bool:
-        """Tell whether somebody else has commanded the arm a moment ago."""
+        """Return whether another node has just commanded the arm."""
         return self.others.heard_lately() or self.rivals.heard_lately()
 
     def listened(self) -> bool:
-        """Tell whether others have had the time to be heard."""
-        return self.rivals.listened(self.is_there())
+        """Return whether other nodes have had the time to be heard."""
+        return self.rivals.listened(self.presence.is_there())

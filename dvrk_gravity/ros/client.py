@@ -1,4 +1,4 @@
-"""A lab's side of the topics: spins in this process while nodes run in others."""
+"""A client of nodes that run in other processes."""
 
 from __future__ import annotations
 
@@ -23,15 +23,14 @@ _LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Client:
-    """A node of this process and the conditions that it waits for (context manager).
+    """A node of this process, for publishers and subscriptions (context manager).
 
     Attributes:
-        node: The node, for publishers and subscriptions.
-        states: What each watched node last said on its ``~/state``, by node name.
+        node: The node.
+        states: Texts of each watched node's ``~/state``, by node name.
     """
 
     def __init__(self, namespace: str = PRIVATE, name: str = "client") -> None:
-        """Create the node; DDS uses the domain in the environment."""
         self.context = Context()
         rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node(name, namespace=namespace, context=self.context)
@@ -40,52 +39,50 @@ class Client:
         self._executor.add_node(self.node)
 
     def __enter__(self) -> Client:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Destroy the node."""
         self._executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
 
     def watch_state(self, name: str) -> None:
-        """Collect what the node of that name says on its ``~/state``."""
-        said = self.states.setdefault(name, [])
+        """Collect the texts of a node's ``~/state``."""
+        texts = self.states.setdefault(name, [])
 
-        def hear(message: String) -> None:
-            said.append(message.data)
+        def receive(message: String) -> None:
+            texts.append(message.data)
 
-        self.node.create_subscription(String, f"{name}/state", hear, _LATCHED)
+        self.node.create_subscription(String, f"{name}/state", receive, _LATCHED)
 
     def state(self, name: str) -> str:
-        """Return the last thing said on a watched ``~/state``, ``""`` if nothing yet."""
+        """Return the last text of a watched ``~/state``, ``""``: none yet."""
         return self.states[name][-1] if self.states[name] else ""
 
     def spin_once(self, timeout: float = 0.01) -> None:
-        """Handle one callback, or wait for one at most ``timeout`` seconds."""
+        """Run one callback, or wait for one at most ``timeout`` seconds."""
         self._executor.spin_once(timeout_sec=timeout)
 
     def spin(self, duration: float) -> None:
-        """Handle callbacks for ``duration`` seconds."""
+        """Run callbacks for ``duration`` seconds."""
         end = time.monotonic() + duration
         while (remaining := end - time.monotonic()) > 0.0:
             self.spin_once(min(remaining, 0.01))
 
     def wait(self, condition: Callable[[], bool], what: str, timeout: float = 20.0) -> None:
-        """Handle callbacks until a condition holds.
+        """Run callbacks until a condition holds.
 
         Raises:
-            ProcessError: It does not within ``timeout`` seconds; ``what`` says what was awaited.
+            ProcessError: It does not within ``timeout`` seconds; names ``what``.
         """
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
-                raise ProcessError(f"waited {timeout:g} s in vain for {what}")
+                raise ProcessError(f"timed out after {timeout:g} s waiting for {what}")
             self.spin_once()
 
     def connected(self, publisher: Any, *others: Any) -> bool:
-        """Tell whether publishers have a subscriber each."""
+        """Return whether each publisher has a subscriber."""
         return all(item.get_subscription_count() > 0 for item in (publisher, *others))
 
     def call(self, kind: Any, name: str, request: Any = None) -> Any:
@@ -94,7 +91,7 @@ class Client:
         try:
             self.wait(client.service_is_ready, f"the service {name}")
             future = client.call_async(kind.Request() if request is None else request)
-            self.wait(future.done, f"an answer of {name}")
+            self.wait(future.done, f"a response of {name}")
             return future.result()
         finally:
             self.node.destroy_client(client)
@@ -104,7 +101,7 @@ class Client:
         return self.call(SetBool, f"{node}/enable", SetBool.Request(data=value))
 
     def set_parameters(self, values: dict[str, Any], node: str = "compensator") -> tuple[bool, str]:
-        """Set parameters of another node at once; return whether it took them, or why not."""
+        """Set parameters of another node at once; return whether it accepted them, or why not."""
         request = SetParametersAtomically.Request(
             parameters=[
                 Parameter(name, value=value).to_parameter_msg() for name, value in values.items()

@@ -14,21 +14,21 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool
 
-from dvrk_gravity.compensate import DroppedSampleError, Settings, Statistics, Status, Supervisor
+from dvrk_gravity.compensate import DroppedSampleError, Settings, Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import all_parameters
 from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
-from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
-from dvrk_gravity.ros.diagnostics import Diagnostics
+from dvrk_gravity.ros.arm_link import ArmLink
+from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
 from dvrk_gravity.ros.executor import PromptNode
-from dvrk_gravity.ros.namespace import require_own
-from dvrk_gravity.ros.rivals import LISTEN
+from dvrk_gravity.ros.others import LATELY
+from dvrk_gravity.ros.presence import MEASURED, require_own
 from dvrk_gravity.ros.watchdog_node import TIMEOUT_TOPIC
+from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_COMMANDED = (Status.RAMPING, Status.COMMANDING)  # the arm was under our command
+_COMMANDED = (Status.RAMPING, Status.COMMANDING)
 
 
 class Compensator(PromptNode):
@@ -40,8 +40,8 @@ class Compensator(PromptNode):
         Raises:
             ConfigError: A parameter that is unknown or fails its check.
         """
-        # Undeclared ones are allowed for effects that the model does not have yet, such as a mass
-        # that is carried: they are checked like all others.
+        # Undeclared ones are allowed, and checked like all others: they may belong to effects that
+        # the model does not have yet, such as a payload.
         super().__init__(
             "compensator",
             automatically_declare_parameters_from_overrides=True,
@@ -55,12 +55,12 @@ class Compensator(PromptNode):
         self._checked = settings
         arm = settings.model.arm
         require_own(arm, self.get_namespace())
-        self._as_taken = arm.reading_of_torque  # what the arm reads in A, it takes in A
+        self._as_taken = arm.reading_of_torque  # an arm that reads A takes A
 
         self._statistics = Statistics()
-        self._told: tuple[Status, str] | None = None
-        self._told_once: set[str] = set()
-        self._watchdog_timeout, self._watchdog_told = math.inf, False
+        self._reported: tuple[Status, str] | None = None
+        self._warned_of_velocity = False
+        self._watchdog_timeout, self._watchdog_known = math.inf, False
         self._watchdog_topic = self.resolve_topic_name(TIMEOUT_TOPIC)
         self._connect()
         self.add_pre_set_parameters_callback(self._look_for_the_end)
@@ -93,9 +93,9 @@ class Compensator(PromptNode):
         )
         self.create_subscription(Float64, TIMEOUT_TOPIC, self._on_watchdog_timeout, _LATCHED)
         self.create_service(SetBool, "~/enable", self._on_enable)
-        # Four looks within the time-out notice a silence at most a quarter late.
-        self._watch = self._timer(self._supervisor.settings.timeout / 4, self._on_watch)
-        self._timer(LISTEN / 4, self._on_listen)
+        # Four checks within the time-out notice a silence at most a quarter late.
+        self._watch = self._timer(settings.timeout / 4, self._on_watch)
+        self._timer(LATELY / 4, self._on_listen)
         self._timer(1.0, self._publish_diagnostics)
 
     def _timer(self, period: float, callback: Any) -> Any:
@@ -124,19 +124,20 @@ class Compensator(PromptNode):
                 self._arm.publish(stamp, self._as_taken(effort))
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
-            if sample.velocity is None:
-                self._tell_once("measured_js has no velocity: friction terms are off")
+            if sample.velocity is None and not self._warned_of_velocity:
+                self._warned_of_velocity = True
+                self.get_logger().warning("measured_js has no velocity: friction not compensated")
         self._settle()
 
     def _now(self) -> int:
-        """Return the node's clock, ns; unless time is simulated, the system's is quicker."""
+        """Return the node's clock, ns; the system's, unless time is simulated, is faster."""
         clock = self.get_clock()
         simulated = clock.ros_time_is_active  # type: ignore[attr-defined]  # of a ROSClock
         return clock.now().nanoseconds if simulated else time.time_ns()
 
     def _on_builtin(self, message: JointState) -> None:
         off = self._supervisor.observe_builtin(np.asarray(message.effort))
-        # Not before others have had the time to be heard, whom it may carry the arm for.
+        # Not before others have had the time to be heard: it may carry the arm for them.
         if off and self.prompt is not None and not self._arm.commanded_by_others():
             self._builtin_switch.publish(Bool(data=False))
             self.get_logger().warning(
@@ -147,7 +148,7 @@ class Compensator(PromptNode):
     def _on_watchdog_timeout(self, message: Float64) -> None:
         valid = math.isfinite(message.data) and message.data > 0.0
         self._watchdog_timeout = message.data if valid else math.inf
-        self._watchdog_told = True
+        self._watchdog_known = True
         self._obstruct("watchdog", self._too_slow_for_watchdog(self._supervisor.settings.timeout))
 
     def _too_slow_for_watchdog(self, timeout: float) -> str:
@@ -155,7 +156,7 @@ class Compensator(PromptNode):
             return ""
         return (
             f"the watchdog holds the arm after {self._watchdog_timeout:g} s without a command, "
-            f"which timeout ({timeout:g} s) allows: raise watchdog_timeout or lower timeout"
+            f"sooner than timeout ({timeout:g} s): raise watchdog_timeout or lower timeout"
         )
 
     def _on_watch(self) -> None:
@@ -163,59 +164,53 @@ class Compensator(PromptNode):
         self._settle()
 
     def _on_listen(self) -> None:
-        """Look who is there, and see that a hold has arrived.
+        """Look for other nodes, and repeat a pending hold.
 
-        There is a subscription to the arm only once whoever else commands it has had the time to
-        be heard: who sees it may count on answers.
+        We subscribe to the arm only after other nodes have had the time to be heard: a client that
+        sees the subscription may rely on answers.
         """
         obstacles = self._arm.look(self._supervisor.active, measuring=self.prompt is not None)
         if self.count_publishers(self._watchdog_topic) == 0:
-            self._watchdog_timeout, self._watchdog_told = math.inf, False
+            self._watchdog_timeout, self._watchdog_known = math.inf, False
             obstacles["watchdog"] = ""
-        elif not self._watchdog_told and not self._supervisor.active:
-            # What is latched may come seconds after its publisher is known.
-            obstacles["watchdog"] = "the watchdog has not told its time-out yet"
+        elif not self._watchdog_known and not self._supervisor.active:
+            # A latched message may come seconds after its publisher is known.
+            obstacles["watchdog"] = "the watchdog's time-out is not known yet"
         for cause, reason in obstacles.items():
             self._obstruct(cause, reason)
         if self.prompt is not None:
             return
         if self._arm.listened():
             self._subscribe(MEASURED)
-        elif not self._arm.is_there():
+        elif not self._arm.presence.is_there():
             self.get_logger().info(
-                f"waiting for {self.resolve_topic_name(MEASURED)}: nobody publishes it; if the "
-                "arm's namespace is another one, --ros-args -r __ns:=/NAME",
+                f"waiting for {self.resolve_topic_name(MEASURED)}, which no node publishes: is the "
+                "arm's namespace another one (--ros-args -r __ns:=/NAME)?",
                 throttle_duration_sec=5.0,
                 skip_first=True,
             )
 
     def _subscribe(self, topic: str) -> None:
         depth = int(self.get_parameter("input_depth").value)
-        # rclpy's annotation does not know of the information that callbacks may take.
-        self.prompt = self.create_subscription(
-            JointState,
-            topic,
-            self._on_measured,  # type: ignore[arg-type]
-            depth,
-            raw=True,
-        )
+        on_measured: Any = self._on_measured  # takes the message's information, too
+        self.prompt = self.create_subscription(JointState, topic, on_measured, depth, raw=True)
         self._settle()
 
     def _on_other(self) -> None:
-        """Leave the arm, held, to whoever else commands it; it comes back when told."""
+        """Stop, with a hold, for another node's command; only ~/enable starts again."""
         reason = self._arm.others.reason()
-        if not self._arm.others.is_hold:
+        if self._arm.others.command != "hold":
             self._arm.hold.drop()  # it would undo the other's command
             if self._supervisor.begins_by_itself:
                 self._supervisor.fail(reason)
         self._obstruct("others", reason)
 
     def _refuse_rival(self) -> None:
-        """Leave the arm to another node that commands it as we do."""
+        """Leave the arm to another node that publishes on our command topic."""
         if self._supervisor.active or self._supervisor.begins_by_itself:
             self._supervisor.fail(self._arm.rivals.reason())
             if self._arm.rivals.elder:
-                self._supervisor.hold_due = False  # would take the arm out of the other's hands
+                self._supervisor.hold_due = False  # it would stop the other, too
             self._settle()
 
     def _obstruct(self, cause: str, reason: str) -> None:
@@ -226,7 +221,7 @@ class Compensator(PromptNode):
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         wanted = bool(request.data)
-        if not wanted:  # before all else, and whatever else fails
+        if not wanted:  # first, whatever else fails
             self._switch_off()
         (result,) = self.set_parameters([Parameter("enabled", value=wanted)])
         if wanted and result.successful:
@@ -244,14 +239,14 @@ class Compensator(PromptNode):
         self._settle()
 
     def _look_for_the_end(self, changes: list[Parameter]) -> list[Parameter]:
-        """Hold the arm where a change says so, before rclpy or we refuse what is beside it."""
+        """Hold the arm if a change disables, before rclpy or we refuse other changes with it."""
         if any(change.name == "enabled" and change.value is False for change in changes):
             self._switch_off()
         return changes
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Check a change together with everything that it does not change."""
-        # A request may hold many: meanwhile no message is taken, and the arm is held for it.
+        """Check a change together with all other parameters."""
+        # A request may have many: meanwhile no message is received, and the arm is held for it.
         self._supervisor.check_input(time.monotonic())
         self._settle()
         try:
@@ -284,23 +279,23 @@ class Compensator(PromptNode):
     # --- output --------------------------------------------------------------------------
 
     def _settle(self) -> None:
-        """Carry out a hold that is due and tell a change of state."""
+        """Send a hold that is due and report a change of state."""
         supervisor = self._supervisor
         if supervisor.hold_due:
             self._arm.hold.send()
             supervisor.hold_due = False
         elif supervisor.active and self._arm.hold.pending:
             self._arm.hold.drop()
-        if self._told != (supervisor.status, supervisor.reason):
+        if self._reported != (supervisor.status, supervisor.reason):
             self._report_status()
 
     def _report_status(self) -> None:
         supervisor = self._supervisor
-        before, self._told = self._told, (supervisor.status, supervisor.reason)
+        before, self._reported = self._reported, (supervisor.status, supervisor.reason)
         text = f"{supervisor.status.value}: {supervisor.reason}"
         self._state.publish(String(data=text))
         if supervisor.status is Status.FAULT:
-            self.get_logger().error(f"{text} — no command until ~/enable is called")
+            self.get_logger().error(f"{text} — no commands until ~/enable is called")
         elif supervisor.status is Status.WAITING and before and before[0] in _COMMANDED:
             self.get_logger().warning(text)
         else:
@@ -310,17 +305,12 @@ class Compensator(PromptNode):
         if supervisor.status is Status.RAMPING and supervisor.change:
             self.get_logger().warning(supervisor.change)
 
-    def _tell_once(self, text: str) -> None:
-        if text not in self._told_once:
-            self._told_once.add(text)
-            self.get_logger().warning(text)
-
     def _publish_diagnostics(self) -> None:
         statistics = self._statistics.take(time.monotonic())
         self._diagnostics.publish(self._supervisor, statistics, self._arm.hold.missing)
 
     def finish(self) -> bool:
-        """Leave the arm held if it is under our command; return whether the hold has arrived."""
+        """Hold the arm if it is under our command; return whether that is acknowledged."""
         if self._supervisor.active:
             self._supervisor.disable()
         self._settle()
@@ -328,10 +318,10 @@ class Compensator(PromptNode):
 
 
 def in_force(settings: Settings) -> dict[str, Any]:
-    """Return the parameters of a node and of its model as they are in force, by name.
+    """Return the parameters of a node and its model in force, by name.
 
-    What is declared comes back with every change of parameters: the gravity of an arm whose base
-    is tilted, limits that are the arm's.
+    Declared values return with every change of parameters: the gravity of an arm whose base is
+    tilted, limits that are the arm's.
     """
     limits = {
         "effort_limit": settings.limits.joint,

@@ -1,7 +1,9 @@
-"""What the compensator tells about itself on /diagnostics."""
+"""The compensator's state on /diagnostics."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -11,26 +13,63 @@ from rclpy.node import Node
 from dvrk_gravity.compensate import Status, Supervisor
 
 
+class Statistics:
+    """Input rate, input age and compute time between two diagnostics."""
+
+    def __init__(self) -> None:
+        self._received = 0
+        self._last = -math.inf
+        self._since: float | None = None
+        # Two seconds at 1 kHz: enough for a 99th percentile, and bounded.
+        self._durations: deque[float] = deque(maxlen=2000)
+
+    def received(self, now: float) -> None:
+        """Count a message that came at monotonic time ``now``, s."""
+        if self._since is None:
+            self._since = now
+        self._received += 1
+        self._last = now
+
+    def computed(self, seconds: float) -> None:
+        """Note the time that one answer took."""
+        self._durations.append(seconds)
+
+    def take(self, now: float) -> dict[str, str]:
+        """Return the figures since the last call, in words, and start again."""
+        elapsed = 0.0 if self._since is None else now - self._since
+        rate = self._received / elapsed if elapsed > 0.0 else 0.0
+        age = now - self._last
+        ordered = sorted(self._durations) or [0.0]
+        p50, p99 = (ordered[int(part * len(ordered))] for part in (0.5, 0.99))
+        self._received, self._since = 0, now
+        self._durations.clear()
+        return {
+            "input rate Hz": f"{rate:.1f}",
+            "input age s": f"{age:.4f}" if math.isfinite(age) else "never",
+            "compute p50 us": f"{p50 * 1e6:.1f}",
+            "compute p99 us": f"{p99 * 1e6:.1f}",
+        }
+
+
 class Diagnostics:
-    """Publishes a supervisor's state, and in words what a person should know of it."""
+    """Publishes a supervisor's state with warnings for a person."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publisher."""
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
     def publish(
         self, supervisor: Supervisor, statistics: Mapping[str, str], not_held: bool
     ) -> None:
-        """Publish the state, with further figures by name, and whether a hold reaches nobody."""
-        told = warnings(supervisor)
+        """Publish the state, further figures by name, and whether a hold has no receiver."""
+        warned = warnings(supervisor)
         if not_held:
-            told.insert(0, "hold reaches nobody: the arm may keep its last effort")
+            warned.insert(0, "hold has no subscriber: the arm may keep its last effort")
         state = f"{supervisor.status.value}: {supervisor.reason}"
         values = {
             "state": supervisor.status.value,
             "reason": supervisor.reason,
-            "warnings": "; ".join(told) or "none",
+            "warnings": "; ".join(warned) or "none",
             **statistics,
             "started from": supervisor.origin or "not started",
             "saturated joints": _joints(supervisor, supervisor.saturated) or "none",
@@ -38,9 +77,9 @@ class Diagnostics:
             **{f"dropped {cause}": str(count) for cause, count in supervisor.dropped.items()},
         }
         status = DiagnosticStatus(
-            level=_level(supervisor.status, bool(told), not_held),
+            level=_level(supervisor.status, bool(warned), not_held),
             name=self._node.get_fully_qualified_name(),
-            message="; ".join([state, *told]),
+            message="; ".join([state, *warned]),
             hardware_id=supervisor.settings.model.arm.name,
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
@@ -50,32 +89,34 @@ class Diagnostics:
 
 
 def warnings(supervisor: Supervisor) -> list[str]:
-    """Return what a person at an arm under command should know, a sentence each."""
+    """Return warnings to a person at an arm under command."""
     if not supervisor.active:
         return []
-    told = []
+    arm = supervisor.settings.model.arm
+    found = []
     if supervisor.settings.weightless:
-        told.append("gravity is left out: nothing carries the arm's weight")
+        found.append("gravity is not compensated: the arm's weight is not carried")
     if supervisor.change:
-        told.append(supervisor.change)
-    if supervisor.saturated.any():
-        told.append(f"effort limits cut the torque of {_joints(supervisor, supervisor.saturated)}")
-    if supervisor.doubtful.any():
-        told.append(
-            f"the velocity of {_joints(supervisor, supervisor.doubtful)} contradicts its positions:"
-            " friction there is left out"
-        )
-    if supervisor.outside.any():
-        told.append(
-            f"{_joints(supervisor, supervisor.outside)} outside the limits of "
-            f"{supervisor.settings.model.arm.name}: the model of another arm, or a wrong zero?"
-        )
-    if supervisor.friction_held_back.any():
-        told.append(
-            f"friction compensation of {_joints(supervisor, supervisor.friction_held_back)} is held"
-            " back: it may make the motion grow"
-        )
-    return told
+        found.append(supervisor.change)
+    for joints, text in (
+        (supervisor.saturated, "{} saturated at the effort limits"),
+        (
+            supervisor.doubtful,
+            "velocity of {} contradicts the positions: friction there is not compensated",
+        ),
+        (
+            supervisor.outside,
+            f"{{}} outside the position limits of {arm.name}: another arm's model, or a wrong "
+            "encoder zero?",
+        ),
+        (
+            supervisor.friction_held_back,
+            "friction compensation of {} is reduced: it may feed energy into the motion",
+        ),
+    ):
+        if joints.any():
+            found.append(text.format(_joints(supervisor, joints)))
+    return found
 
 
 def _level(status: Status, warned: bool, not_held: bool) -> bytes:

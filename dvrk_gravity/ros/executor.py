@@ -1,11 +1,11 @@
 """An executor that serves one subscription without delay, and the rest as rclpy does.
 
-rclpy builds a wait set anew for every message, with two event handlers for each publisher and
-subscription in it, and wraps the callback in a task: on the machine where this was measured, more
-than half of a relay's time. Here one small wait set is kept for the message for which the node is
-there, which goes straight to its callback, and for timers. All else is looked at a hundred times a
-second (every entity in a wait set costs a microsecond or two in each wait, and a node that listens
-to everybody has many), and done by rclpy's own executor.
+rclpy builds a wait set for every message, with two event handlers for each publisher and
+subscription in it, and wraps the callback in a task: more than half of a relay's time, where this
+was measured. Here one small wait set serves the subscription that matters, straight to its
+callback, and timers. All else is checked a hundred times a second (every entity in a wait set costs
+a microsecond or two in each wait, and a node that listens to all commands has many), and done by
+rclpy's own executor.
 """
 
 from __future__ import annotations
@@ -21,24 +21,22 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+# All but the prompt subscription and timers is checked so often, s.
 LOOK = 0.01
-"""What is not the prompt subscription or a timer is looked at so often, s."""
-
+# An executor is woken so often, s: half of the shortest default time-out.
 _WAKE = 0.05
-"""An executor is woken so often, s: half of the shortest time-out that is the default."""
-
-# Messages of one subscription that are taken at a look.
+# Messages of one subscription that are processed at a check.
 _MOST = 100
 _KINDS = ("subscription", "guard_condition", "timer", "client", "service")
 
 
 @contextlib.contextmanager
 def kept_awake(executor: Executor) -> Iterator[None]:
-    """Wake an executor now and then, by a clock that nobody sets.
+    """Wake an executor now and then, by the monotonic clock.
 
-    The middleware may wait on the computer's clock, as Fast DDS does where it was built for a glibc
-    before 2.30. If that clock is set back, whoever waits at this moment waits for as much longer,
-    his time-outs with him, unless a message comes.
+    The middleware may wait on the wall clock, as Fast DDS does where it was built for a glibc
+    before 2.30. If that clock is set back, a wait takes as much longer, and so do time-outs, unless
+    a message comes.
     """
     ended = threading.Event()
 
@@ -59,21 +57,20 @@ class PromptNode(Node):
     """A node with one subscription that matters more than all else.
 
     Attributes:
-        prompt: That subscription; its callback takes a message and the middleware's information
-            about it. ``None`` as long as it does not exist.
+        prompt: That subscription, once it exists; its callback takes a message and the middleware's
+            information on it.
     """
 
     prompt: Subscription | None = None
 
 
 class PromptExecutor(SingleThreadedExecutor):
-    """Spins one node in which one subscription matters more than all else.
+    """Spins one node, its ``prompt`` subscription first.
 
     Events (a peer whose QoS does not fit, say) wake nothing here: they are found once a second.
     """
 
     def __init__(self, node: PromptNode) -> None:
-        """Spin ``node``, whose ``prompt`` is the subscription that is served first."""
         super().__init__()
         self.add_node(node)
         self._node = node
@@ -81,7 +78,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self._next_look = self._next_events = 0.0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for work and do a piece of it: of the prompt subscription and of the rest."""
+        """Wait for work, and do some of the prompt subscription and of the rest."""
         timeout = 0.1 if timeout_sec is None else timeout_sec
         prompt = self._node.prompt
         ready = self._wait(min(timeout, LOOK), everything=prompt is None)
@@ -98,7 +95,7 @@ class PromptExecutor(SingleThreadedExecutor):
                     timer.callback()
         now = time.monotonic()
         if prompt is not None and now > self._next_look:
-            self._next_look = now + LOOK  # after the answer, while nobody waits for one
+            self._next_look = now + LOOK  # after the answer, when none is due
             served = {prompt.handle.pointer, *(item.handle.pointer for item in self._node.timers)}
             ready = [
                 pointer for pointer in self._wait(0.0, everything=True) if pointer not in served
@@ -109,7 +106,7 @@ class PromptExecutor(SingleThreadedExecutor):
             super().spin_once(0.0)
 
     def _take_others(self, ready: list[int]) -> None:
-        """Take what other subscriptions have, and strike them off the list."""
+        """Process messages of other subscriptions, and remove them from the list."""
         for subscription in list(self._node.subscriptions):
             if subscription is self._node.prompt or subscription.handle.pointer not in ready:
                 continue
@@ -121,12 +118,7 @@ class PromptExecutor(SingleThreadedExecutor):
                 subscription.callback(taken[0])
 
     def _wait(self, timeout: float, everything: bool) -> list[int]:
-        """Return the handles that are ready after at most ``timeout`` seconds.
-
-        Args:
-            timeout: s.
-            everything: Look at all entities, not only at the prompt subscription and timers.
-        """
+        """Return the handles ready within ``timeout`` seconds: of all entities, or prompt ones."""
         node, prompt = self._node, self._node.prompt
         # A destroyed one leaves these lists at once, so that no handle here is dead.
         entities = (
@@ -150,5 +142,5 @@ class PromptExecutor(SingleThreadedExecutor):
         if not self._context.ok():
             raise ExternalShutdownException
         ready = [pointer for kind in _KINDS for pointer in wait_set.get_ready_entities(kind)]
-        # Being woken is no work: rclpy's own look at everything would cost a message or two.
+        # Being woken is no work: rclpy's check of every entity would cost a message or two.
         return [pointer for pointer in ready if pointer != self._guard.handle.pointer]

@@ -8,56 +8,42 @@ from collections.abc import Callable
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Empty
 
-TOPIC = "hold"
+from dvrk_gravity.ros.presence import HOLD
+
+# A hold that is not acknowledged is sent again after so long, s.
 _AGAIN = 0.1
-"""A hold that is not acknowledged is sent again after so long, s."""
-
+# Fast DDS asks for an acknowledgement at once only with a message that fills the publisher's
+# history, otherwise every three seconds.
 _DEPTH = 1
-"""Fast DDS asks for an acknowledgement at once only with a message that fills the publisher's
-history, otherwise every three seconds."""
-
+# Every hold is sent once more after so long, s. Topics have no order among each other: an arm may
+# receive the last commanded effort after the hold that followed it, and keep it.
 _LATE = 0.08
-"""Every hold is sent once more after so long, s. Topics have no order among each other: an arm may
-take the last effort that was commanded after the hold that came behind it, and keep it."""
-
+# A hold to an arm that is connected is repeated no longer than this, s. DDS waits for every
+# subscriber, also for a recorder that stands still, and the arm is to obey others again.
 _LONGEST = 1.0
-"""A hold to an arm that is connected is sent no longer than so long, s. DDS waits for everybody who
-subscribes, also for a recorder that stands still, and the arm is to obey others again."""
-
+# A node that ends waits so long for the acknowledgement, s.
 _PATIENCE = 1.5
-"""How long a node that ends waits for the acknowledgement, s."""
-
-
-def hears(subscription: TopicEndpointInfo) -> bool:
-    """Tell whether a hold reaches a subscription of its topic.
-
-    One of another type gets nothing, nor does one that asks for what was sent before it came.
-    """
-    latched = subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return subscription.topic_type == "std_msgs/msg/Empty" and not latched
 
 
 class Hold:
-    """Publishes ``hold`` and sees to it that the arm gets it.
+    """Publishes ``hold`` until the arm has received it.
 
-    A hold while the arm holds does no harm; one that nobody has received leaves the arm with its
-    last effort for ever.
+    A hold while the arm holds does no harm; one that is lost leaves the arm with its last effort
+    for ever.
 
     Attributes:
-        pending: One has been sent, and it is not over with it.
-        missing: Nobody is there who would receive it.
+        pending: One has been sent, and is not yet acknowledged.
+        missing: No node receives it.
     """
 
     def __init__(self, node: Node, arm_listens: Callable[[], bool]) -> None:
-        """Create the publisher; ``arm_listens`` tells whether the arm subscribes to it."""
+        """Create the publisher; ``arm_listens`` returns whether the arm subscribes to it."""
         self._node, self._arm_listens = node, arm_listens
-        self._publisher = node.create_publisher(Empty, TOPIC, _DEPTH)
+        self._publisher = node.create_publisher(Empty, HOLD, _DEPTH)
         self.pending = self.missing = False
-        self._last_word = False  # nobody has commanded the arm since
+        self._last_word = False  # no command has followed
         self._first = self._last = 0.0
         self._connected_at = math.inf  # since when the arm has been connected at every sending
         self._echoes = 0
@@ -70,14 +56,11 @@ class Hold:
         self._publish()
 
     def drop(self) -> None:
-        """Leave it at that: the arm is commanded again, by us or by somebody else."""
+        """Stop sending: the arm is commanded again, by us or by another node."""
         self.pending = self.missing = self._last_word = False
 
     def repeat(self) -> None:
-        """Hold an arm that has stood still: it takes what was sent meanwhile in any order.
-
-        Once for a hold: what came before that has been taken by then.
-        """
+        """Hold again, once, an arm that has stood still: it receives the backlog in any order."""
         if self._last_word:
             self.send()
             self._last_word = False
@@ -92,20 +75,20 @@ class Hold:
         if twice and (acknowledged or now - self._connected_at >= _LONGEST):
             if not acknowledged:
                 self._node.get_logger().warning(
-                    "not all that subscribe to hold have acknowledged it: see that the arm holds"
+                    "not all subscribers to hold have acknowledged it: check that the arm holds"
                 )
             self.pending = self.missing = False
         elif now - self._last >= (_LATE if acknowledged else _AGAIN):
             self._publish()
         if self.missing:
             self._node.get_logger().error(
-                f"hold has reached nobody for {now - self._first:.1f} s, sending it again and "
-                "again: the arm may keep its last effort",
+                f"no subscriber to hold for {now - self._first:.1f} s, still sending: the arm may "
+                "keep its last effort",
                 throttle_duration_sec=5.0,
             )
 
     def settle(self) -> bool:
-        """Finish with a pending hold before the node ends; return whether it is acknowledged."""
+        """Finish a pending hold before the node ends; return whether it is acknowledged."""
         if not self.pending:
             return True
         end = max(self._first + _PATIENCE, time.monotonic() + 0.5)
@@ -124,7 +107,7 @@ class Hold:
         return acknowledged
 
     def echo(self) -> bool:
-        """Tell whether a hold that was heard is one of ours coming back."""
+        """Return whether a received hold is one of ours."""
         if self._echoes == 0:
             return False
         self._echoes -= 1
@@ -133,7 +116,7 @@ class Hold:
     def _publish(self) -> None:
         self._last = time.monotonic()
         self._echoes += 1
-        # Who is known to be there may not be connected yet, and gets what is sent after that only.
+        # A known subscriber may not be connected yet, and then gets only what is sent later.
         known = self._node.count_subscribers(self._publisher.topic_name)
         connected = self._publisher.get_subscription_count() >= known and self._arm_listens()
         self._connected_at = min(self._connected_at, self._last) if connected else math.inf

@@ -1,59 +1,51 @@
-"""Notices that somebody else commands the arm, in any of the ways that its console has.
+"""Notices other nodes that command the arm, in any of the ways that its console accepts.
 
 Any command but ours takes the arm out of effort mode, or fights with ours. The arm obeys the last
-one that it got: two who command it would hand it to and fro.
+one received: two nodes that command it would pass it to and fro.
 """
 
 from __future__ import annotations
 
 import math
+import re
+import secrets
 import time
 from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 # What moves an arm, takes it out of its mode, or changes what its commands do, as the console
 # subscribes to it: the commands of CRTK (Collaborative Robotics Toolkit) in cisst-ros
 # (mts_ros_crtk_bridge_provided.cpp), those that the dVRK adds in an arm's own bridge
 # (dvrk_system_ROS.cpp), and those of earlier versions of both. A PSM's jaw is no part of the arm,
-# and `use_gravity_compensation` is watched by what comes of it.
+# and `use_gravity_compensation` is observed by its effect.
 _TYPES = {
-    "hold": "std_msgs/Empty",
-    "free": "std_msgs/Empty",
-    "servo_jp": "sensor_msgs/JointState",
-    "servo_jr": "sensor_msgs/JointState",
-    "servo_jv": "sensor_msgs/JointState",
-    "servo_jf": "sensor_msgs/JointState",
-    "servo_cp": "geometry_msgs/PoseStamped",
-    "servo_cr": "geometry_msgs/PoseStamped",
-    "servo_cv": "geometry_msgs/TwistStamped",
-    "servo_cf": "geometry_msgs/WrenchStamped",
-    "body/servo_cf": "geometry_msgs/WrenchStamped",
-    "spatial/servo_cf": "geometry_msgs/WrenchStamped",
-    "servo_cs": "crtk_msgs/CartesianState",
-    "servo_ci": "crtk_msgs/CartesianImpedance",
-    "local/servo_cp": "geometry_msgs/PoseStamped",
-    "interpolate_jp": "sensor_msgs/JointState",
-    "interpolate_jr": "sensor_msgs/JointState",
-    "interpolate_cp": "geometry_msgs/PoseStamped",
-    "interpolate_cr": "geometry_msgs/PoseStamped",
-    "move_jp": "sensor_msgs/JointState",
-    "move_jr": "sensor_msgs/JointState",
-    "move_cp": "geometry_msgs/PoseStamped",
-    "move_cr": "geometry_msgs/PoseStamped",
-    "local/move_cp": "geometry_msgs/PoseStamped",
-    "state_command": "crtk_msgs/StringStamped",
-    "lock_orientation": "geometry_msgs/Quaternion",
-    "unlock_orientation": "std_msgs/Empty",
-    "body/set_cf_orientation_absolute": "std_msgs/Bool",
-    "set_cartesian_impedance_gains": "cisst_msgs/PrmCartesianImpedanceGains",
+    name: kind
+    for kind, names in {
+        "std_msgs/Empty": "hold free unlock_orientation",
+        "std_msgs/Bool": "body/set_cf_orientation_absolute",
+        "sensor_msgs/JointState": "servo_jp servo_jr servo_jv servo_jf interpolate_jp "
+        "interpolate_jr move_jp move_jr",
+        "geometry_msgs/PoseStamped": "servo_cp servo_cr local/servo_cp interpolate_cp "
+        "interpolate_cr move_cp move_cr local/move_cp",
+        "geometry_msgs/TwistStamped": "servo_cv",
+        "geometry_msgs/WrenchStamped": "servo_cf body/servo_cf spatial/servo_cf",
+        "geometry_msgs/Quaternion": "lock_orientation",
+        "crtk_msgs/CartesianState": "servo_cs",
+        "crtk_msgs/CartesianImpedance": "servo_ci",
+        "crtk_msgs/StringStamped": "state_command",
+        "cisst_msgs/PrmCartesianImpedanceGains": "set_cartesian_impedance_gains",
+    }.items()
+    for name in names.split()
 }
 
 
 def _message_type(name: str) -> Any:
-    """Return the class of a message, ``None`` where this computer does not have it."""
+    """Return the class of a message, ``None``: not installed."""
     package, _, message = name.partition("/")
     try:
         return getattr(import_module(f"{package}.msg"), message, None)
@@ -72,81 +64,18 @@ UNHEARD: tuple[str, ...] = tuple(name for name, kind in _KNOWN.items() if kind i
 """Topics of commands whose messages cannot be read here: the dVRK's workspace is not sourced."""
 
 LATELY = 0.3
-"""How long ago a command counts as one that is still going on, s."""
+"""A command counts as still going on for so long, s; we command after as long a silence."""
 
+PATIENCE = 1.0
+"""Another compensator that started later has so long to notice us and to stop, s."""
 
-class Others:
-    """Listens to every command that is not given on the topic of our own.
+# DDS may connect another one with us so late, s: it repeats lost greetings after 3 s.
+_INTRODUCTION = 4.0
 
-    Attributes:
-        topic: Topic of the last command of somebody else; ``""``: none yet.
-        is_hold: It was a hold, which moves nothing.
-        is_free: It was ``free``: whoever sent it may have a hand in the arm.
-    """
+# Between two looks of the executor our own commands fill ten places at 1 kHz: none must be lost.
+_DEPTH = 100
 
-    def __init__(
-        self,
-        node: Node,
-        own_topic: str,
-        echo: Callable[[], bool],
-        heard: Callable[[], None],
-    ) -> None:
-        """Listen from now on.
-
-        Args:
-            node: The node.
-            own_topic: Where we command; others there are :class:`~.rivals.Rivals`' business.
-            echo: Tells whether a hold that was heard is our own.
-            heard: Called for every command that is not ours.
-        """
-        self._node, self._echo, self._heard = node, echo, heard
-        self._unheard = {node.resolve_topic_name(name): _TYPES[name] for name in UNHEARD}
-        self.topic, self.is_hold, self.is_free = "", False, False
-        self._last = -math.inf
-        for name, kind in COMMANDS:
-            topic = node.resolve_topic_name(name)
-            if topic != own_topic:
-                node.create_subscription(kind, topic, self._listener(topic), 10, raw=True)
-
-    def heard_lately(self) -> bool:
-        """Tell whether a command that is not ours has just come."""
-        return time.monotonic() - self._last < LATELY
-
-    def reason(self) -> str:
-        """Return what to tell a person who wonders why the arm is not commanded."""
-        who = named(self._node.get_publishers_info_by_topic(self.topic), self._node)
-        if self.is_hold:
-            return f"another node{who} has told the arm to hold ({self.topic})"
-        return f"another node{who} commands {self.topic}: stop it first, two would fight"
-
-    def unheard(self) -> str:
-        """Return who may command the arm with messages that cannot be read here, ``""``: nobody.
-
-        Elsewhere a publisher alone proves nothing: clients have one for every command, and most
-        never use it. Of these that is all that there is to see.
-        """
-        for topic, kind in self._unheard.items():
-            if self._node.count_publishers(topic) > 0:
-                who = named(self._node.get_publishers_info_by_topic(topic), self._node)
-                return (
-                    f"another node{who} may command {topic}, whose messages ({kind}) cannot be "
-                    "read here: stop it, or source the dVRK's workspace"
-                )
-        return ""
-
-    def _listener(self, topic: str) -> Callable[[bytes], None]:
-        is_hold, is_free = (
-            topic == self._node.resolve_topic_name(name) for name in ("hold", "free")
-        )
-
-        def listen(_: bytes) -> None:
-            if is_hold and self._echo():
-                return
-            self.topic, self.is_hold, self.is_free = topic, is_hold, is_free
-            self._last = time.monotonic()
-            self._heard()
-
-        return listen
+_MARK = re.compile(rb"[0-9a-f]{8} since ([0-9]{20})")
 
 
 def node_names(endpoints: Iterable[Any]) -> set[str]:
@@ -158,7 +87,167 @@ def node_names(endpoints: Iterable[Any]) -> set[str]:
     return {name for name in found if "_UNKNOWN_" not in name}
 
 
-def named(endpoints: Iterable[Any], besides: Node) -> str:
-    """Return the names of endpoints' nodes but one, as `` (/a, /b)``; ``""`` if none is known."""
-    known = sorted(node_names(endpoints) - {besides.get_fully_qualified_name()})
-    return f" ({', '.join(known)})" if known else ""
+def publishers_of(topic: str, node: Node) -> str:
+    """Return the nodes besides ``node`` that publish a topic, as `` (/a, /b)``, or ``""``."""
+    known = node_names(node.get_publishers_info_by_topic(topic))
+    names = sorted(known - {node.get_fully_qualified_name()})
+    return f" ({', '.join(names)})" if names else ""
+
+
+class _Heard:
+    """Commands of other nodes; ``topic`` is that of the last one."""
+
+    topic: str
+
+    def __init__(self, node: Node, heard: Callable[[], None]) -> None:
+        self._node, self._heard = node, heard
+        self._last = -math.inf  # when one was heard
+
+    def heard_lately(self) -> bool:
+        """Return whether another node has just sent a command."""
+        return time.monotonic() - self._last < LATELY
+
+    def reason(self) -> str:
+        """Return for a person why the arm is not commanded."""
+        who = publishers_of(self.topic, self._node)
+        return f"another node{who} commands {self.topic}: stop it first, two would fight"
+
+
+class Others(_Heard):
+    """Listens to every command topic of the arm but our own.
+
+    Attributes:
+        command: The last command of another node, ``hold`` or ``servo_jp`` for instance; ``""``:
+            none yet.
+    """
+
+    def __init__(
+        self, node: Node, own_topic: str, echo: Callable[[], bool], heard: Callable[[], None]
+    ) -> None:
+        """Listen from now on to all but ``own_topic``, and call ``heard`` for each command.
+
+        ``echo`` returns whether a received hold is our own.
+        """
+        super().__init__(node, heard)
+        self._echo = echo
+        self._unheard = {node.resolve_topic_name(name): _TYPES[name] for name in UNHEARD}
+        self.command = self.topic = ""
+        for name, kind in COMMANDS:
+            topic = node.resolve_topic_name(name)
+            if topic != own_topic:
+                node.create_subscription(kind, topic, self._listener(name, topic), 10, raw=True)
+
+    def reason(self) -> str:
+        """Return for a person why the arm is not commanded."""
+        if self.command == "hold":
+            return f"another node{publishers_of(self.topic, self._node)} sent hold ({self.topic})"
+        return super().reason()
+
+    def unheard(self) -> str:
+        """Return who may command the arm with messages that cannot be read here, ``""``: nobody.
+
+        Elsewhere a publisher alone proves nothing: clients have one for every command, and most
+        never use it. Of these messages the publisher is all there is to see.
+        """
+        for topic, kind in self._unheard.items():
+            if self._node.count_publishers(topic) > 0:
+                return (
+                    f"another node{publishers_of(topic, self._node)} may command {topic}, whose "
+                    f"messages ({kind}) cannot be read here: stop it, or source the dVRK's "
+                    "workspace"
+                )
+        return ""
+
+    def _listener(self, command: str, topic: str) -> Callable[[bytes], None]:
+        def listen(_: bytes) -> None:
+            if command == "hold" and self._echo():
+                return
+            self.command, self.topic = command, topic
+            self._last = time.monotonic()
+            self._heard()
+
+        return listen
+
+
+class Rivals(_Heard):
+    """Listens to our own command topic, on which our commands bear a mark.
+
+    A publisher alone proves nothing: crtk clients have one for every command and most never use it.
+    Of two compensators the one that started later gives way: marks say when. It hears the other
+    before it commands itself, unless both start together or DDS, which may know of a publisher for
+    seconds before it delivers, connects them late. While we command and no other publisher exists
+    there is no subscription: hearing all of our own commands costs as much as the measurements do.
+
+    Attributes:
+        mark: Text that every command of ours bears, and no other.
+        elder: The last one heard is of a compensator that started before us.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        publisher: Publisher,
+        heard: Callable[[], None],
+        reliability: ReliabilityPolicy,
+    ) -> None:
+        """Listen from now on to the topic of our ``publisher``, with the arm's ``reliability``.
+
+        ``heard`` is called for every command that is not ours.
+        """
+        super().__init__(node, heard)
+        self._profile = QoSProfile(depth=_DEPTH, reliability=reliability)
+        self._start = time.time_ns()
+        name = node.get_fully_qualified_name()
+        self.mark = f"{name} {secrets.token_hex(4)} since {self._start:020d}"
+        self._bytes = self.mark.encode()
+        self._publisher, self.topic = publisher, publisher.topic_name
+        self._subscription: Any = None
+        self._first = -math.inf  # when the first of the last commands in a row was heard
+        self.elder = False
+        self._commanding, self._commanding_since = False, -math.inf
+        self._since = time.monotonic()
+        self._others = False
+        self.watch(commanding=False)
+
+    def watch(self, commanding: bool) -> None:
+        """Listen where there may be something to hear; to be called now and then."""
+        others = self._node.count_publishers(self.topic) > 1
+        if others and not self._others:
+            self._since = time.monotonic()  # it may just not have been heard yet
+        if commanding and not self._commanding:
+            self._commanding_since = time.monotonic()
+        self._others, self._commanding = others, commanding
+        wanted = others or not commanding
+        if wanted and self._subscription is None:
+            self._subscription = self._node.create_subscription(
+                self._publisher.msg_type, self.topic, self._on_command, self._profile, raw=True
+            )
+        elif not wanted and self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def listened(self, to_arm: bool) -> bool:
+        """Return whether others have had the time to be heard since the arm is there.
+
+        Before DDS has found the arm, it has not found others either: silence proves nothing.
+        """
+        now = time.monotonic()
+        if not to_arm:
+            self._since = now
+        return now - self._since > LATELY
+
+    def _on_command(self, data: bytes) -> None:
+        if self._bytes in data:
+            return
+        now = time.monotonic()
+        if now - self._last > LATELY:
+            self._first = now
+        self._last = now
+        mark = _MARK.search(data)
+        later = mark is not None and int(mark[1]) > self._start
+        # An elder may be heard late; much later it is no compensator but its recording.
+        young = not self._commanding or now - self._commanding_since < _INTRODUCTION
+        self.elder = mark is not None and not later and young
+        if later and self._commanding and now - self._first < PATIENCE:
+            return
+        self._heard()

@@ -1,37 +1,114 @@
-"""Who the arm is, seen from its topics: one that measures, and listens when told to hold."""
+"""The arm seen from its topics: its namespace, who measures it, whether it hears a hold."""
 
 from __future__ import annotations
 
 import math
+import re
 import time
+from collections.abc import Callable
+from typing import Any
 
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.validate_namespace import validate_namespace
 
-from dvrk_gravity.ros.hold import TOPIC as HOLD
-from dvrk_gravity.ros.hold import hears
-from dvrk_gravity.ros.others import LATELY, named, node_names
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files.resources import shipped
+from dvrk_gravity.ros.others import LATELY, node_names, publishers_of
 
-MEASURED = "measured_js"
+try:  # built with the dVRK's own workspace
+    from crtk_msgs.msg import OperatingState
+except ImportError:
+    OperatingState = None
 
-# Who is who is asked so often, s, even where the numbers of publishers and subscribers stay.
+MEASURED, HOLD = "measured_js", "hold"
+
+# Nodes are looked up so often, s, even where the numbers of publishers and subscribers stay.
 _LOOK = 1.0
+
+# A publisher that latches the operating state shows it to a late subscriber; one that does not is
+# not heard by a subscription that asks for that.
+_OF_STATE = tuple(
+    QoSProfile(depth=1, durability=durability)
+    for durability in (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL)
+)
+
+
+def namespace_of(arm: Arm, given: str | None = None) -> str:
+    """Return the given namespace, or the arm's default: ``/MTMR`` of mtmr.
+
+    Raises:
+        ConfigError: One that ROS does not accept, or another arm's.
+    """
+    by_name = re.sub(r"\W", "_", arm.name.upper(), flags=re.ASCII)
+    namespace = f"/{(given or re.sub(r'^(?=[0-9])', '_', by_name)).strip('/')}"
+    try:
+        validate_namespace(namespace)
+    except InvalidNamespaceException as error:
+        raise ConfigError("--namespace", namespace, "a ROS namespace, as /MTMR") from error
+    require_own(arm, namespace)
+    return namespace
+
+
+def require_own(arm: Arm, namespace: str) -> None:
+    """Refuse a namespace that names another arm of a da Vinci than the commanded one.
+
+    Its limits are another arm's: a left master driven as a right one passes its stops by 73 deg.
+    Names of other arms prove nothing, nor does a namespace that names no arm.
+
+    Raises:
+        ConfigError: Such a namespace.
+    """
+    kinds = shipped("arms")
+    last = namespace.rsplit("/", 1)[-1].lower()
+    named = last if last in kinds else re.sub(r"[0-9]+$", "", last)  # PSM1, PSM2
+    own = arm.name.lower()
+    if own in kinds and named in kinds and named != own:
+        expected = f"that of arm {own}, as /{own.upper()}: its limits and model fit no other arm"
+        raise ConfigError("namespace", namespace, expected)
+
+
+def on_operating_state(node: Node, report: Callable[[str], None]) -> None:
+    """Call ``report`` with why the arm's ``operating_state`` forbids commands, ``""``: it does not.
+
+    Does nothing where crtk_msgs is not installed.
+    """
+    for profile in () if OperatingState is None else _OF_STATE:
+        node.create_subscription(
+            OperatingState, "operating_state", lambda message: report(_obstacle(message)), profile
+        )
+
+
+def _obstacle(message: Any) -> str:
+    if message.state != "ENABLED":
+        return f"operating_state: the arm is {message.state}, expected ENABLED"
+    if not message.is_homed:
+        return "operating_state: the arm is not homed"
+    return "operating_state: the arm is busy" if message.is_busy else ""
+
+
+def hears_hold(subscription: TopicEndpointInfo) -> bool:
+    """Return whether a subscription to ``hold`` receives it.
+
+    One of another type gets nothing, nor does one that asks for messages sent before it came.
+    """
+    latched = subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return subscription.topic_type == "std_msgs/msg/Empty" and not latched
 
 
 class Presence:
     """Watches who publishes ``measured_js`` and who subscribes to ``hold``.
 
-    The arm is who publishes ``measured_js``; a hold that this node does not subscribe to reaches
-    nobody. A controller of ros2_control knows no hold: there, anybody who subscribes to it and does
-    not publish it (as watchdogs do) may be the one that holds the arm.
+    The arm is the publisher of ``measured_js``; a hold that this node does not subscribe to reaches
+    nobody. A controller of ros2_control knows no hold: there, any node that subscribes to it and
+    does not publish it (as watchdogs do) may be the one that holds the arm.
     """
 
     def __init__(self, node: Node, any_subscriber: bool) -> None:
-        """Watch the topics of ``node``'s namespace.
-
-        Args:
-            node: The node.
-            any_subscriber: Whoever subscribes to ``hold`` counts as the arm.
-        """
+        """Watch ``node``'s namespace, where ``any_subscriber`` to ``hold`` may be the arm."""
         self._node, self._any_subscriber = node, any_subscriber
         self._measured = node.resolve_topic_name(MEASURED)
         self._hold = node.resolve_topic_name(HOLD)
@@ -41,11 +118,11 @@ class Presence:
         self._mixed = -math.inf
 
     def is_there(self) -> bool:
-        """Tell whether somebody publishes ``measured_js``."""
+        """Return whether a node publishes ``measured_js``."""
         return self._node.count_publishers(self._measured) > 0
 
     def elsewhere(self) -> list[str]:
-        """Return topics of that name that somebody publishes in other namespaces."""
+        """Return the published ``measured_js`` topics of other namespaces, by their full names."""
         topics = (name for name, _ in self._node.get_topic_names_and_types())
         found = {name for name in topics if name.rsplit("/", 1)[-1] == MEASURED}
         return sorted(
@@ -53,14 +130,14 @@ class Presence:
         )
 
     def listens(self) -> bool:
-        """Tell whether the arm subscribes to ``hold``; cheap as long as nobody comes or goes."""
+        """Return whether the arm subscribes to ``hold``; cheap while no node comes or goes."""
         node = self._node
         counts = node.count_publishers(self._measured), node.count_subscribers(self._hold)
         now = time.monotonic()
         if counts != self._counts or not self._listens or now - self._looked > _LOOK:
             self._counts, self._looked = counts, now
             subscriptions = node.get_subscriptions_info_by_topic(self._hold)
-            listeners = node_names(info for info in subscriptions if hears(info))
+            listeners = node_names(info for info in subscriptions if hears_hold(info))
             listeners.discard(node.get_fully_qualified_name())
             if self._any_subscriber:
                 arms = listeners - node_names(node.get_publishers_info_by_topic(self._hold))
@@ -70,28 +147,29 @@ class Presence:
         return self._listens
 
     def no_hold_reason(self) -> str:
-        """Return what to tell a person where the arm does not subscribe to ``hold``."""
+        """Return for a person that the arm does not subscribe to ``hold``."""
         if self._any_subscriber:
-            return f"nobody subscribes to {self._hold}: the arm could not be held when it must be"
-        who = named(self._node.get_publishers_info_by_topic(self._measured), self._node)
-        return f"the arm{who} does not subscribe to {self._hold}: it could not be held when it must"
+            return f"no node subscribes to {self._hold}: in a fault the arm could not be held"
+        who = publishers_of(self._measured, self._node)
+        return f"the arm{who} does not subscribe to {self._hold}: in a fault it could not be held"
 
-    def count(self, number: int | None) -> bool:
-        """Take a message's publication number; tell whether several publish ``measured_js``.
+    def count(self, number: int | None) -> str:
+        """Note a message's publication number; return who publishes if several do, else ``""``.
 
-        Every publisher counts its own messages: of two, one is behind the other.
+        Every publisher counts its own messages: of two, one is behind the other. ``None``: this
+        middleware does not count.
         """
-        if number is None:  # this middleware does not count
-            return False
-        mixed = number <= self._number
-        if mixed:
-            self._mixed = time.monotonic()
-        self._number = number
-        return mixed
+        if number is None:
+            return ""
+        mixed, self._number = number <= self._number, number
+        if not mixed:
+            return ""
+        self._mixed = time.monotonic()
+        return self.two_measure()
 
     def two_measure(self) -> str:
-        """Return who published ``measured_js`` a moment ago if there were several, else ``""``."""
+        """Return who published ``measured_js`` a moment ago if several did, else ``""``."""
         if time.monotonic() - self._mixed > LATELY:
             return ""
-        who = named(self._node.get_publishers_info_by_topic(self._measured), self._node)
+        who = publishers_of(self._measured, self._node)
         return f"several nodes{who} publish {self._measured}: stop all but the arm"

@@ -18,8 +18,8 @@ from pathlib import Path
 from dvrk_gravity.errors import DvrkGravityError
 
 PRIVATE = "/dvrk_gravity_private"
-"""Below it is every namespace that is used in a private domain. No arm has such a name: one that
-comes into the domain, or that reaches it from another machine, is not commanded."""
+"""Root of every namespace in a private domain. No arm has such a name: one that joins the domain,
+or that reaches it from another machine, is not commanded."""
 
 # Domains whose ports no Linux system gives to outgoing connections, but for 0: everybody's.
 _DOMAINS = range(1, 101)
@@ -39,7 +39,7 @@ ENVIRONMENT: dict[str, str | None] = {
     "SKIP_DEFAULT_XML_FILE": "1",  # Fast DDS reads one that lies in the working folder
     "CYCLONEDDS_URI": None,
 }
-"""What is set in a private domain, ``None`` for what is not: nothing leads beyond this machine."""
+"""Variables that keep a private domain on this machine; ``None``: unset."""
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
@@ -48,13 +48,13 @@ _ENDING = (signal.SIGTERM, signal.SIGHUP)
 
 
 class ProcessError(DvrkGravityError):
-    """A node's process that did not do what it was started for."""
+    """A node's process that failed or did not respond."""
 
 
 def end_on_signals() -> None:
-    """Let SIGTERM and SIGHUP end this process as Ctrl-C does: what it has started ends with it.
+    """Let SIGTERM and SIGHUP end this process as Ctrl-C does, together with its children.
 
-    A closed terminal sends SIGHUP more than once: what ends is not disturbed again.
+    A closed terminal sends SIGHUP more than once: later ones are ignored.
     """
 
     def end(number: int, frame: object) -> None:
@@ -63,16 +63,14 @@ def end_on_signals() -> None:
         sys.exit(128 + number)
 
     for number in _ENDING:
-        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup wants it
+        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup sets it
             signal.signal(number, end)
 
 
 def end_with(parent: int) -> None:
-    """Have the system send this process SIGTERM when its parent ends, whatever ends that (Linux).
+    """Have Linux send this process SIGTERM when its parent ends, for whatever reason.
 
-    Args:
-        parent: The parent's process; it may have ended already. To the system it ends with the
-            thread that started this process.
+    The parent may have ended already; its end is that of the thread that started this process.
     """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
@@ -80,7 +78,7 @@ def end_with(parent: int) -> None:
 
 
 def _lock(domain: int, stack: contextlib.ExitStack) -> bool:
-    """Lock a domain's file until the stack ends; return whether nobody else has."""
+    """Lock a domain's file until the stack ends; return whether it was free."""
     path = Path(tempfile.gettempdir()) / f"dvrk_gravity_domain_{domain}.lock"
     try:
         lock = stack.enter_context(path.open("w"))
@@ -91,7 +89,7 @@ def _lock(domain: int, stack: contextlib.ExitStack) -> bool:
 
 
 def _is_taken(domain: int) -> bool:
-    """Tell whether a process on this machine has one of a domain's ports."""
+    """Return whether a process on this machine has one of a domain's ports."""
     first = _FIRST_PORT + _PORTS * domain
     tables = [Path("/proc/net/udp"), *Path("/proc/net").glob("udp6")]  # or no IPv6 here
     lines = (line for table in tables for line in table.read_text().splitlines()[1:])
@@ -101,12 +99,12 @@ def _is_taken(domain: int) -> bool:
 
 @contextlib.contextmanager
 def private_domain() -> Iterator[int]:
-    """Reserve a ROS domain on this machine, local to it, for as long as the context lasts.
+    """Reserve an empty ROS domain on this machine, local to it, while the context lasts.
 
-    Nobody is in it: neither a process of this package, which locks a file (the system releases
-    the lock even if the process is killed), nor a participant of somebody else's. Whoever comes
-    later finds nothing but namespaces below :data:`PRIVATE`. The environment of this process (and
-    of those that it starts) is set to the domain and kept on this machine (:data:`ENVIRONMENT`).
+    Processes of this package lock a file (the system releases the lock even if the process is
+    killed), other participants bind ports; nodes that join later find only namespaces below
+    :data:`PRIVATE`. The environment of this process and its children is set accordingly
+    (:data:`ENVIRONMENT`).
 
     Raises:
         ProcessError: All domains are taken.
@@ -137,14 +135,14 @@ def _set_environment(values: Mapping[str, str | None]) -> None:
 
 
 class NodeProcess:
-    """One node running as ``python -m dvrk_gravity VERB … --ros-args …``.
+    """One node running as ``python -m dvrk_gravity VERB … --ros-args …`` (context manager).
 
     It ends with this process, with SIGTERM if that has no time to end it.
 
     Attributes:
-        verb: The verb, or what else was started.
+        verb: The verb, or the program.
         process: The process.
-        lines: What it has printed so far, standard error included.
+        lines: Its output so far, standard error included.
     """
 
     def __init__(
@@ -154,9 +152,9 @@ class NodeProcess:
         namespace: str = PRIVATE,
         program: Sequence[str] = ("-m", "dvrk_gravity"),
     ) -> None:
-        """Start ``python PROGRAM VERB --ros-args …``; it lives in this process's ROS domain.
+        """Start ``python PROGRAM VERB --ros-args …`` in this process's ROS domain.
 
-        A program that is one node itself takes no verb (``None``).
+        A program that is itself a node takes no verb (``None``).
 
         Raises:
             ProcessError: A namespace that an arm may have.
@@ -167,7 +165,7 @@ class NodeProcess:
         self.lines: list[str] = []
         command = [sys.executable, *program, *([] if verb is None else [verb])]
         command += ["--ros-args", "-r", f"__ns:={namespace}", *ros_args]
-        # A group of its own: a Ctrl-C at the terminal reaches us alone, and we end it in order.
+        # A session of its own: Ctrl-C at the terminal reaches us alone, and we end it in order.
         self.process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -176,7 +174,7 @@ class NodeProcess:
             text=True,
             errors="replace",
             start_new_session=True,
-            # It calls the system and nothing else: no thread of ours holds a lock that it needs.
+            # It only calls the system: no thread of ours holds a lock that it needs.
             preexec_fn=partial(end_with, os.getpid()),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -189,11 +187,11 @@ class NodeProcess:
 
     @property
     def output(self) -> str:
-        """All that it has printed so far."""
+        """Its output so far."""
         return "\n".join(self.lines)
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal to this process by its id."""
+        """Send a signal to the process."""
         self.process.send_signal(number)
 
     def wait(self, timeout: float = 10.0) -> int:
@@ -223,9 +221,7 @@ class NodeProcess:
             return self.wait(timeout)
 
     def __enter__(self) -> NodeProcess:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the process."""
         self.stop()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import gc
 import math
+import signal
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,6 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.model import arm_beside
 from dvrk_gravity.parameters import Parameter
-from dvrk_gravity.ros.ending import asked_to_end
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, kept_awake
 from dvrk_gravity.validation import refuse_json
 
@@ -36,31 +37,53 @@ OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 _LOOK = 0.05  # s
 
-_folders: list[Path] = []
-"""Of the parameter files that this process was started with."""
+_folders: list[Path] = []  # of the parameter files of this process
+
+_NOT_OURS = {
+    signal.SIGKILL, signal.SIGSTOP,  # cannot be caught
+    signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGTRAP,
+    signal.SIGSYS,  # faults of the process itself
+    signal.SIGPIPE, signal.SIGXFSZ,  # which Python turns into an error of the call
+    signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH,  # end nothing
+    signal.SIGTTIN, signal.SIGTTOU,  # of a process in the background
+}  # fmt: skip
+
+SIGNALS = tuple(sorted(signal.valid_signals() - _NOT_OURS))
+"""Those that end a process, or suspend it (Ctrl-Z), unless handled (signal(7)): a process that
+sleeps must not leave an arm."""
+
+
+@contextmanager
+def asked_to_end(ask: Callable[[], None]) -> Iterator[None]:
+    """Call ``ask`` for each signal that would end the process: it holds the arm first."""
+    before = {number: signal.signal(number, lambda *_: ask()) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
-    """Run one node until a signal asks for its end, or an error.
+    """Run one node until a signal or an error ends it.
 
     Args:
         make_node: Builds the node, after rclpy is up; the node has ``finish()``, which returns
-            whether it ended in order, and ``prompt`` if one of its subscriptions is to be served
-            before all else.
-        ros_args: ``--ros-args …`` as given on the command line.
+            whether it ended in order.
+        ros_args: ``--ros-args …`` of the command line.
 
     Returns:
-        0 when a signal ended it, 1 when an unexpected error did, or when it could not end in
-        order (a hold that nobody acknowledged).
+        0 after a signal, 1 after an unexpected error, or if it could not end in order (a hold that
+        was not acknowledged).
 
     Raises:
         ConfigError: ROS arguments or parameters that cannot be used.
     """
-    files = _parameter_files(ros_args)
+    files = [path for flag, path in pairwise(ros_args) if flag == "--params-file"]
     _folders[:] = [Path(path).absolute().parent for path in files]
     for path in files:
         refuse_json("--params-file", path)
-        yaml_file.load(path)  # rcl's own words for a bad file are long and name no cause
+        yaml_file.load(path)  # rcl's message for a bad file is long and names no cause
     stop = threading.Event()
     with asked_to_end(stop.set):
         return _run(make_node, ros_args, files, stop)
@@ -72,7 +95,7 @@ def _run(
     try:
         rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl reports bad arguments and files as several types
-        raise ConfigError("--ros-args", _first_line(error), "arguments that ROS takes") from error
+        raise ConfigError("--ros-args", _first_line(error), "valid ROS arguments") from error
     try:
         try:
             node = _construct(make_node)
@@ -92,11 +115,10 @@ def _run(
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
-    """Return the parameters that files and arguments gave to a node, by dotted name.
+    """Return the parameters of files and arguments, by dotted name.
 
-    The path of an arm's file is looked for from the folders of parameter files, too.
-
-    For nodes built with ``automatically_declare_parameters_from_overrides``.
+    An arm's file is also searched for beside the parameter files. The node is built with
+    ``automatically_declare_parameters_from_overrides``.
     """
     values = {
         name: plain(node.get_parameter(name).value)
@@ -116,15 +138,9 @@ def plain(value: Any) -> Any:
 
 
 def declare(node: Node, table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
-    """Declare parameters with checked values, so that a later change meets our own check only.
+    """Declare parameters in force with dynamic types, so that only our own check refuses a change.
 
-    rclpy fixes the type that a file happened to give (whole numbers, say) and then
-    refuses another one in words of its own; typing is dynamic, therefore.
-
-    Args:
-        node: The node.
-        table: Declarations by name.
-        values: What is in force, for the parameters that are to be declared.
+    rclpy would fix the type that a file happened to have (whole numbers, say).
     """
     for name, value in values.items():
         if node.has_parameter(name):
@@ -134,7 +150,7 @@ def declare(node: Node, table: Mapping[str, Parameter], values: Mapping[str, Any
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
-    """Return what `ros2 param describe` shows."""
+    """Return the output of `ros2 param describe`."""
     unit = f", {entry.unit_text}" if entry.unit_text else ""
     descriptor = ParameterDescriptor(
         name=entry.name,
@@ -143,16 +159,12 @@ def _descriptor(entry: Parameter) -> ParameterDescriptor:
         read_only=entry.read_only,
         dynamic_typing=True,
     )
-    # The middleware's checks know finite ranges of scalars only; ours know all.
+    # The middleware checks finite ranges of scalars only.
     if entry.kind == "double" and math.isfinite(entry.lower) and math.isfinite(entry.upper):
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=entry.lower, to_value=entry.upper, step=0.0)
         ]
     return descriptor
-
-
-def _parameter_files(ros_args: Sequence[str]) -> list[str]:
-    return [path for flag, path in pairwise(ros_args) if flag == "--params-file"]
 
 
 def _construct(make_node: Callable[[], Node]) -> Node:
@@ -161,14 +173,14 @@ def _construct(make_node: Callable[[], Node]) -> Node:
     except ValueError as error:
         if "PARAMETER_NOT_SET" in str(error):
             raise ConfigError(
-                "--params-file", "an empty list", "a list with numbers, or no such line"
+                "--params-file", "an empty list", "a list of numbers, or no such line"
             ) from error
         raise
 
 
 def _spin(node: Node, stop: threading.Event) -> int:
     gc.collect()
-    gc.freeze()  # what is there now stays: no collection has to look at it again
+    gc.freeze()  # objects so far stay: no collection has to check them again
     executor = _executor_of(node)
     try:
         with kept_awake(executor):
@@ -177,7 +189,7 @@ def _spin(node: Node, stop: threading.Event) -> int:
     except MemoryError:
         node.get_logger().fatal("out of memory: the arm is held, and this node ends")
         return 1
-    except Exception:  # whatever it was: the arm is held, and the cause is told
+    except Exception:  # in any case the arm is held, and the cause reported
         node.get_logger().fatal(f"unexpected error: {_first_line(sys.exc_info()[1])}")
         traceback.print_exc()
         return 1
@@ -195,14 +207,9 @@ def _executor_of(node: Node) -> SingleThreadedExecutor:
 
 
 def outlive(node: Node, others: Callable[[], bool], longest: float) -> None:
-    """Serve a node that was asked to end for as long as others need it.
+    """Serve a node that was asked to end while others need it, at most ``longest`` seconds.
 
     Ctrl-C at a terminal, or of a launch file, reaches every process at once, in any order.
-
-    Args:
-        node: The node, which is not served any more.
-        others: Tells whether others need it; asked every 50 ms.
-        longest: s, after which it ends all the same.
     """
     executor = _executor_of(node)
     end = time.monotonic() + longest

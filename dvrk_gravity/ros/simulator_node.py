@@ -1,11 +1,12 @@
-"""The simulator's rclpy node: topics and time around an arm that knows no ROS."""
+"""The simulator: topics and time around a simulated arm."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -21,17 +22,17 @@ from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
+from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 STEP = 1e-3
 """Length of a simulation step, s."""
 
-# So long, s, it outlives a request to end while somebody commands it: twice what a compensator
-# waits for an acknowledgement (ros/hold.py), and less than the 5 s after which launch insists.
+# While a node commands it, it outlives a request to end by so long, s: twice a compensator's wait
+# for an acknowledgement (ros/hold.py), and less than the 5 s after which launch insists.
 _OUTLIVES = 3.0
 
-# Further behind than this, the simulation lets the time go instead of chasing it, s.
+# Further behind than this, the simulation skips time instead of catching up, s.
 _MOST_BEHIND = 0.05
 
 SIMULATOR_PARAMETERS: dict[str, Parameter] = {
@@ -39,31 +40,31 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
     for entry in (
         Parameter(
             "plant", "", "",
-            "plant: a name, a plant's or model's .yaml file, or a .urdf; not given: that of `arm`",
+            "plant: a name, a plant's or model's .yaml file, or a .urdf; default: that of `arm`",
         ),
         Parameter("rate", 1000.0, "Hz", "measured_js", lower=1.0, upper=1000.0),
         Parameter(
             "setpoint_rate", 100.0, "Hz", "setpoint_js and gravity_compensation/setpoint_js",
             lower=1.0, upper=1000.0,
         ),
-        Parameter("friction_scale", 1.0, "", "factor on every friction", lower=0.0, upper=100.0),
+        Parameter("friction_scale", 1.0, "", "factor on all friction", lower=0.0, upper=100.0),
         Parameter(
             "initial_position", (), "rad or m",
-            "where the arm is at first, in hold; not given: zero, or the nearest that it reaches",
+            "initial position, in hold; default: zero, or the nearest within the limits",
         ),
         Parameter("seed", 0.0, "", "seed of the sensors' noise", lower=0.0, upper=2.0**53),
         Parameter("sensor_noise", True, "", "false: perfect sensors"),
         Parameter(
             "builtin_gravity_compensation", True, "",
-            "the arm's own compensation at first; on, as on a real console",
+            "built-in compensation initially on, as on a real console",
         ),
         Parameter(
-            "push_timeout", 0.1, "s", "a hand lets go when no simulator/push_jf comes for so long",
+            "push_timeout", 0.1, "s", "a push ends after so long without simulator/push_jf",
             lower=0.002, upper=60.0,
         ),
         Parameter(
             "realtime_factor", 1.0, "",
-            "simulated seconds in a second; stamps and rates count simulated ones",
+            "simulated seconds per second; stamps and rates count simulated ones",
             lower=0.01, upper=20.0,
         ),
     )
@@ -71,19 +72,19 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
 
 
 def initial_position(arm: Arm) -> tuple[float, ...]:
-    """Return (n,) where a simulated arm is at first unless it is told."""
+    """Return the default (n,) initial position of a simulated arm."""
     if mtm.is_mtm(arm):
         return mtm.defaults.INITIAL_POSITION
     return tuple(np.clip(np.zeros(arm.n), arm.lower, arm.upper).tolist())
 
 
 class Simulator(Node):
-    """Moves the arm in real time and speaks the console's topics.
+    """Moves the arm in real time on the console's topics.
 
-    Stamps count simulated time from the moment the node started, and every message that is due is
-    sent, the late ones of a busy machine too: a recording shows the arm as it moved, whatever the
-    machine did meanwhile. Where the machine is too slow altogether, time is left out: the log says
-    how much, and the stamps are behind the clock by that.
+    Stamps count simulated time from the start of the node, and every message is sent, also late
+    ones of a busy machine: a recording shows the arm's motion, whatever the machine did meanwhile.
+    Where the machine is too slow altogether, time is skipped: the log says how much, and the stamps
+    lag the clock by that.
     """
 
     def __init__(self) -> None:
@@ -94,7 +95,7 @@ class Simulator(Node):
         """
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
-        # A file for all nodes (`/**`) holds the compensator's parameters, too.
+        # A file for all nodes (`/**`) has the compensator's parameters, too.
         arm = arm_of(given)
         others = all_parameters(arm)
         own_values = {name: value for name, value in given.items() if name not in others}
@@ -117,39 +118,35 @@ class Simulator(Node):
         if len(begin) != simulated.n:
             raise ConfigError("initial_position", begin, f"{simulated.n} positions, rad or m")
         plant.reset(begin)
+        sensors, builtin = value["sensor_noise"], value["builtin_gravity_compensation"]
         self._arm = SimulatedArm(
-            plant,
-            truth.sensors if value["sensor_noise"] else None,
-            int(value["seed"]),
-            value["builtin_gravity_compensation"],
-            STEP,
+            plant, truth.sensors if sensors else None, int(value["seed"]), builtin, STEP
         )
         self._names = simulated.joint_names
-        self._as_read = simulated.reading_of_torque  # efforts in A, where the arm tells these
+        self._as_read = simulated.reading_of_torque  # efforts in A, where the arm reads A
         self._push_timeout = value["push_timeout"] * value["realtime_factor"]
         self._steps_per_second = value["realtime_factor"] / STEP
         self._origin = time.monotonic()
         self._first_stamp = self.get_clock().now()
         self._steps = 0
         self._connect(value["rate"], value["setpoint_rate"], efforts)
-        builtin = "on" if value["builtin_gravity_compensation"] else "off"
         self.get_logger().info(
-            f"simulating {simulated.name} ({truth.source}), in hold; its own gravity compensation "
-            f"is {builtin}"
+            f"simulating {simulated.name} ({truth.source}), in hold; built-in gravity compensation "
+            f"{'on' if builtin else 'off'}"
         )
 
     def finish(self) -> bool:
-        """Go on until nobody commands the arm any more, and stop the clock.
+        """Go on until no node commands the arm, and stop the clock.
 
-        Who commands the arm, asked to end at the same time, holds it and waits for it to
-        acknowledge that: the arm ends last.
+        A compensator that is asked to end at the same time waits for the arm to acknowledge a hold:
+        the arm ends last.
         """
         runtime.outlive(self, self._is_commanded, _OUTLIVES)
         self._timer.cancel()
         return True
 
     def _is_commanded(self) -> bool:
-        """Tell whether somebody publishes commands, or could hold the arm."""
+        """Return whether a node publishes commands, or could hold the arm."""
         return any(self.count_publishers(topic) for topic in self._commands)
 
     def _connect(self, rate: float, setpoint_rate: float, efforts: CommandTopic) -> None:
@@ -159,37 +156,31 @@ class Simulator(Node):
         self._measured = publisher("measured_js")
         self._setpoint = publisher("setpoint_js")
         self._compensation = publisher("gravity_compensation/setpoint_js")
-        self._measured_due = _Due(rate)
-        self._setpoint_due = _Due(setpoint_rate)
+        self._measured_due = _due(rate)
+        self._setpoint_due = _due(setpoint_rate)
         arm = self._arm
-        self._listen(
-            efforts.message_type,
-            efforts.name,
-            lambda message: arm.servo_jf(efforts.effort(message), as_read=True),
-        )
         self._commands = (efforts.name, "servo_jp", "move_jp", "hold")
-        self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
-        self._listen(Empty, "hold", lambda _: arm.hold())
-        # The demonstration's own way to move it: no real arm takes these.
-        for prefix in ("", "simulator/"):
-            self._listen(
-                JointState, f"{prefix}move_jp", lambda message: arm.move_jp(message.position)
-            )
-            self._listen(Empty, f"{prefix}free", lambda _: arm.free())
-        self._listen(
-            Bool,
-            "use_gravity_compensation",
-            lambda message: arm.use_gravity_compensation(message.data),
-        )
-        self._listen(
-            JointState,
-            "simulator/push_jf",
-            lambda message: arm.push(message.effort, self._push_timeout),
-        )
+        commands: list[tuple[Any, str, Callable[[Any], None]]] = [
+            (efforts.message_type, efforts.name,
+             lambda message: arm.servo_jf(efforts.effort(message), as_read=True)),
+            (JointState, "servo_jp", lambda message: arm.servo_jp(message.position)),
+            (Empty, "hold", lambda _: arm.hold()),
+            (Bool, "use_gravity_compensation",
+             lambda message: arm.use_gravity_compensation(message.data)),
+            (JointState, "simulator/push_jf",
+             lambda message: arm.push(message.effort, self._push_timeout)),
+        ]  # fmt: skip
+        for prefix in ("", "simulator/"):  # the latter for the demonstration: no real arm has these
+            commands += [
+                (JointState, f"{prefix}move_jp", lambda message: arm.move_jp(message.position)),
+                (Empty, f"{prefix}free", lambda _: arm.free()),
+            ]
+        for command in commands:
+            self._listen(*command)
         self._timer = self.create_timer(STEP, self._on_timer, clock=runtime.STEADY_CLOCK)
 
     def _listen(self, message_type: Any, topic: str, command: Callable[[Any], None]) -> None:
-        """Subscribe; what the arm refuses is told, and the arm goes on as before."""
+        """Subscribe; commands that the arm refuses are logged and change nothing."""
 
         def receive(message: Any) -> None:
             try:
@@ -208,21 +199,21 @@ class Simulator(Node):
             self._origin += late
             due = most
             self.get_logger().warning(
-                f"behind real time: {late * 1e3:.0f} ms left out",
+                f"behind real time: skipped {late * 1e3:.0f} ms",
                 throttle_duration_sec=1.0,
             )
         for _ in range(due):
             if not self._arm.step():
-                self.get_logger().error("pushed beyond all that can be computed: the arm holds")
+                self.get_logger().error("the pushed arm left the range of numbers: it holds")
             self._steps += 1
             self._publish()
 
     def _publish(self) -> None:
-        arm, now = self._arm, self._steps * STEP
-        if self._measured_due.at(now):
+        arm = self._arm
+        if next(self._measured_due):
             sample = arm.measure()
             self._send(self._measured, sample.position, sample.velocity, sample.effort)
-        if self._setpoint_due.at(now):
+        if next(self._setpoint_due):
             none = np.empty(0)
             target = none if arm.target is None else arm.target
             self._send(self._setpoint, target, none, arm.commanded)
@@ -231,7 +222,7 @@ class Simulator(Node):
     def _send(self, publisher: Any, position: Any, velocity: Any, effort: Any) -> None:
         message = JointState(
             name=self._names,
-            # array('d') is taken as it is; of a list or numpy array every entry is checked.
+            # rclpy takes array('d') unchecked; of a list or numpy array it checks every entry.
             position=array("d", position.tobytes()),
             velocity=array("d", velocity.tobytes()),
             effort=array("d", self._as_read(effort).tobytes()),
@@ -244,23 +235,15 @@ class Simulator(Node):
         for parameter in parameters:
             if parameter.name in SIMULATOR_PARAMETERS:
                 return SetParametersResult(
-                    successful=False, reason=f"{parameter.name} is read when the node starts"
+                    successful=False, reason=f"{parameter.name} is read only at the start"
                 )
         return SetParametersResult(successful=True)
 
 
-class _Due:
-    """Tells at which steps something at a fixed rate is to be done."""
-
-    def __init__(self, rate: float) -> None:
-        """Begin at time 0; ``rate`` in Hz, of simulated time."""
-        self._period = 1.0 / rate
-        self._count = 0
-
-    def at(self, now: float) -> bool:
-        """Tell whether it is due; to be asked once a step, at ``now`` s."""
-        # Half a step early rather than half a step late.
-        if now < self._count * self._period - 0.5 * STEP:
-            return False
-        self._count += 1
-        return True
+def _due(rate: float) -> Iterator[bool]:
+    """Yield, once a step, whether something at a fixed rate, Hz, is due."""
+    count, period = 0, 1.0 / rate
+    for step in itertools.count(1):
+        due = step * STEP >= count * period - 0.5 * STEP  # half a step early rather than late
+        count += due
+        yield due

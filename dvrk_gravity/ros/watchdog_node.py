@@ -1,8 +1,9 @@
-"""The watchdog: holds the arm when its commands stop (a killed compensator, a vanished machine)."""
+"""The watchdog: holds the arm when commands stop (a killed compensator, a crashed computer)."""
 
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty, Float64, String
@@ -10,18 +11,17 @@ from std_msgs.msg import Empty, Float64, String
 from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.presence import Presence
+from dvrk_gravity.ros.presence import HOLD, Presence
+from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
 TIMEOUT_TOPIC = "watchdog_timeout"
 """Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""
 
 OWN_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
-"""Names of those that it reads itself."""
 
-# s. A node looks every 0.1 s whether it is asked to end (runtime.py), and then holds at once; a
+# s. A node checks every 0.1 s whether it is asked to end (runtime.py), and then holds at once; a
 # busy machine may stand still for half a second.
 _OUTLIVES = 0.6
 
@@ -37,42 +37,37 @@ class Watchdog(PromptNode):
         """
         super().__init__("watchdog", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
-        # A file for all nodes (`/**`) holds the model's, too.
+        # A file for all nodes (`/**`) has the model's, too.
         table = all_parameters(arm_of(given))
         values = {name: table[name].default for name in OWN_PARAMETERS}
         values |= check_all(table, given, BY_EFFECTS)
         timeout = values["watchdog_timeout"]
-        assert isinstance(timeout, float)  # check_all has seen to it
+        assert isinstance(timeout, float)  # check_all returns it so
         self._timeout = timeout
-        self._last: float | None = None  # when the last command came; None: the arm is held
+        self._last: float | None = None  # time of the last command; None: the arm is held
         topic = CommandTopic.of(values)
         self._hold = Hold(self, Presence(self, any_subscriber=topic.as_array).listens)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = self.create_publisher(String, "~/state", latched)
-        # Raw: that a command came is all that matters, not what it says. rclpy's annotation does
-        # not know of the information about a message that its callbacks may take.
+        on_command: Any = self._on_command  # takes the message's information, too
         self.prompt = self.create_subscription(
-            topic.message_type,
-            topic.name,
-            self._on_command,  # type: ignore[arg-type]
-            1,
-            raw=True,
+            topic.message_type, topic.name, on_command, 1, raw=True
         )
-        self.create_subscription(Empty, "hold", self._on_hold, 10)
+        self.create_subscription(Empty, HOLD, self._on_hold, 10)
         self.create_publisher(Float64, TIMEOUT_TOPIC, latched).publish(Float64(data=timeout))
         self.create_timer(self._timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
-        self._tell(f"watching {topic.name}: hold after {self._timeout:g} s without a command")
+        self._report(f"watching {topic.name}: hold after {self._timeout:g} s without a command")
 
     def _on_command(self, data: bytes, info: object) -> None:
         if self._last is None:
             self._hold.drop()
-            self._tell("the arm is commanded")
+            self._report("the arm is commanded")
         self._last = time.monotonic()
 
     def _on_hold(self, _: Empty) -> None:
         if not self._hold.echo() and self._last is not None:
             self._last = None
-            self._tell("the arm holds: its commands ended with a hold")
+            self._report("the arm holds: its commands ended with a hold")
 
     def _on_watch(self) -> None:
         self._hold.look()
@@ -85,17 +80,17 @@ class Watchdog(PromptNode):
             text = f"hold sent: no command for {silence:.3f} s and no hold before"
             self._state.publish(String(data=text))
             self.get_logger().error(
-                f"{text}; to go on, call ~/enable of the compensator, or start it anew"
+                f"{text}; to resume, call ~/enable of the compensator, or restart it"
             )
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._state.publish(String(data=text))
         self.get_logger().info(text)
 
     def finish(self) -> bool:
-        """Hold an arm that nobody would watch from now on; return whether the hold has arrived.
+        """Hold an arm that would be unwatched from now on; return whether that is acknowledged.
 
-        Who commands it, asked to end at the same time, holds it itself.
+        A compensator that is asked to end at the same time holds it itself.
         """
         runtime.outlive(self, lambda: self._last is not None, _OUTLIVES)
         if self._last is not None:

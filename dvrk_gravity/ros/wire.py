@@ -1,32 +1,86 @@
-"""JointStates as the bytes that DDS carries: unpacked and packed without a message object.
+"""An arm's messages: its command topic, and JointStates unpacked and packed as DDS's bytes.
 
-An arm's messages differ in their stamp and their numbers only, and these always lie at the same
-place. Taking them from there is several times faster than having rclpy make an object with seven
-names and thirty numbers of its own, of which most is never looked at.
+An arm's messages differ in their stamp and numbers only, which always lie at the same place.
+Reading them there is several times faster than rclpy's message object with seven names and thirty
+numbers, most of which nobody reads.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.serialization import deserialize_message
+from rclpy.validate_topic_name import validate_topic_name
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DroppedSampleError
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.recording import ENCAPSULATION, STAMP, CdrError, JointStateLayout
-from dvrk_gravity.ros.command_topic import EFFORT
 
 Stamp = tuple[int, int]
 """Seconds and nanoseconds."""
 
+_NOTHING = np.empty(0)
+
+PARAMETERS = ("output", "output_topic")
+EFFORT = ("effort",)
+
+
+@dataclass(frozen=True)
+class CommandTopic:
+    """Topic of the commands that an arm takes: efforts, or a stream of positions.
+
+    Attributes:
+        name: Its name.
+        as_array: Messages are Float64MultiArray, for effort controllers of ros2_control, not
+            JointState.
+        fields: Non-empty fields of a JointState.
+    """
+
+    name: str
+    as_array: bool
+    fields: tuple[str, ...] = EFFORT
+
+    @classmethod
+    def positions(cls) -> CommandTopic:
+        """Return the topic of a stream of positions."""
+        return cls("servo_jp", False, ("position", "velocity"))
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> CommandTopic:
+        """Return the topic that checked values of :data:`PARAMETERS` name.
+
+        Raises:
+            ConfigError: Not the name of a topic.
+        """
+        as_array = values["output"] == "array"
+        name = values["output_topic"] or ("commands" if as_array else "servo_jf")
+        try:
+            validate_topic_name(name)
+        except InvalidTopicNameException as error:
+            raise ConfigError("output_topic", name, "the name of a topic") from error
+        return cls(name, as_array)
+
+    @property
+    def message_type(self) -> Any:
+        """Type of its messages."""
+        return Float64MultiArray if self.as_array else JointState
+
+    def effort(self, message: Any) -> Any:
+        """Return the efforts in a message, N·m or N."""
+        return message.data if self.as_array else message.effort
+
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """What a JointState says."""
+    """The fields of a JointState."""
 
     stamp: Stamp
     names: tuple[str, ...]
@@ -41,10 +95,9 @@ class Fields:
 
 
 class JointStateReader:
-    """Unpacks JointStates; quick from the second message of a layout on."""
+    """Unpacks JointStates, quickly from the second message of a layout on."""
 
     def __init__(self) -> None:
-        """Start without a layout."""
         self._size = -1
         self._fixed: list[tuple[slice, bytes]] = []
 
@@ -67,13 +120,12 @@ class JointStateReader:
         return Fields(stamp, self._names, position, velocity, effort)
 
     def _learn(self, raw: bytes) -> None:
-        """Take the layout of a message for that of those to come."""
-        self._size = -1  # should it be none, no later message is to match the last one
+        self._size = -1  # if parsing fails, no later message must match the previous layout
         layout = JointStateLayout.parse(raw)
         self._names, self._fields = layout.names, layout.fields
         self._number = np.dtype(f"{layout.order}f8")
         self._stamp = struct.Struct(f"{layout.order}iI")
-        # All but stamp and numbers has to stay as it is: the parts between them.
+        # All but stamp and numbers must stay the same: the parts between them.
         ends = np.flatnonzero(np.diff(layout.constant.astype(int), prepend=0, append=0))
         parts = [slice(int(a), int(b)) for a, b in ends.reshape(-1, 2)]
         self._fixed = [(part, raw[part]) for part in parts]
@@ -84,13 +136,7 @@ class CommandWriter:
     """Packs JointStates of commands, all with the same names, frame and fields."""
 
     def __init__(self, names: Sequence[str], frame: str, fields: Sequence[str] = EFFORT) -> None:
-        """Pack one message, of which stamp and numbers are then replaced.
-
-        Args:
-            names: The joints.
-            frame: What the messages are marked with.
-            fields: Those that have a number a joint, in JointState's order; the others are empty.
-        """
+        """Pack one message, whose stamp and numbers are then replaced; other fields are empty."""
         raw = bytearray(b"\0\1\0\0" + bytes(8))  # little-endian CDR; a stamp
 
         def text(value: str) -> None:
@@ -122,14 +168,11 @@ class CommandWriter:
 
 
 def _unpacked_by_ros(raw: bytes) -> Fields:
-    """Return the fields of bytes of which our own parser makes nothing (some padding, say)."""
+    """Return the fields of bytes that our own parser refuses (some padding, say)."""
     try:
         message = deserialize_message(raw, JointState)
-    except Exception as error:  # whatever the middleware's parser says of damaged bytes
+    except Exception as error:  # the middleware raises several types for damaged bytes
         raise DroppedSampleError("malformed", f"{len(raw)} bytes, no JointState") from error
     numbers = (np.array(field) for field in (message.position, message.velocity, message.effort))
     stamp = message.header.stamp
     return Fields((stamp.sec, stamp.nanosec), tuple(message.name), *numbers)
-
-
-_NOTHING = np.empty(0)

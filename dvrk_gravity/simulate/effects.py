@@ -123,7 +123,7 @@ class Effects:
         return torque, mass
 
     def go(self, way: Array) -> None:
-        """Tell friction that has a memory of the (n,) way of a step, rad."""
+        """Pass the (n,) displacement of a step, rad, to friction with memory."""
         for memory in self._memory:
             memory.go(way)
 

@@ -41,7 +41,7 @@ class _States:
             the sliding rows, which are at one of their bounds.
         stuck: (2, m) 1 where stuck, in both rows.
         any_stuck: Whether any is.
-        freedom: k, how many motions the stuck rows leave.
+        dof: k, how many motions the stuck rows leave.
         free: (n, k) basis of the motions that the stuck rows leave.
         free_transposed: (k, n) the same, transposed.
         to_impulse: (m, n) generalised impulse -> impulses of the stuck rows, least norm.
@@ -54,7 +54,7 @@ class _States:
     to_momentum: Array
     stuck: Array
     any_stuck: bool
-    freedom: int
+    dof: int
     free: Array
     free_transposed: Array
     to_impulse: Array
@@ -73,7 +73,7 @@ class _States:
             to_momentum=np.vstack([(states > 0)[:, None] * rows, (states < 0)[:, None] * rows]),
             stuck=np.tile(stuck.astype(float), (2, 1)),
             any_stuck=bool(stuck.any()),
-            freedom=free.shape[1],
+            dof=free.shape[1],
             free=free,
             free_transposed=np.ascontiguousarray(free.T),
             to_impulse=to_impulse,
@@ -104,7 +104,7 @@ class FrictionSolver:
         self.reset()
 
     def reset(self) -> None:
-        """Suppose everything to be stuck, as before the first step."""
+        """Reset to everything stuck, as before the first step."""
         self._current = self._of(np.zeros(len(self.rows), dtype=np.int8))
 
     @property
@@ -128,7 +128,7 @@ class FrictionSolver:
         for count in range(_BLOCK_STEPS + _SINGLE_STEPS):
             target = momentum + flat.dot(current.to_momentum)
             velocity = _move(mass, target, current)
-            # One number a row. Sliding: its speed, which has the sign that its impulse supposes.
+            # One number a row. Sliding: its speed, with the sign that its impulse assumes.
             # Stuck: the impulse that keeps it still, which is within its bounds.
             found = current.sliding.dot(velocity)
             limits = current.limits
@@ -169,7 +169,7 @@ class FrictionSolver:
 def _move(mass: Array, momentum: Array, states: _States) -> Array:
     """Return the velocity with the stuck rows at rest: N (N^T M N)^-1 N^T p."""
     # LAPACK reads by columns: the transpose of a symmetric matrix saves it a copy.
-    count = states.freedom
+    count = states.dof
     if count == 0:
         return np.zeros(len(momentum))
     if count == len(momentum):

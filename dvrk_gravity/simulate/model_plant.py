@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import Arm, link_frames
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import LinkInertia, RotorInertia, State, prior_scale, supposed_rotors
+from dvrk_gravity.effects import LinkInertia, RotorInertia, State, assumed_rotors, prior_scale
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel
@@ -105,7 +105,7 @@ def _completed(
          for name in arm.body_names]
     )  # fmt: skip
     state, count = _states(arm, settings), settings.states
-    size = np.where(known.rotor_inertia > 0.0, known.rotor_inertia, supposed_rotors(arm))
+    size = np.where(known.rotor_inertia > 0.0, known.rotor_inertia, assumed_rotors(arm))
     of_links = links.regressor(state)
     of_rotors = RotorInertia(arm, size).regressor(state) * size
     # Each joint's torque in proportion to what is usual there: the roll's counts as the yaw's.

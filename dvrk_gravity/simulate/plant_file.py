@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import LARGEST, PLANTS, Arm, plausible_plant
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import supposed_inertias, supposed_rotors, terms
+from dvrk_gravity.effects import assumed_inertias, assumed_rotors, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
@@ -89,7 +89,7 @@ class PlantFile:
 
         It is the first of those that come with the package whose name begins with the arm's, of any
         MTM ``mtmr_28002`` on its own geometry. Of another arm, and of one with joints that are
-        held, which those plants have, supposed are the inertia of its file, or spheres if it has
+        held, which those plants have, the plant has the inertia of its file, or spheres if it has
         none, and rotors; the weight that goes with it (``Term.nominal``); the friction that its
         file states, or a usual one if it states none; and perfect sensors.
 
@@ -101,11 +101,11 @@ class PlantFile:
             values = {**plant.model.parameters(), "arm": arm.source or arm.name}
             return replace(plant, model=TorqueModel.from_parameters(values, arm))
         stated = [each for term in terms() if term.FRICTION and (each := term.stated(arm))]
-        supposed = [each for term in terms() if (each := term.nominal(arm))]
-        usual = (term for term in supposed if not (stated and term.FRICTION))
+        nominal = [each for term in terms() if (each := term.nominal(arm))]
+        usual = (term for term in nominal if not (stated and term.FRICTION))
         model = TorqueModel(arm, (*usual, *stated))
         source = f"{arm.name}'s file" if arm.inertial_parameters is not None else "spheres"
-        return cls(model, supposed_inertias(arm), supposed_rotors(arm), Sensors(), source)
+        return cls(model, assumed_inertias(arm), assumed_rotors(arm), Sensors(), source)
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
         """Build the plant.

@@ -7,13 +7,54 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import expm
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.planning import Move, careful
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import SensorReader, Sensors
-from dvrk_gravity.simulate.set_point import SetPointFilter
+
+# Four equal lags: positions that come as steps, 1 rad/s at 100 Hz, leave the servo accelerations of
+# 0.02 rad/s^2 at that frequency, a hundredth of an exciting motion's; two lags leave 10 rad/s^2.
+LAGS = 4
+# Time constant of each, s. Together 80 ms behind the commands: industrial controllers that take
+# streamed positions look ahead by 30 to 200 ms for the same purpose (UR's `servoj`).
+TIME_CONSTANT = 0.02
+
+
+class SetPointFilter:
+    """A low-pass of equal lags, exact for commands that stay until the next one comes.
+
+    The simulated servo is far stiffer than a real MTM's. Given steps as they come it would answer
+    each with a blow of torque, too short for a recording to separate from the motion's own.
+    Behind this filter the set point is smooth at any rate of the commands, and however unevenly
+    they come.
+    """
+
+    def __init__(self, start: Array, dt: float) -> None:
+        """Begin at rest.
+
+        Args:
+            start: (n,) position, rad.
+            dt: Time between two calls of :meth:`step`, s.
+        """
+        rates = (np.eye(LAGS, k=-1) - np.eye(LAGS)) / TIME_CONSTANT
+        self._carry = expm(rates * dt)
+        self._take = (1.0 - self._carry.sum(axis=1))[:, None]
+        self._state = np.tile(start, (LAGS, 1))
+
+    @property
+    def position(self) -> Array:
+        """(n,) position that it is at, rad."""
+        return self._state[-1]
+
+    def step(self, command: Array) -> tuple[Array, Array]:
+        """Go one step on; return (n,) position, rad, and (n,) velocity, rad/s."""
+        self._state = self._carry.dot(self._state) + self._take * command
+        position = self._state[-1]
+        return position, (self._state[-2] - position) / TIME_CONSTANT
+
 
 # The servo's closed loop is critically damped with this natural frequency, rad/s.
 _SERVO_FREQUENCY = 100.0
@@ -60,7 +101,7 @@ class SimulatedArm:
         effort: (n,) torque that the actuators applied in the last step, N·m.
         commanded: (n,) the same before saturation, N·m.
         compensation: (n,) part of it that the built-in compensation added; zero while off.
-        target: (n,) measured position that the servo was told to go for, rad; ``None`` in effort
+        target: (n,) position set point of the servo, rad; ``None`` in effort
             mode.
     """
 
@@ -152,7 +193,7 @@ class SimulatedArm:
         self._filter = stream
 
     def follow(self, position: ArrayLike, velocity: ArrayLike) -> None:
-        """Servo to a moving point, told anew at every step: no console offers this.
+        """Servo to a set point that changes every step: no console offers this.
 
         Args:
             position: (n,) rad; held within the joints' limits.
@@ -247,7 +288,7 @@ class SimulatedArm:
         return Measurement(plant.time, *self._reader.read(position, velocity, effort))
 
     def _servo_effort(self, target: Array) -> Array:
-        """Return M (w^2 (target - q) + 2 w (velocity - v)), alike stiff in every pose."""
+        """Return M (w^2 (target - q) + 2 w (velocity - v)), equally stiff in every pose."""
         plant = self.plant
         if self._move is not None:
             target, self._velocity = self._move.at(plant.time)

@@ -1,4 +1,4 @@
-"""What programs may do with a master arm unless they are told otherwise."""
+"""Numbers of a master arm: defaults for programs that move it, link sizes, published errors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ACCELERATION = VELOCITY.copy()
 EXCITED_RANGE = (0.9, 0.9, 0.9, 0.9, 0.9, 0.9, 0.3)
 """(7,) part of what is left that an exciting motion uses: roll turns far more than it need."""
 FOLLOWING_ERROR = np.radians([8.0, 8.0, 8.0, 8.0, 8.0, 8.0, 12.0])
-"""(7,) how far the arm may be from where it was told to be, rad: twice the 4 and 6 deg within which
+"""(7,) greatest following error, rad: twice the 4 and 6 deg within which
 the console takes a goal for reached (sawIntuitiveResearchKit, mtsIntuitiveResearchKitMTM.cpp)."""
 # Within the range on which the arm of the example model was calibrated.
 DEMONSTRATED_POSES = np.radians(
@@ -50,3 +50,29 @@ DEMONSTRATED_POSES = np.radians(
 )
 INITIAL_POSITION = (0.0, 0.0, 0.0, 0.0, np.pi / 2, 0.0, 0.0)
 """(7,) rad, where a simulated arm is at first."""
+
+
+PUBLISHED_ERROR = {
+    "outer_yaw": 0.082,
+    "shoulder_pitch": 0.163,
+    "elbow_pitch": 0.191,
+    "wrist_platform": 0.223,
+    "wrist_pitch": 0.280,
+    "wrist_yaw": 0.235,
+    "wrist_roll": 0.340,
+}
+"""By joint, as a part of its torque, of another motion than the one fitted: the larger of weighted
+least squares and a convex fit, by the authors of WPI-AIM/dvrk_dynamics_identification."""
+
+
+SIZES = {  # mass kg, extent m
+    "link1": [1.0, 0.15],
+    "link2": [0.8, 0.3],
+    "crank": [0.2, 0.1],
+    "link3": [0.4, 0.35],
+    "bar": [0.3, 0.3],
+    "link4": [0.4, 0.2],
+    "link5": [0.15, 0.12],
+    "link6": [0.1, 0.08],
+    "link7": [0.05, 0.04],
+}

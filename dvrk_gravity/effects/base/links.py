@@ -1,63 +1,144 @@
-"""Links: which body a joint carries, which can be weighed, changes of their parameters."""
+"""Inertial parameters of links: plausible sizes, what torque shows of them, single changes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import GRAVITY, Arm
+from dvrk_gravity import gravity
+from dvrk_gravity.arms import GRAVITY, Arm, Tree, nominal_inertias
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import samples
+from dvrk_gravity.effects.base.rigid_body import PER_LINK
+from dvrk_gravity.effects.base.site import Kind, joints_with_weight, links_of_joints, unit_travel
+from dvrk_gravity.effects.base.term import Evaluator
+from dvrk_gravity.parameters import Parameter, Value
 
 AXES = ("x", "y", "z")
-PER_LINK = 10
 _RANK = 1e-9  # of a norm, that rounding leaves of what others make up
+_MASS = 1.0  # kg, of a link of which nothing is known
+_EXTENT = 0.1  # m, likewise
+_LEAST = 0.05  # of the heaviest link's nominal mass, that a light one may be off by
 
 
 @lru_cache(maxsize=8)
-def links_of_joints(arm: Arm) -> tuple[int, ...]:
-    """Return the index of the body that each joint carries: of several, what carries the most.
+def link_sizes(arm: Arm) -> tuple[tuple[float, float], ...]:
+    """Return plausible mass, kg, and extent, m, of each body, for a prior of its parameters.
 
-    An MTM's elbow moves forearm, crank and bar; the forearm carries the wrist. Where no body is
-    moved by a joint alone (of a PSM's jaws each turns by half of `jaw`) it is one that moves by
-    others, too.
+    They are those that the arm's file gives; of an arm whose file brings nominal parameters they
+    are those parameters' own; of others a link is as long as the way to the farthest one that it
+    carries.
     """
-    below = np.zeros(len(arm.bodies), dtype=int)
-    for index in range(len(arm.bodies) - 1, -1, -1):
-        parent = arm.bodies[index].parent
-        if parent >= 0:
-            below[parent] += 1 + below[index]
-    alone = (arm.expand[:, None] == np.eye(arm.n)).all(axis=2)  # (bodies, n), by that joint alone
-    worth = np.where(alone, below[:, None] + len(arm.bodies), below[:, None])
-    worth = np.where(arm.expand != 0.0, worth, -1)
-    return tuple(int(body) for body in np.argmax(worth, axis=0))
+    nominal = arm.inertial_parameters
+    least = 0.0 if nominal is None else _LEAST * float(nominal[:, 0].max())
+    sizes = []
+    for index, body in enumerate(arm.body_names):
+        if body in arm.sizes:
+            sizes.append(arm.sizes[body])
+            continue
+        ways = [
+            float(np.linalg.norm(other.placement.translation))
+            for other in arm.bodies
+            if other.parent == index
+        ]
+        mass, extent = _MASS, max([*ways, _EXTENT])
+        if nominal is not None:
+            mass = max(float(nominal[index, 0]), least)
+            radius = np.sqrt(max(nominal[index, [4, 6, 9]].sum(), 0.0) / (2.0 * mass))
+            extent = max(extent, float(radius))
+        sizes.append((mass, extent))
+    return tuple(sizes)
 
 
-def last_link(arm: Arm) -> str:
-    """Return the name of the link that the last joint carries, as a rule the hand or the tool.
+@lru_cache(maxsize=8)
+def samples(arm: Arm) -> tuple[Array, Array, Array]:
+    """Return (200, n) random positions within the limits, velocities and accelerations."""
+    random = np.random.default_rng(0)
+    q = random.uniform(*arm.range, (200, arm.n))
+    qd, qdd = random.normal(size=(2, 200, arm.n)) * np.array([[[2.0]], [[10.0]]])
+    return q, qd, qdd
 
-    It need not be the last body: of a gripper that may be a finger that follows another.
+
+def prior_scale(arm: Arm) -> Array:
+    """Return (10 bodies,) plausible sizes of the links' parameters."""
+    return np.concatenate(
+        [
+            np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
+            for mass, size in link_sizes(arm)
+        ]
+    )
+
+
+@lru_cache(maxsize=8)
+def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
+    """Return (10 bodies, b): the b combinations of link parameters that torque can show at all.
+
+    Columns are scaled so that a Gaussian of unit variance on each is, as far as torque can
+    tell, the prior of independent link parameters of the plausible sizes above: what the
+    data leave open stays near "no mass" and in proportion to those sizes. The number b comes
+    from a rank-revealing QR with column pivoting (Gautier 1991) of the regressor at random motion.
+
+    Args:
+        arm: The arm.
+        absent: Link parameters that are zero.
     """
-    return arm.body_names[links_of_joints(arm)[-1]]
+    scale = prior_scale(arm)
+    scale[list(absent)] = 0.0
+    return _that_act(rigid_body.regressor(arm, *samples(arm), arm.gravity), scale)
 
 
 @lru_cache(maxsize=8)
-def joint_of_link(arm: Arm, body: int) -> int:
-    """Return the joint that a body is said of: whose link it is, or the last one that moves it."""
-    links = links_of_joints(arm)
-    if body in links:
-        return links.index(body)
-    while body >= 0 and not arm.bodies[body].row.any():
-        body = arm.bodies[body].parent
-    return int(np.flatnonzero(arm.bodies[body].row)[-1])
+def weight_directions(arm: Arm) -> Array:
+    """Return (4 bodies, b): as :func:`base_directions`, of masses and first moments at rest."""
+    scale = prior_scale(arm).reshape(len(arm.bodies), -1)[:, : rigid_body.OF_WEIGHT].ravel()
+    return _that_act(rigid_body.weight_regressor(arm, samples(arm)[0], arm.gravity), scale)
+
+
+def _that_act(regressor: Array, scale: Array) -> Array:
+    """Return (p, b) combinations, of unit prior size, of the parameters that a regressor shows."""
+    from scipy.linalg import qr
+
+    full = regressor.reshape(-1, len(scale)) * scale
+    diagonal = np.abs(np.diag(qr(full, mode="r", pivoting=True)[0]))
+    rank = int(np.sum(diagonal > _RANK * diagonal[0]))
+    directions = np.linalg.svd(full, full_matrices=False)[2][:rank].T
+    return scale[:, None] * directions
 
 
 @lru_cache(maxsize=8)
-def links_told_apart(arm: Arm) -> tuple[int, ...]:
+def rotors_beside_links(arm: Arm) -> tuple[int, ...]:
+    """Return the motors whose rotors' torque is none that links could have.
+
+    The others' inertia is a part of a link's, as far as torque can tell.
+    """
+    q, qd, qdd = samples(arm)
+    links = rigid_body.regressor(arm, q, qd, qdd, arm.gravity) @ base_directions(arm)
+    basis = np.linalg.qr(links.reshape(-1, links.shape[-1]))[0]
+    found = []
+    for motor, row in enumerate(arm.joint_to_actuator):
+        torque = np.outer(qdd @ row, row).ravel()
+        beside = torque - basis @ (basis.T @ torque)
+        if np.linalg.norm(beside) > _RANK * np.linalg.norm(torque):
+            found.append(motor)
+    return tuple(found)
+
+
+@lru_cache(maxsize=8)
+def beta_map(arm: Arm) -> Array:
+    """Return (12 or 14, 90): beta in N·m of an MTM from its links' parameters."""
+    tilted = bool(np.abs(arm.gravity[:2]).max() > 1e-9)
+    q = samples(arm)[0]
+    weight = rigid_body.regressor(arm, q, None, None, arm.gravity)
+    y = gravity.regressor(q, arm.gravity, 14 if tilted else 12)
+    rows = q.size
+    return np.asarray(np.linalg.lstsq(y.reshape(rows, -1), weight.reshape(rows, -1), rcond=None)[0])
+
+
+@lru_cache(maxsize=8)
+def identifiable_links(arm: Arm) -> tuple[int, ...]:
     """Return the bodies that can be weighed, of those whose weights look alike only one.
 
     A joint's own link goes before those that follow it: of a parallelogram's sides that turn alike
@@ -83,16 +164,6 @@ def links_told_apart(arm: Arm) -> tuple[int, ...]:
             found.append(body)
             spans.append(span)
     return tuple(found)
-
-
-@lru_cache(maxsize=8)
-def joints_with_weight(arm: Arm) -> tuple[int, ...]:
-    """Return the joints whose link can be weighed: all but one that turns about the vertical."""
-    first = arm.bodies[0]
-    axis = first.placement.rotation[:, 2]
-    upright = np.linalg.norm(np.cross(axis, arm.gravity)) < 1e-9 * GRAVITY
-    turns = first.kind == "revolute" and bool(upright)
-    return tuple(joint for joint in range(arm.n) if not (turns and first.row[joint]))
 
 
 def mass_directions(arm: Arm, body: int, com: Array) -> Array:
@@ -141,3 +212,53 @@ def moment_directions(arm: Arm, body: int, axes: Sequence[int]) -> Array:
     frame = arm.bodies[body].frame
     directions[1:4] = frame.rotation[:, list(axes)]
     return directions / GRAVITY
+
+
+# Rotor inertia, as a fraction of a motor's largest effort per rad/s^2: 0.0004 to 0.0023 for the
+# MTM's in config/plants.
+_ROTOR = 0.002
+
+
+def assumed_inertias(arm: Arm) -> dict[str, pin.Inertia]:
+    """Return inertias of an arm's bodies in their link frames, to simulate it unmeasured.
+
+    The nominal ones of its file (a URDF), or spheres about the links' origins of the sizes of
+    :func:`link_sizes`.
+    """
+    return nominal_inertias(arm) or {
+        name: pin.Inertia.FromSphere(mass, extent)
+        for name, (mass, extent) in zip(arm.body_names, link_sizes(arm), strict=True)
+    }
+
+
+def assumed_rotors(arm: Arm) -> Array:
+    """Return (n,) reflected inertia of rotors, kg·m^2 (kg), to simulate an arm unmeasured."""
+    return _ROTOR * arm.actuator_effort_limit / unit_travel(arm, Kind.MOTOR)
+
+
+def weight_evaluator(tree: Tree) -> Evaluator:
+    """Return the evaluator of the torques that hold a tree up."""
+    model, data, expand = tree.model, tree.data, tree.expand
+
+    def evaluate(q: Array, qd: Array | None) -> Array:
+        return pin.computeGeneralizedGravity(model, data, expand.dot(q)).dot(expand)
+
+    return evaluate
+
+
+def gravity_parameters() -> tuple[Parameter, ...]:
+    """Declare the gravity flag and the direction of gravity."""
+    return (
+        Parameter("gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"),
+        Parameter(
+            "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
+            lower=-30.0, upper=30.0, lengths=(3,),
+        ),
+    )  # fmt: skip
+
+
+def gravity_of(arm: Arm, values: Mapping[str, Value]) -> tuple[Array, bool]:
+    """Return (3,) gravity in the base frame, m/s^2, and the gravity flag of a model."""
+    vector = values.get("gravity_vector")
+    enabled = bool(values.get("gravity_enabled", True))
+    return arm.gravity if vector is None else np.array(vector), enabled

@@ -98,7 +98,7 @@ class Meaning:
         """Whether it is positive by its nature."""
         return self.least >= 0.0
 
-    def tell(self, estimate: Estimate) -> str:
+    def in_words(self, estimate: Estimate) -> str:
         """Return an estimate in words; before one whose interval holds zero stands `perhaps`."""
         if self.percent and not self.least <= estimate.value <= self.greatest:
             return f"{estimate.shown} times"  # no change that anybody would count in percent

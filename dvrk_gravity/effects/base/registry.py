@@ -44,7 +44,7 @@ def effects() -> tuple[type[Effect], ...]:
         EffectError: A package names an effect that cannot be imported or registered.
     """
     _load_entry_points()
-    return tuple(sorted(_effects.values(), key=lambda effect: effect.NAMELESS))
+    return tuple(sorted(_effects.values(), key=lambda effect: effect.UNEXPLAINED))
 
 
 def terms() -> tuple[type[Term], ...]:
@@ -62,7 +62,7 @@ def named(name: str) -> type[Effect]:
     return _effects[name]
 
 
-def of_others() -> dict[str, str]:
+def from_other_packages() -> dict[str, str]:
     """Return the names of registered effects of other packages by the modules that define them."""
     package = __name__.partition(".")[0]
     return {

@@ -114,12 +114,13 @@ def weight_regressor(arm: Arm, q: Array, gravity: Array) -> Array:
 def torque(
     arm: Arm, parameters: Array, q: Array, qd: Array | None, qdd: Array | None, gravity: Array
 ) -> Array:
-    """Return (N, n) efforts of (10 bodies,) parameters; see :func:`regressor`."""
-    out = np.empty(q.shape)
+    """Return (…, n) efforts of (10 bodies,) parameters, of a motion; see :func:`regressor`."""
+    qd, qdd = (None if each is None else each.reshape(-1, arm.n) for each in (qd, qdd))
+    out = np.empty((q.size // arm.n, arm.n))
     tree, links = bodies(arm), parameters.reshape(-1, PER_LINK)
-    for part, coordinates in _blocks(tree, q, qd, qdd):
+    for part, coordinates in _blocks(tree, q.reshape(-1, arm.n), qd, qdd):
         out[part] = _torque(tree, links, coordinates, gravity, arm.n).T
-    return out
+    return out.reshape(q.shape)
 
 
 class _Coordinate(NamedTuple):

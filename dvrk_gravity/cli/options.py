@@ -1,0 +1,232 @@
+"""Options that several verbs share: the arm, its efforts, its recordings, unrecorded joints."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files.resources import shipped
+
+if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.recording import Coordinates, RecordingFile
+
+
+def arms() -> str:
+    """Return the possible values of ``--arm``, for its help."""
+    return f"{', '.join(shipped('arms'))}, or an arm's .yaml or .urdf file"
+
+
+def add_recordings(parser: argparse.ArgumentParser) -> None:
+    """Declare the recordings."""
+    parser.add_argument(
+        "recordings", metavar="RECORDING", type=Path, nargs="+",
+        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
+    )  # fmt: skip
+
+
+def add_drive_gains(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--drive-gains`` and ``--effort-unit``."""
+    given = parser.add_mutually_exclusive_group()
+    given.add_argument(
+        "--drive-gains", metavar="GAIN,...",
+        help="efforts are motor currents: N·m (or N) of each A, one a joint",
+    )  # fmt: skip
+    given.add_argument(
+        "--effort-unit", metavar="UNIT",
+        help="unit of the efforts if it is not N·m and the gains are unknown: A; or N·m, to "
+        "override the masses in the arm's file",
+    )  # fmt: skip
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Declare how recordings are read: ``--topic``, ``--time-base`` and ``--columns``."""
+    parser.add_argument("--topic", help="JointState topic of bags, if they have several")
+    parser.add_argument(
+        "--time-base", choices=("stamp", "receive"), default="stamp",
+        help="time of samples: the header's stamp (default), or when a bag received them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--columns", metavar="NAME=TARGET,...",
+        help="meaning of CSV columns, if not recognised: t=time[ms],q1=elbow.position[deg]; "
+        "or a .yaml file with NAME: TARGET",
+    )  # fmt: skip
+
+
+def reading(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments with which to read a recording."""
+    return {name: getattr(arguments, name) for name in ("topic", "time_base", "columns")}
+
+
+def recordings(
+    paths: Iterable[str | Path],
+    arguments: argparse.Namespace,
+    arm: Arm,
+    coordinates: Coordinates = "joint",
+) -> list[RecordingFile]:
+    """Return the recordings of the command line."""
+    from dvrk_gravity.recording import RecordingFile
+
+    given = reading(arguments)
+    return [RecordingFile(path, coordinates=coordinates, arm=arm, **given) for path in paths]
+
+
+def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
+    """Return the arm with the gains, or the unit, of the command line.
+
+    Raises:
+        ConfigError: Another number of gains than joints, one that is not positive, no unit; or
+            others than the arm's own.
+    """
+    text, unit = arguments.drive_gains, arguments.effort_unit
+    if text is not None:
+        gains = numbers("--drive-gains", text, arm.n, ", ".join(arm.joint_names))
+        if arm.drive_gains is not None and gains != arm.drive_gains.tolist():
+            shown = ",".join(f"{gain:g}" for gain in arm.drive_gains)
+            raise ConfigError("--drive-gains", text, f"the arm's own, {shown}, or none")
+        return arm if arm.drive_gains is not None else arm.with_drive_gains(gains)
+    return arm if unit is None else arm.told_in(unit)
+
+
+def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
+    """Return the model with the drive gains, or the unit, of the command line.
+
+    Raises:
+        ConfigError: Another unit than the model's, or see :func:`with_drive_gains`.
+    """
+    from dvrk_gravity.arms import in_newtons
+
+    given, arm, gains = arguments.effort_unit, model.arm, arguments.drive_gains
+    if gains is not None and arm.read_in:
+        why = f"none: the model is in {arm.read_in}; identify it with them"
+        raise ConfigError("--drive-gains", gains, why)
+    if gains is not None and arm.drive_gains is None and not model.of_file:
+        print(
+            "warning: --drive-gains takes efforts as currents, but the model was identified from "
+            "efforts in N·m",
+            file=sys.stderr,
+        )
+    if given is None:
+        return replace(model, arm=with_drive_gains(arm, arguments))
+    expected = f"{arm.read_in or 'N·m'}, the unit of the model's torques"
+    if arm.drive_gains is not None and (arm.drive_gains != 1.0).any():
+        expected = "none: the model has drive gains, which convert efforts in A to N·m"
+    elif given == arm.read_in:
+        return model
+    elif in_newtons(given) and not arm.read_in:
+        return replace(model, arm=arm.told_in(given))
+    raise ConfigError("--effort-unit", given, expected)
+
+
+def require_parameters(model: TorqueModel, path: Path) -> None:
+    """Refuse an arm's file where a node needs a model's file for its parameters.
+
+    Raises:
+        ConfigError: Naming it.
+    """
+    if model.of_file:
+        written = "a model file, as `convert robot.urdf model.yaml` writes one"
+        raise ConfigError("--model", "an arm's file", written, path)
+
+
+def numbers(option: str, text: str, count: int, of: str = "") -> list[float]:
+    """Return ``count`` comma-separated numbers, or raise ConfigError."""
+    each = f", one for each of {of}" if of else ""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise ConfigError(option, text, f"{count} numbers with commas between{each}") from error
+    if len(found) != count:
+        raise ConfigError(option, f"{len(found)} numbers", f"{count}{each}")
+    return found
+
+
+# By kind of joint; the longer names first, of which the shorter are endings.
+_UNITS = {
+    "revolute": {"deg": math.pi / 180.0, "rad": 1.0},
+    "prismatic": {"mm": 1e-3, "m": 1.0},
+}
+_FARTHEST = {"revolute": (4.0 * math.pi, "two turns"), "prismatic": (10.0, "10 m")}
+
+
+def add_at(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--at``."""
+    parser.add_argument(
+        "--at", metavar="JOINT=POSITION,...", action="append", default=[],
+        help="positions of joints that the recording lacks, in joint coordinates: "
+        "shoulder_pitch=2.5deg,others=0deg; mm or m for prismatic joints",
+    )  # fmt: skip
+
+
+def require_unrecorded(texts: Sequence[str], recordings: Sequence[RecordingFile]) -> None:
+    """Refuse a position of a joint that every recording has.
+
+    Raises:
+        ConfigError: Naming it.
+        RecordingError: A recording that cannot be read.
+    """
+    for entry, name, _ in _entries(texts):
+        if all(name in recording.head.joints for recording in recordings):
+            raise ConfigError("--at", entry, f"a joint that is not recorded: {name} is")
+
+
+def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield each entry, its joint and its position."""
+    for entry in ",".join(texts).split(",") if texts else ():
+        name, _, position = entry.strip().partition("=")
+        yield entry, name, position
+
+
+def _require_within_reach(entry: str, arm: Arm, name: str, position: float) -> None:
+    """Refuse a position further beyond the arm's limits than an encoder zero can be off."""
+    from dvrk_gravity.intake import BEYOND
+
+    index = arm.joint_names.index(name)
+    joint, lower, upper = arm.joints[index], float(arm.lower[index]), float(arm.upper[index])
+    beyond = BEYOND * float(arm.scale[index])
+    if not lower - beyond <= position <= upper + beyond:
+        limits = f"{joint.shown(lower)} to {joint.shown(upper)}, the limits of {arm.name}"
+        raise ConfigError("--at", entry, f"a position of {name} at {limits}")
+
+
+def still_joints(texts: Sequence[str], arm: Arm) -> dict[str, float]:
+    """Return joint positions, rad or m, from ``JOINT=POSITION,...``; ``others``: all unnamed."""
+    joints = {joint.name: joint for joint in arm.joints}
+    named: dict[str, float] = {}
+    for entry, name, position in _entries(texts):
+        if name not in (*joints, "others"):
+            raise ConfigError("--at", entry, f"JOINT=ANGLE of {', '.join(joints)} or others")
+        if name in named:
+            raise ConfigError("--at", entry, f"{name} once")
+        kind = joints[name].kind if name in joints else "revolute"
+        units, (farthest, words) = _UNITS[kind], _FARTHEST[kind]
+        unit = next((unit for unit in units if position.endswith(unit)), "")
+        try:
+            value = float(position.removesuffix(unit))
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or (not unit and value != 0.0):
+            example = "an angle with its unit, like 2.5deg or 0.04rad"
+            if kind == "prismatic":
+                example = "a length with its unit, like 20mm or 0.02m"
+            raise ConfigError("--at", entry, example)
+        named[name] = value * units.get(unit, 0.0)
+        if abs(named[name]) > farthest:
+            what = "an angle" if kind == "revolute" else "a length"
+            raise ConfigError("--at", entry, f"{what} within {words}")
+        if name in joints:
+            _require_within_reach(entry, arm, name, named[name])
+    if "others" in named:
+        rest = named.pop("others")
+        for joint in arm.joints:
+            if rest and joint.kind == "prismatic" and joint.name not in named:
+                raise ConfigError("--at", f"others={rest:g}rad", f"a position of {joint.name}, too")
+        named = dict.fromkeys(joints, rest) | named
+    return named

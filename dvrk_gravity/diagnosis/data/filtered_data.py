@@ -1,0 +1,324 @@
+"""Low-passed and decimated residuals, in blocks of which some are held out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches
+from dvrk_gravity.diagnosis.data.model_error import (
+    friction_torque,
+    friction_variation,
+    model_columns,
+)
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.estimation import (
+    Blocks,
+    BlockSettings,
+    CommonTime,
+    Repetition,
+    band_noise,
+    find_common_time,
+    find_repetition,
+    make_blocks,
+    pairs_a_period_apart,
+    repetition_noise,
+)
+from dvrk_gravity.recording import LowPass
+
+FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
+"""Where the noise floor was seen."""
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """How torques are compared.
+
+    Attributes:
+        band: Hz; torques are compared below this. Chosen; see `make sensitivity`.
+        oversampling: Samples kept a second, in bands: at four the second-order low-pass, run twice,
+            has let through 0.35 % of what would be aliased; chosen a little above.
+        stuck: Part of a stuck sample that the low-pass may leave in a usable one. Chosen; see
+            `make sensitivity`.
+        near: s, by which two samples may miss a whole period and still show the same: one kept
+            sample at the default rate.
+        batch: Signals filtered at a time: the filter makes copies.
+        blocks: How samples are divided into blocks.
+    """
+
+    band: float = 8.0
+    oversampling: float = 5.0
+    stuck: float = 0.05
+    near: float = 0.03
+    batch: int = 32
+    blocks: BlockSettings = field(default_factory=BlockSettings)
+
+    @property
+    def samples_per_independent(self) -> float:
+        """Kept samples per independent one: a band of B Hz has 2 B independent a second."""
+        return self.oversampling / 2.0
+
+
+BAND = FilterSettings().band
+"""Hz: torques are compared below this."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredData:
+    """T samples of n joints, each in a block.
+
+    Every third block is held out of fit and model selection. The others form folds for
+    cross-validation. Where the motion repeats, a block is one phase of every period, since the
+    next period shows the same again.
+
+    Attributes:
+        motion: The motion.
+        band: Low-pass of residual and columns, Hz; ``None`` for static poses.
+        decimation: Every so-maniest sample is kept.
+        residual: (T, n) measured minus modelled torque, N·m.
+        model_columns: (T, n, d) changes of the model's torque by its parameters, of unit variance
+            each.
+        blocks: The block of each sample.
+        repetition: How the motion repeats, if it does.
+        common_time: (T,) s, increasing; the motion is the same whole periods apart.
+        settings: Filter and blocks.
+    """
+
+    motion: MeasuredMotion
+    band: float | None
+    decimation: int
+    residual: Array
+    model_columns: Array
+    blocks: Blocks
+    repetition: Repetition | None
+    common_time: Array
+    settings: FilterSettings
+
+    @classmethod
+    def of(cls, motion: MeasuredMotion, settings: FilterSettings | None = None) -> FilteredData:
+        """Reduce a motion."""
+        settings = settings or FilterSettings()
+        rate = motion.rate
+        band = None if rate is None else min(settings.band, rate / 6.0)
+        decimation = 1
+        if rate is not None and band is not None:
+            decimation = max(1, int(rate / (settings.oversampling * band)))
+        nothing = Blocks(np.zeros(0, dtype=np.int64), 0, settings.blocks)
+        empty, none = np.zeros(0), np.zeros((0, 0))
+        data = cls(motion, band, decimation, none, none, nothing, None, empty, settings)
+        data = replace(
+            data, residual=data.as_read, model_columns=data.reduce(model_columns(motion))
+        )
+        if rate is None:
+            blocks = make_blocks(CommonTime.single_clock(data.time), None, settings.blocks)
+            return replace(data, blocks=blocks, common_time=data.time)
+        part = np.repeat(np.arange(len(motion.parts)), [p.stop - p.start for p in motion.parts])
+        seen = find_common_time(motion.time, part, motion.q, rate, motion.clocks)
+        again = find_repetition(seen, part, motion.q, rate)
+        repetition, common = again or (None, motion.time)
+        columns = np.column_stack([common if again else seen.time, seen.group])
+        thinned = data.reduce_state(columns)
+        blocks = make_blocks(seen.at(*thinned.T), rate / decimation, settings.blocks)
+        return replace(data, blocks=blocks, repetition=repetition, common_time=thinned[:, 0])
+
+    def reduce(self, columns: Array) -> Array:
+        """Low-pass and decimate (N, …) signals to (T, …)."""
+        if self.band is None or self.motion.rate is None:
+            return columns
+        low = LowPass(self.band, self.motion.rate)
+        flat = columns.reshape(len(columns), -1)
+        live = np.flatnonzero(_not_zero(flat))
+        pieces = []
+        for part in self.motion.parts:
+            if part.stop - part.start <= 3 * low.edge:
+                continue
+            kept = range(part.stop - part.start)[low.edge : -low.edge : self.decimation]
+            piece = np.zeros((len(kept), flat.shape[1]))
+            for first in range(0, len(live), self.settings.batch):
+                batch = live[first : first + self.settings.batch]
+                piece[:, batch] = low(flat[part, batch])[low.edge : -low.edge : self.decimation]
+            pieces.append(piece)
+        reduced = np.concatenate(pieces)
+        return reduced.reshape(len(reduced), *columns.shape[1:])
+
+    def candidate(self, hypothesis: Hypothesis, motion: MeasuredMotion | None = None) -> Candidate:
+        """Return one hypothesis with its columns."""
+        return next(self.candidates([hypothesis], motion))
+
+    def candidates(
+        self, hypotheses: Iterable[Hypothesis], motion: MeasuredMotion | None = None
+    ) -> Iterator[Candidate]:
+        """Yield hypotheses with their filtered columns, by default in the data's own motion."""
+        motion = motion or self.motion
+        if motion.reference is not None:
+            hypotheses = (replace(each, against_reference=True) for each in hypotheses)
+        built = (
+            Candidate.of(hypothesis, hypothesis.regressor(motion)) for hypothesis in hypotheses
+        )
+        for batch in in_batches(
+            built, lambda candidate: candidate.values[0].size, self.settings.batch
+        ):
+            signals = [candidate.values.reshape(len(motion.q), -1) for candidate in batch]
+            edges = np.cumsum([columns.shape[1] for columns in signals])[:-1]
+            # The inertias of all links together are hundreds of signals: no copy of these.
+            columns = np.hstack(signals) if len(signals) > 1 else signals[0]
+            reduced = np.split(self.reduce(columns), edges, axis=1)
+            for candidate, values in zip(batch, reduced, strict=True):
+                yield candidate.with_values(values)
+
+    def relinearised(self, acting: MeasuredMotion, parameters: Array) -> FilteredData:
+        """Return the data linearised where a cause acts that changes the model's columns.
+
+        Args:
+            acting: The motion with the model on which the cause acts.
+            parameters: (d,) the model's parameters, in standard deviations; their product with the
+                change of the columns moves into the residual.
+        """
+        columns = self.reduce(model_columns(acting))
+        product = (columns - self.model_columns) @ parameters
+        return replace(self, residual=self.residual + product, model_columns=columns)
+
+    @cached_property
+    def as_read(self) -> Array:
+        """(T, n) measured minus modelled torque of the given model, N·m."""
+        return self.reduce(self.motion.residual)
+
+    @cached_property
+    def known_error(self) -> Array:
+        """(n,) RMS error that the model had at calibration, N·m; zero if unknown."""
+        known = self.motion.model.uncertainty
+        return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
+
+    @cached_property
+    def torque_rms(self) -> Array:
+        """(n,) RMS torque of the joints, N·m."""
+        return np.asarray(np.sqrt(np.mean(self.motion.effort**2, axis=0)))
+
+    @cached_property
+    def friction(self) -> Array:
+        """(T, n) torque of the model's friction that may have changed, N·m."""
+        return self.reduce(friction_torque(self.motion))
+
+    @cached_property
+    def day_to_day_error(self) -> Array:
+        """(n,) known error together with day-to-day friction variation, N·m RMS."""
+        return np.hypot(self.known_error, friction_variation(self.motion))
+
+    @cached_property
+    def usable(self) -> NDArray[np.bool_]:
+        """(T, n) samples of joints that were recorded and are not stuck.
+
+        Friction holds a stuck joint at any torque between its two levels, so that its error means
+        nothing.
+        """
+        silent = self.reduce(self.motion.silent.astype(float))
+        return (silent < self.settings.stuck) & self.motion.present
+
+    @property
+    def block(self) -> NDArray[np.int64]:
+        """(T,) block of each sample; -1 between blocks."""
+        return self.blocks.label
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return self.blocks.count
+
+    @property
+    def held_out(self) -> NDArray[np.bool_]:
+        """(T,) samples held out of fit and selection."""
+        return self.blocks.held_out
+
+    @property
+    def fold(self) -> NDArray[np.int64]:
+        """(T,) cross-validation fold of each sample; -1 if held out."""
+        return self.blocks.fold
+
+    @cached_property
+    def held_out_spans(self) -> list[tuple[float, float]]:
+        """Beginning and end of each held-out span of time, s."""
+        edges = np.flatnonzero(np.diff(self.held_out, prepend=False, append=False))
+        return [
+            (float(self.time[first]), float(self.time[last - 1]))
+            for first, last in zip(edges[::2], edges[1::2], strict=True)
+        ]
+
+    @cached_property
+    def time(self) -> Array:
+        """(T,) s."""
+        return self.reduce_state(self.motion.time[:, None])[:, 0]
+
+    def reduce_state(self, values: Array) -> Array:
+        """Decimate (N, …) values to (T, …) without filtering."""
+        if self.band is None or self.motion.rate is None:
+            return values
+        low = LowPass(self.band, self.motion.rate)
+        pieces = [
+            values[part][low.edge : -low.edge : self.decimation]
+            for part in self.motion.parts
+            if part.stop - part.start > 3 * low.edge
+        ]
+        return np.concatenate(pieces)
+
+    @cached_property
+    def recording(self) -> NDArray[np.int64]:
+        """(T,) number of each sample's recording."""
+        motion = self.motion
+        number = np.repeat(motion.clocks, [part.stop - part.start for part in motion.parts])
+        return self.reduce_state(number[:, None].astype(float))[:, 0].astype(np.int64)
+
+    @property
+    def samples_per_independent(self) -> float:
+        """Samples per independent one, were the residual white below the band."""
+        return 1.0 if self.band is None else self.settings.samples_per_independent
+
+    @property
+    def copies(self) -> float:
+        """Number of periods of a motion that repeats, at least 1."""
+        return 1.0 if self.repetition is None else self.repetition.copies
+
+    def pairs(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return (P,) and (P,) pairs among (R,) samples that are whole periods apart."""
+        return pairs_a_period_apart(self.common_time[rows], self.repetition, self.settings.near)
+
+    def noise_source(self, noise: Array) -> FloorFrom:
+        """Return where (n,) noise RMS was seen."""
+        if not np.isfinite(noise).any():
+            return "nothing"
+        return "high_frequencies" if self.repetition is None else "repetition"
+
+    def noise_rms(self, density: Array, residual: Array | None = None) -> Array:
+        """Return (n,) noise RMS, N·m: what differs between periods, where the motion repeats.
+
+        It is at least the rounding of the efforts, step / sqrt(12) (Bennett 1948), which is the
+        same in every period.
+
+        Args:
+            density: (n,) effort noise density at high frequencies, N·m/sqrt(Hz), for motion that
+                does not repeat.
+            residual: (T, n) residual of the best model so far, N·m; default: of the given one.
+        """
+        if self.band is None:
+            return np.full(self.residual.shape[1], np.nan)
+        noise = band_noise(density, self.band)
+        if self.repetition is None:
+            return noise
+        residual = self.residual if residual is None else residual
+        differs = repetition_noise(self.repetition, self.common_time, residual, self.usable)
+        differs = np.where(np.isfinite(differs), differs, noise)
+        return np.fmax(differs, band_noise(self.motion.rounding, self.band))
+
+
+def _not_zero(signals: Array) -> NDArray[np.bool_]:
+    """Return (k,) which columns of (N, k) signals are not zero throughout: most soon show it."""
+    found = np.asarray(np.any(signals[::100], axis=0))
+    silent = np.flatnonzero(~found)
+    found[silent] = np.any(signals[:, silent], axis=0)
+    return found

@@ -1,0 +1,1 @@
+"""Which readings and which effects explain the residual."""

@@ -1,0 +1,420 @@
+"""Hypotheses compared by cross-validation: gains on unseen folds, tests over blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity import effects
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.inference.block_fit import CoherentError, OwnParameters, block_fit
+from dvrk_gravity.diagnosis.inference.significance import Significance
+from dvrk_gravity.diagnosis.inference.weighted import WeightedSamples
+from dvrk_gravity.effects import Effect
+from dvrk_gravity.estimation import (
+    FEWEST_BLOCKS,
+    NormalEquations,
+    Regression,
+    design_effect,
+    intraclass_correlation,
+    solve,
+)
+
+
+@dataclass(frozen=True)
+class CrossValidationSettings:
+    """How hypotheses are compared.
+
+    Attributes:
+        trace: Added to normal equations of unit diagonal: ten times the square root of a double's
+            precision, so that columns that repeat others share their coefficient.
+        active: Part of the most active block's energy from which on a candidate acts in a block.
+            Chosen; see `make sensitivity`.
+        least_usable: Part of the samples that a joint must have to be judged at all. Chosen.
+        together: Columns of hypotheses that are screened at a time, on which no result depends:
+            this many take a fraction of the time that they take singly.
+        cluster: Correlation times of the model's known error in a block of the jackknife: of an
+            exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
+    """
+
+    trace: float = 1e-9
+    active: float = 0.03
+    least_usable: float = 0.05
+    together: int = 32
+    cluster: float = 4.0
+
+
+class CrossValidation:
+    """Scores sets of candidates on the samples that the choice may see.
+
+    Attributes:
+        data: Residuals, blocks and folds.
+        weight: (n,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
+        settings: How hypotheses are compared.
+        significance: How sure a gain is.
+    """
+
+    def __init__(self, data: FilteredData, settings: CrossValidationSettings | None = None) -> None:
+        """Set up the folds."""
+        self.data = data
+        self.settings = settings or CrossValidationSettings()
+        self.significance = Significance(data)
+        order = np.argsort(data.fold, kind="stable")  # in time within a fold
+        self._rows = order[np.searchsorted(data.fold[order], 0) :]
+        fold = data.fold[self._rows]
+        edges = np.searchsorted(fold, np.arange(data.blocks.settings.folds + 1))
+        joints = data.residual.shape[1]
+        self._folds = [slice(int(a) * joints, int(b) * joints) for a, b in pairwise(edges) if b > a]
+        self._block = data.block[self._rows]
+        self._residual = data.residual[self._rows]
+        self._usable = data.usable[self._rows]
+        self._counts = np.maximum(self._usable.sum(axis=0), 1)
+        self._pairs = data.pairs(self._rows)
+        self._intraclass = np.zeros(joints)  # (n,) correlation of residuals of two copies
+        self._model = data.model_columns[self._rows]
+        self.weight = np.zeros(joints)
+        self.weigh(self._residual)
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return self.data.residual.shape[1]
+
+    @property
+    def model_size(self) -> int:
+        """Number of directions in which the model may be off."""
+        return int(self._model.shape[2])
+
+    @property
+    def known_error(self) -> Array:
+        """(n,) RMS error that the model is known to have; see ``FilteredData``."""
+        return self.data.known_error
+
+    @property
+    def samples(self) -> Array:
+        """(n,) independent samples of each joint, about."""
+        # Of what comes back with the motion, the copies are no news.
+        return self._counts / self.redundancy
+
+    @property
+    def redundancy(self) -> Array:
+        """(n,) samples that count as one."""
+        return self.data.samples_per_independent * design_effect(self.data.copies, self._intraclass)
+
+    def _mean_square(self, error: Array) -> Array:
+        """Return (n,) mean squares of (R, n) errors over the usable samples."""
+        return (error**2 * self._usable).sum(axis=0) / self._counts
+
+    def weigh(self, residual: Array, final: bool = False) -> None:
+        """Weigh the joints by (R, n) residuals.
+
+        Args:
+            residual: What is not explained, N·m.
+            final: All causes are in, so that what comes back with the motion is there to stay:
+                copies of it count once. While causes are missing, it is theirs.
+        """
+        rms = np.sqrt(self._mean_square(residual))
+        rms = np.where(rms > 0.0, np.maximum(rms, self.known_error), 0.0)
+        enough = self._usable.sum(axis=0) > self.settings.least_usable * len(self._rows)
+        present = self.data.motion.present & (rms > 0.0) & enough
+        self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
+        self._weighted = WeightedSamples(
+            self._usable * self.weight, self._residual, self._model, self._rows, self._folds,
+            self._ridge([], self.model_size), self.settings.trace,
+        )  # fmt: skip
+        self._intraclass = np.zeros(self.joints)
+        if final:
+            first, second = self._pairs
+            usable = self._usable[first] & self._usable[second]
+            self._intraclass = intraclass_correlation(residual[first], residual[second], usable)
+
+    @cached_property
+    def search_bases(self) -> Mapping[type[Effect], Any]:
+        """What effects need to be searched for in a residual, by effect."""
+        return {effect: effect.search_basis(self.data) for effect in effects.effects()}
+
+    def release(self) -> None:
+        """Drop what is large and can be computed again: named effects have been searched for."""
+        self.__dict__.pop("search_bases", None)
+        self.data.motion.release()
+
+    @property
+    def _clustered(self) -> int:
+        """Blocks that count as one: as long as errors hang together, but ten of them at least."""
+        uncertainty = self.data.motion.model.uncertainty
+        if uncertainty is None or self.data.band is None:
+            return 1
+        span = self.settings.cluster * float(np.max(np.nan_to_num(uncertainty.together)))
+        most = self.data.count // FEWEST_BLOCKS
+        return max(1, min(round(span / self.data.blocks.settings.duration), most))
+
+    def design(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (R n, k) weighted columns of candidates."""
+        return self._weighted.design(candidates)
+
+    def _unweighted(self, error: Array) -> Array:
+        """Return (R, n) errors, N·m, of (R n,) weighted ones."""
+        return error.reshape(-1, self.joints) / np.where(self.weight > 0.0, self.weight, 1.0)
+
+    def _ridge(self, candidates: Sequence[Candidate], own: int = 0) -> Array:
+        """Return (own + k, own + k) what is known before any data, in units of samples.
+
+        Args:
+            candidates: Of k parameters.
+            own: Parameters of the model itself before them, in units of their standard deviations.
+        """
+        ridges = [np.ones(own), *(candidate.ridge for candidate in candidates)]
+        return np.diag(self._prior_weight * np.concatenate(ridges))
+
+    @property
+    def _prior_weight(self) -> float:
+        """Samples that count as one, by which a prior is multiplied beside sums over all."""
+        return self.data.samples_per_independent * self.data.copies
+
+    def regression(self, candidates: Sequence[Candidate]) -> Regression:
+        """Return the least squares of the model's own parameters and then those of candidates."""
+        of_model = self._weighted.of_model
+        return of_model.extended(self.design(candidates), self._ridge(candidates))
+
+    def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (R, n) errors of the choice's samples, each from a fit that left its fold out."""
+        return self._cross_validated(candidates)[0]
+
+    def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
+        """Return :meth:`out_of_fold` and how improbable the model's parameters have to be."""
+        model, columns = self._weighted.of_model, self.design(candidates)
+        error = self._weighted.target.copy()
+        folds = self._weighted.by_fold(columns)
+        whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
+        for rows, fold in zip(self._folds, folds, strict=True):
+            rest = whole - fold
+            theta = solve(rest.gram[0] + ridge, rest.cross[0], self.settings.trace)
+            own, further = np.split(theta, [self.model_size])
+            error[rows] -= model.design[rows] @ own + columns[rows] @ further
+        theta = solve(whole.gram[0] + ridge, whole.cross[0], self.settings.trace)
+        return self._unweighted(error), self._improbable(theta)
+
+    def _improbable(self, theta: Array) -> Any:
+        """Return (…,) minus the log-density of the model's (d, …) parameters, but for a constant.
+
+        Each is in units of its standard deviation.
+        """
+        return 0.5 * np.square(theta[: self.model_size]).sum(axis=0)
+
+    def score(self, candidates: Sequence[Candidate]) -> Score:
+        """Return the out-of-fold score of a set."""
+        error, improbable = self._cross_validated(candidates)
+        mean = self._mean_square(error)
+        likelihood = float(self._log_likelihood(mean).sum())
+        likelihood -= improbable + sum(candidate.cost for candidate in candidates)
+        square = ((error * self._weighted.weights) ** 2).sum(axis=1)
+        loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
+        return Score(error, np.sqrt(mean), loss, likelihood, improbable)
+
+    def _log_likelihood(self, mean: Array) -> Array:
+        """Return (n,) log-likelihoods of (n,) mean squared errors, but for a constant."""
+        samples = np.where(self.weight > 0.0, self.samples, 0.0)
+        return self.significance.log_likelihood(mean, samples)
+
+    def _likelihood_of(self, error: Array) -> Any:
+        """Return (…,) log-likelihoods of (R n, …) weighted errors."""
+        return self._log_likelihood(self._rms(error) ** 2).sum(axis=-1)
+
+    def _rms(self, weighted: Array) -> Array:
+        """Return (…, n) RMS over the usable samples, N·m, of (R n, …) weighted values."""
+        values = weighted.reshape(-1, self.joints, *weighted.shape[1:])
+        square = np.einsum("rn...,rn...->...n", values, values) / self._counts
+        return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
+
+    def p_value(
+        self, before: Score, after: Score, candidate: Candidate, inflation: Array, tried: int,
+        news: float = 1.0,
+    ) -> float:  # fmt: skip
+        """Return the one-sided p-value of the gain over the blocks where a candidate acts.
+
+        It is the best of as many as were tried; of the gain only a part may be news. Blocks in
+        which friction holds the joint decide nothing.
+
+        See :meth:`Significance.p_value`.
+        """
+        acts = self._acting(candidate)
+        return self.significance.p_value(
+            (before.loss - after.loss)[acts], news * self.gain(before, after, inflation),
+            candidate.size, tried, candidate.hypothesis.transient,
+        )  # fmt: skip
+
+    def _acting(self, candidate: Candidate) -> NDArray[np.bool_]:
+        """Return (blocks,) in which a candidate acts."""
+        weight = self.weight[candidate.joints] ** 2
+        square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
+        energy = np.bincount(self._block, square, minlength=self.data.count)
+        return np.asarray(energy > self.settings.active * energy.max())
+
+    def _lasts(self, candidate: Candidate) -> float:
+        """Return which part of the samples of choice a candidate is there for.
+
+        What comes back with the state is there all the time, whether or not it acts.
+        """
+        if not candidate.hypothesis.transient:
+            return 1.0
+        return max(float(np.mean(self._acting(candidate)[self._block])), 1.0 / len(self._rows))
+
+    def gain(self, before: Score, after: Score, inflation: Array) -> float:
+        """Return the gain in log-likelihood that counts, of independent samples.
+
+        Args:
+            before: Score of the one set.
+            after: Score of the other.
+            inflation: (n,) samples that count as one, see :meth:`inflation`.
+        """
+        samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
+        gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
+        return float(gained) + self.significance.of_model(before.improbable - after.improbable)
+
+    def inflation(self, error: Array, torque: Array) -> Array:
+        """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""
+        product = np.where(self._usable, error * torque, 0.0)
+        return self.significance.inflation(product, self.samples)
+
+    def screen(
+        self,
+        selected: Sequence[Candidate],
+        pool: Iterable[Candidate],
+        keep: int,
+        least: Array | float = 0.0,
+    ) -> list[Candidate]:
+        """Return the candidates of the pool that fit best beside the selected ones, best first.
+
+        Args:
+            selected: The selected ones.
+            pool: Where they come from.
+            keep: How many at most.
+            least: (n,) RMS torque that one must have on some joint: what could not be selected,
+                however well it fits, takes no place from what could.
+        """
+        base = self.regression(selected)
+        theta = base.coefficients(self._weighted.target)
+        target = self._weighted.target - base.design @ theta
+        before = self._likelihood_of(target)
+        found = []
+        for batch in in_batches(pool, lambda candidate: candidate.size, self.settings.together):
+            raws = self.design(batch)
+            besides = base.coefficients(raws)
+            all_columns = raws - base.design @ besides if len(theta) else raws
+            cross, edges = raws.T @ target, np.cumsum([0, *(each.size for each in batch)])
+            coefficients = np.zeros((len(cross), len(batch)))  # of each candidate alone
+            for index, span in enumerate(map(slice, edges, edges[1:])):
+                gram = raws[:, span].T @ all_columns[:, span] + self._ridge([batch[index]])
+                coefficients[span, index] = solve(gram, cross[span], self.settings.trace)
+            error = target[:, None] - all_columns @ coefficients
+            adjusted = theta[:, None] - besides @ coefficients
+            spared = self._improbable(theta) - self._improbable(adjusted)
+            gains = self._likelihood_of(error) - before + spared
+            lasts = np.sqrt([[self._lasts(candidate)] for candidate in batch])
+            large = np.any(self._rms(raws @ coefficients) / lasts > least, axis=1)
+            found += [
+                (gain - candidate.cost, candidate)
+                for gain, candidate, enough in zip(gains.tolist(), batch, large, strict=True)
+                if enough
+            ]
+        found.sort(key=lambda pair: -pair[0])
+        return [candidate for gain, candidate in found[:keep] if gain > 0.0]
+
+    def residual(
+        self, candidates: Sequence[Candidate], beside: Sequence[Candidate] | None = None
+    ) -> Array:
+        """Return (T, n) what a fit of candidates to the samples of choice leaves everywhere.
+
+        Args:
+            candidates: The candidates.
+            beside: Candidates with which the model's own parameters are fitted, and then stay; by
+                default these.
+        """
+        together = candidates if beside is None else beside
+        theta = self.regression(together).coefficients(self._weighted.target)
+        if beside is not None:
+            own_parameters = theta[: self.model_size]
+            model = self._weighted.of_model.design @ own_parameters
+            found = Regression(
+                self.design(candidates), self._ridge(candidates), self.settings.trace
+            )
+            rest = found.coefficients(self._weighted.target - model)
+            theta = np.concatenate([own_parameters, rest])
+        columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
+        return self.data.residual - np.concatenate(columns, axis=2) @ theta
+
+    def solution(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return the model's own parameters (d,) and those (k,) of candidates, fitted together."""
+        theta = self.regression(candidates).coefficients(self._weighted.target)
+        return theta[: self.model_size], theta[self.model_size :]
+
+    def parameters(self, candidates: Sequence[Candidate]) -> Array:
+        """Return parameters (k,) on all the samples of choice."""
+        return self.solution(candidates)[1]
+
+    def moved(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (T, n) torque by which the model's own parameters moved beside candidates."""
+        return np.asarray(self.data.model_columns @ self.solution(candidates)[0])
+
+    def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return mean (d + k,) and covariance of the model's directions and of parameters.
+
+        Of Gaussian noise of which as many samples are independent as the residual's correlation
+        leaves.
+        """
+        regression = self.regression(candidates)
+        theta = regression.coefficients(self._weighted.target)
+        error = self.out_of_fold(candidates)
+        longer = float(np.max(self.significance.correlation(np.where(self._usable, error, 0.0))))
+        return theta, self._prior_weight * longer * regression.inverse
+
+    def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
+
+        See :func:`block_fit.block_fit`; as many blocks together as errors hang together.
+        """
+        coherent = CoherentError(
+            self.significance.settings.coherent * self.known_error * self.weight,
+            np.array(
+                [each.hypothesis.COHERENT_ERRORS for each in candidates for _ in range(each.size)],
+                dtype=bool,
+            ),
+        )
+        return block_fit(
+            self.regression(candidates), self._weighted.target,
+            np.repeat(self._block // self._clustered, self.joints),
+            OwnParameters(self.model_size, self._prior_weight), coherent, self._counts,
+        )  # fmt: skip
+
+    def misfit(self, candidates: Sequence[Candidate]) -> float:
+        """Return minus the log-likelihood of a fit to all the samples of choice."""
+        regression = self.regression(candidates)
+        theta = regression.coefficients(self._weighted.target)
+        error = self._weighted.target - regression.design @ theta
+        return self._improbable(theta) - self._likelihood_of(error)
+
+    def of_choice(self, values: Array) -> Array:
+        """Return the (R, n) rows of (T, n) values that the choice may see, zero where unusable."""
+        return np.where(self._usable, values[self._rows], 0.0)
+
+    def torque(self, candidate: Candidate, theta: Array) -> Array:
+        """Return (R, n) torque of a candidate with (k,) parameters, zero where unusable."""
+        torque = np.zeros((len(self._rows), self.joints))
+        torque[:, candidate.joints] = candidate.values[self._rows] @ theta
+        return torque * self._usable
+
+    def size(self, candidate: Candidate, theta: Array) -> Array:
+        """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice.
+
+        Of what comes once over those in which it is there.
+        """
+        mean = (self.torque(candidate, theta) ** 2).sum(axis=0) / self._counts
+        return np.asarray(np.sqrt(mean / self._lasts(candidate)))

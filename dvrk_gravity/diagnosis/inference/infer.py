@@ -1,0 +1,230 @@
+"""Which readings and effects explain a recording: selection, comparison, confirmation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity import effects
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.loading import Loaded
+from dvrk_gravity.diagnosis.data.reference_error import changed_friction, changed_springs
+from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
+from dvrk_gravity.diagnosis.inference.baseline import baseline_effects
+from dvrk_gravity.diagnosis.inference.confirmed import at_the_fit, confirmed
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
+from dvrk_gravity.diagnosis.inference.no_news import no_news
+from dvrk_gravity.diagnosis.inference.overlap import spanned
+from dvrk_gravity.diagnosis.inference.places import SelectedEffect, explained
+from dvrk_gravity.diagnosis.inference.readings import WrongReading, correct_readings
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
+from dvrk_gravity.diagnosis.inference.unexplained import unexplained_structure
+from dvrk_gravity.effects import Kind
+
+_DOUBTFUL = 1.5  # times the noise: then the masses of a model without uncertainty are free. Chosen
+_FREE_GAIN = 20.0  # log-likelihood that they must gain, less costs: of five parameters. Chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What explains a recording.
+
+    Attributes:
+        loaded: The motion as it was finally read.
+        wrong: Wrong readings, in the order in which they were corrected.
+        validation: The samples, linearised at the fit.
+        selected: Effects.
+        unexplained: Structure that no effect explains.
+        unconfirmed: Effects that the held-out blocks do not confirm.
+        minor: Effects that are significant, and smaller than the model's error at calibration.
+        day_to_day: Selected changes of friction within day-to-day variation.
+        pool: Hypotheses that need no search.
+        at_calibration: What the calibration recording shows of the hypotheses.
+    """
+
+    loaded: Loaded
+    wrong: tuple[WrongReading, ...]
+    validation: CrossValidation
+    selected: tuple[SelectedEffect, ...]
+    unexplained: tuple[EffectTrial, ...]
+    unconfirmed: tuple[Unconfirmed, ...]
+    minor: tuple[EffectTrial, ...]
+    day_to_day: tuple[Candidate, ...]
+    pool: tuple[Candidate, ...]
+    at_calibration: AtCalibration | None
+
+
+def silent(line: str) -> None:
+    """Ignore a line of progress."""
+    del line
+
+
+def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
+    """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
+
+    Beside a reference, friction and springs are first taken to vary from day to day. Where the fit
+    needs more than that, they are hypotheses like any other.
+
+    Args:
+        loaded: The motion, beside the model or the reference.
+        say: Called with one line at every step.
+    """
+    search = _search(loaded, say)
+    friction, springs = search.changed_joints()
+    while friction or springs:
+        say("comparing hypotheses with changed friction and springs")
+        motion = replace(loaded.motion, changed_friction=friction, changed_springs=springs)
+        posterior = _confirmed(_search(replace(loaded, motion=motion), say))
+        found = {
+            joint
+            for effect in posterior.selected
+            for joint in effect.trial.candidate.hypothesis.joints
+        }
+        if found.issuperset((*friction, *springs)):
+            return posterior
+        # At joints where no effect fits, the change counts as day-to-day variation.
+        friction = tuple(joint for joint in friction if joint in found)
+        springs = tuple(joint for joint in springs if joint in found)
+    return _confirmed(search)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What was selected, before it is linearised at the fit."""
+
+    loaded: Loaded
+    wrong: tuple[WrongReading, ...]
+    selection: Selection
+    selected: list[SelectedEffect]
+    unexplained: list[EffectTrial]
+    unconfirmed: list[Unconfirmed]
+    pool: list[Candidate]
+    sparse: list[Candidate]
+    floor: Array
+    at_calibration: AtCalibration | None
+
+    def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Return joints whose friction, and whose springs, changed by more than from day to day."""
+        motion, validation = self.loaded.motion, self.selection.validation
+        if motion.reference is None:
+            return (), ()
+        named = [effect.trial.candidate for effect in self.selected]
+        mean, covariance = validation.posterior(named)
+        causes: dict[int, list[int]] = {}
+        first = validation.model_size
+        for candidate in named:
+            hypothesis, last = candidate.hypothesis, first + candidate.size
+            if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
+                for joint in hypothesis.joints:
+                    causes.setdefault(joint, []).extend(range(first, last))
+            first = last
+        friction = changed_friction(motion, mean[: validation.model_size])
+        return friction, changed_springs(motion, mean, covariance, causes)
+
+
+def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
+    """Return readings, effects and unexplained structure that the samples of selection show."""
+    read = correct_readings(loaded, say)
+    loaded, validation, pool = read.loaded, read.validation, read.pool
+    # Single links first: what the masses of all links explain is not yet a cause.
+    sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
+    at_calibration = AtCalibration.of(loaded.motion)
+    expected = baseline_effects(validation, pool)
+    selection = Selection(validation, sparse, say, expected=expected, at_calibration=at_calibration)
+    say("comparing hypotheses")
+    chosen = _from_friction(selection, selection.run())
+
+    def noise(chosen: Sequence[Candidate]) -> Array:
+        return validation.data.noise_rms(loaded.floor, validation.residual(chosen))
+
+    # A model with uncertainty was free within that, and is no further.
+    motion = loaded.motion
+    certain = motion.model.uncertainty is None and motion.reference is None
+    if certain and np.any(validation.score(chosen).rms > _DOUBTFUL * noise(chosen)):
+        selection, chosen = _with_free_masses(validation, pool, selection, chosen, say)
+    chosen, unconfirmed = confirmed(selection, chosen, noise(chosen))
+    # Masses that were only free are no cause: they come last.
+    chosen.sort(key=lambda candidate: candidate.hypothesis.refits_model)
+    selected = explained(selection, chosen)
+    say("looking for unexplained structure")
+    floor = noise(chosen)
+    validation.release()
+    selected, unexplained = unexplained_structure(validation, selection, selected, floor)
+    return _Search(
+        loaded, read.wrong, selection, selected, unexplained, unconfirmed, pool, sparse, floor,
+        at_calibration,
+    )  # fmt: skip
+
+
+def _confirmed(search: _Search) -> Posterior:
+    """Return what the held-out blocks confirm, linearised at the fit."""
+    validation, selected, unexplained, failed = at_the_fit(
+        search.selection, search.selected, search.unexplained, search.floor
+    )
+    day_to_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
+    selected = [effect for effect in selected if not effect.trial.other_day]
+    minor = no_news(validation, search.sparse, selected, unexplained, search.at_calibration)
+    return Posterior(
+        search.loaded, search.wrong, validation, tuple(selected), tuple(unexplained),
+        (*search.unconfirmed, *failed), tuple(minor), tuple(day_to_day), tuple(search.pool),
+        search.at_calibration,
+    )  # fmt: skip
+
+
+def _from_friction(selection: Selection, chosen: list[Candidate]) -> list[Candidate]:
+    """Return the better of a selection with a cause at all joints, and one that starts at friction.
+
+    One scale of all efforts may explain best alone what friction of all joints and a load explain
+    better together, and adding one effect at a time does not lead from one to the other.
+    """
+    validation = selection.validation
+    hypotheses = [candidate.hypothesis for candidate in chosen]
+    if not any(each.common_cause and not effects.is_friction(each.effect) for each in hypotheses):
+        return chosen
+    best, best_likelihood = chosen, validation.score(chosen).likelihood
+    for start in selection.pool:
+        if start.hypothesis.common_cause and effects.is_friction(start.hypothesis.effect):
+            selection.report(f"starting from {start.hypothesis}")
+            other = selection.run([*selection.always, *selection.expected, start])
+            likelihood = validation.score(other).likelihood
+            if likelihood > best_likelihood:
+                best, best_likelihood = other, likelihood
+    validation.weigh(validation.out_of_fold(best))
+    return best
+
+
+def _with_free_masses(
+    validation: CrossValidation,
+    pool: Sequence[Candidate],
+    selection: Selection,
+    chosen: list[Candidate],
+    say: Callable[[str], None],
+) -> tuple[Selection, list[Candidate]]:
+    """Return the better of a selection and one with the model's masses fitted as well.
+
+    Masses that were fitted while a cause was missing have absorbed part of it, which shows only
+    when they are free.
+    """
+    say("comparing hypotheses with the model's own parameters free")
+    always = [candidate for candidate in pool if candidate.hypothesis.refits_model]
+    # The masses take the place of all causes at links, and of scales that they span.
+    pool = [
+        candidate
+        for candidate in pool
+        if candidate in always
+        or not (
+            candidate.hypothesis.site.kind is Kind.LINK or spanned(validation, candidate, always)
+        )
+    ]
+    free = Selection(validation, pool, say, always)
+    other = free.run()
+    validation.weigh(validation.out_of_fold(other))
+    whole = validation.score(other).likelihood
+    # Cross-validation already charges for what the masses overfit.
+    cost = sum(candidate.cost for candidate in always)
+    gain = whole + cost - validation.score(chosen).likelihood
+    return (free, other) if gain > _FREE_GAIN else (selection, chosen)

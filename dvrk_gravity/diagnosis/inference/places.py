@@ -1,0 +1,153 @@
+"""What could stand in the places of selected effects, once all of them are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.overlap import contains, overlap
+from dvrk_gravity.diagnosis.inference.refinement import refined
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
+
+
+@dataclass(frozen=True)
+class PlaceSettings:
+    """When one effect stands in the place of another.
+
+    Attributes:
+        few: Up to so many effects one is looked for that takes the places of two: a bound on time.
+        overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
+        rejected: Alternatives that are shown though they are worse.
+    """
+
+    few: int = 4
+    overlap: float = 0.5
+    rejected: int = 8
+
+
+_SETTINGS = PlaceSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class SelectedEffect:
+    """A selected hypothesis with those that could stand in its place.
+
+    Attributes:
+        trial: How it did beside all other selected ones.
+        alternatives: Others in its place, best first, that the data does not tell from it.
+        rejected: Others in its place, best first, that are worse.
+        doubt: Why it is not certain, and what to record instead; empty: nothing speaks against it.
+    """
+
+    trial: EffectTrial
+    alternatives: tuple[EffectTrial, ...]
+    rejected: tuple[EffectTrial, ...]
+    doubt: tuple[str, str] = ("", "")
+
+
+def explained(selection: Selection, selected: Sequence[Candidate]) -> list[SelectedEffect]:
+    """Return the selected hypotheses with those that could stand in their places."""
+    return [_stand_ins(selection, selected, i) for i in range(len(selected))]
+
+
+def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
+    """Give every place to the most parsimonious of the best for it, the others being known."""
+    validation, settings = selection.validation, selection.settings
+    for i in range(len(selected)):
+        if selected[i] in selection.always:
+            continue
+        rest = [*selected[:i], *selected[i + 1 :]]
+        validation.weigh(validation.out_of_fold(selected))
+        moved = refined(validation, selected[i], rest)
+        if validation.misfit([*rest, moved]) < validation.misfit(selected):
+            selected[i] = moved
+        if len(selected) == 1 or selection.fixed(selected[i]):
+            continue
+        without = validation.score(rest)
+        current = selection.evaluate(rest, selected[i], without)
+        if current.other_day:  # nothing more is to be said of it
+            continue
+        alternatives = [trial for trial in selection.best(rest, without) if trial.passes]
+        if alternatives:
+            # Beside those that came later, what was plausible may be so no more.
+            standing = [current] if current.plausible else []
+            preferred = selection.preferred([*standing, *alternatives])
+            new, old = preferred.candidate, current.candidate
+            simpler = new.parameters < old.parameters or preferred.other_day
+            better = simpler or preferred.gain > current.gain + settings.equal_least
+            if (better or not current.plausible) and preferred is not current:
+                selection.report(f"{new.hypothesis} instead of {old.hypothesis}")
+                selected[i] = new
+    return selected
+
+
+def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
+    """Let one hypothesis take the places of two where it explains as well.
+
+    A cause that is named at the wrong joint needs a second one to make up for that. Where many
+    causes act, few of them stand for one another, and looking for those takes too long.
+    """
+    validation, settings = selection.validation, selection.settings
+    found = sum(not selection.fixed(candidate) for candidate in selected)
+    if not 2 <= found <= _SETTINGS.few:
+        return selected
+    for i in range(len(selected)):
+        if selection.fixed(selected[i]):
+            continue
+        rest = [*selected[:i], *selected[i + 1 :]]
+        validation.weigh(validation.out_of_fold(selected))
+        whole = validation.score(selected).likelihood
+        without = validation.score(rest)
+        if selection.evaluate(rest, selected[i], without).other_day:
+            continue
+        key = selected[i].hypothesis.key
+        alternatives = [
+            trial.candidate
+            for trial in selection.best(rest, without)
+            if trial.passes and trial.candidate.hypothesis.key != key
+        ]
+        for other in alternatives[: settings.refined]:
+            replaced = [*selected[:i], other, *selected[i + 1 :]]
+            for second in rest:
+                if selection.fixed(second):
+                    continue
+                smaller = [kept for kept in replaced if kept is not second]
+                if validation.score(smaller).likelihood >= whole - settings.equal_least:
+                    selection.report(
+                        f"{other.hypothesis} instead of {selected[i].hypothesis} "
+                        f"and {second.hypothesis}"
+                    )
+                    return merge(selection, smaller)
+    return selected
+
+
+def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> SelectedEffect:
+    validation, settings = selection.validation, selection.settings
+    rest = [*selected[:i], *selected[i + 1 :]]
+    validation.weigh(validation.out_of_fold(selected))
+    without = validation.score(rest)
+    current = selection.evaluate(rest, selected[i], without)
+    if current.other_day or selection.fixed(selected[i]):
+        return SelectedEffect(current, (), ())
+    key = selected[i].hypothesis.key
+    # Needless parameters make no alternative at the same site, but those that white noise would
+    # make needful do. Elsewhere it is another cause: a tilt about an axis, a zero of its joint.
+    more, here = current.gain + settings.equal_least, selected[i].hypothesis.site
+    alternatives = [
+        trial
+        for trial in selection.best(rest, without)
+        if trial.candidate.hypothesis.key != key
+        and trial.gain > 0.0
+        and trial.plausible
+        and (
+            trial.gain > more
+            or trial.candidate.hypothesis.site != here
+            or not contains(validation, trial.candidate, selected[i], rest)
+        )
+        and overlap(validation, selected[i], trial.candidate, rest) > _SETTINGS.overlap
+    ]
+    least = current.gain - selection.margin([current])
+    equal = tuple(trial for trial in alternatives if trial.gain > least)
+    worse = tuple(trial for trial in alternatives if trial.gain <= least)
+    return SelectedEffect(current, equal, worse[: _SETTINGS.rejected])

@@ -1,0 +1,438 @@
+"""Forward selection of effects with backward elimination."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, most_parsimonious, split
+from dvrk_gravity.diagnosis.inference.alike import Alike
+from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.other_day import OtherDay
+from dvrk_gravity.diagnosis.inference.refinement import refined
+from dvrk_gravity.diagnosis.inference.tried import Tried
+from dvrk_gravity.effects import MAX_REMOVED, Hypothesis, Residual
+from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class SelectionSettings:
+    """When a hypothesis is selected.
+
+    Attributes:
+        alpha: Chance that a step selects anything where nothing is, corrected for the number of
+            hypotheses. A convention; a tenth of it would need longer recordings.
+        unseen: ... where it acts in no held-out block that could confirm it: as improbable as to
+            pass the test of the choice and theirs.
+        least_gain: Part of a joint's error that a finding must remove. Chosen: what is worth a
+            finding; see `make sensitivity`.
+        most_effects: Selected at most, times the joints: a bound on time. Chosen: a model without
+            any friction or rotor lacks three or four of each joint.
+        screened: Hypotheses that are cross-validated at each step: a bound on time.
+        refined: ... and whose settings are searched for.
+        close: Part of the best gain by which those may miss it.
+        equal: Part of the best gain by which one that is as good may miss it. Chosen; see
+            `make sensitivity`.
+        equal_least: Log-likelihood likewise, at least: odds of 20 to one, "strong" in the scale of
+            Kass and Raftery (1995).
+        consequence: Times a joint's known error that a finding's torque must be, RMS: as large
+            as its error is in one motion of twenty where nothing is there. The square of
+            that over the known one's is Fisher's F of 30 degrees of freedom each
+            (``SignificanceSettings.freedom``), of which 1.84 is the 95 % point. Chosen: with the
+            99 % point, 1.55, causes of twice what the model leaves are lost.
+        another_day: Times what changed friction may be off by, added in squares. One: that is a
+            standard deviation by itself.
+        share: Part of a joint's torque, RMS, that it must be as well, of a model that was
+            identified. Chosen: no torque constant is known as well.
+    """
+
+    alpha: float = 0.01
+    unseen: float = 0.01**2
+    least_gain: float = 0.06
+    most_effects: int = 5
+    screened: int = 24
+    refined: int = 6
+    close: float = 0.15
+    equal: float = 0.02
+    equal_least: float = 3.0
+    consequence: float = 1.36
+    another_day: float = 1.0
+    share: float = 0.003
+
+    def least(self, validation: CrossValidation, changed: Array | float = 0.0) -> Array:
+        """Return (n,) the least torque, RMS, that is of consequence, N·m.
+
+        Args:
+            validation: The validation.
+            changed: (n,) RMS by which changed friction may be off, which is expected, too, N·m.
+        """
+        known = validation.known_error
+        share = np.where(known > 0.0, self.share * validation.data.torque_rms, 0.0)
+        least = np.hypot(self.consequence * known, self.another_day * np.asarray(changed))
+        return np.maximum(least, share)
+
+
+@dataclass(frozen=True, eq=False)
+class EffectTrial(Trial[Candidate]):
+    """A hypothesis and how it did beside those that were selected at the time.
+
+    Its worth is the log-likelihood gained over the set without it, its cost taken off; it passes if
+    it is significant, plausible, and worth having.
+
+    Attributes:
+        score: Score of the set with it.
+        p_value: Corrected for the number of hypotheses.
+        removed: Largest part of a joint's error that it removes.
+        plausible: Whether its parameters are such as it can have.
+        size: (n,) RMS of its torque at the joints that are judged, N·m; zero where friction may
+            change by as much.
+        inflation: Log-likelihood that counts as one unit, for errors hang together; see
+            ``CrossValidation.inflation``.
+        other_day: Where it is of consequence, friction changed by as much at other joints: that is
+            to be expected on another day, and no finding.
+        seen_before: It would pass, had what the model was identified on not shown as much of it.
+    """
+
+    score: Score
+    p_value: float
+    removed: float
+    plausible: bool
+    size: Array
+    inflation: float
+    other_day: bool
+    seen_before: bool
+
+    @property
+    def candidate(self) -> Candidate:
+        """The hypothesis with its columns."""
+        return self.move
+
+    @property
+    def gain(self) -> float:
+        """Log-likelihood over the set without it, its cost taken off."""
+        return self.worth
+
+
+class Selection:
+    """Chooses among a pool of hypotheses.
+
+    Attributes:
+        validation: Scores.
+        pool: The candidates that need no search.
+        report: Called with a line about every choice.
+        always: Parameters of the model itself that are fitted anew beside every hypothesis.
+        expected: What is likely there before anything is seen: it needs not be found, and nothing
+            is looked for in its place.
+        at_calibration: What was there when the model was identified, and is no news.
+        settings: When a hypothesis is selected.
+        tried: How many torques are tried at each step.
+    """
+
+    def __init__(
+        self,
+        validation: CrossValidation,
+        pool: Sequence[Candidate],
+        report: Report,
+        always: Sequence[Candidate] = (),
+        settings: SelectionSettings | None = None,
+        expected: Sequence[Candidate] = (),
+        at_calibration: AtCalibration | None = None,
+    ) -> None:
+        """Start with nothing selected but what always moves along, and what is expected.
+
+        Args:
+            validation: Scores.
+            pool: The candidates that need no search.
+            report: Called with a line about every choice.
+            always: Parameters of the model itself that are fitted anew beside every hypothesis.
+            settings: When a hypothesis is selected.
+            expected: What is likely there before anything is seen.
+            at_calibration: What was there when the model was identified.
+        """
+        self.validation = validation
+        self.settings = settings or SelectionSettings()
+        self._other_day = OtherDay(validation)
+        self.always = list(always)
+        self.expected = list(expected)
+        self.at_calibration = at_calibration
+        self.pool = list(pool)
+        self.tried = Tried.of(self.pool)
+        self._excluded: set[tuple[object, ...]] = set()
+        self._for_all = Alike(validation)
+        self.report = report
+
+    def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
+        """Take hypotheses out of the choice from now on."""
+        self._excluded |= {hypothesis.key for hypothesis in hypotheses}
+
+    def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
+        """Select until nothing more passes.
+
+        Args:
+            start: What is selected to begin with; by default what always moves along, and what is
+                expected.
+        """
+        selected = [*self.always, *self.expected] if start is None else list(start)
+        joints = self.validation.weight.shape[-1]
+        most = self.settings.most_effects * joints + len(self.always) - len(selected)
+        return select(self, selected, SearchSettings(max(most, 0)))[0]
+
+    def fixed(self, candidate: Candidate) -> bool:
+        """Tell whether nothing is looked for in the place of one that is selected."""
+        keys = {other.hypothesis.key for other in self.expected}
+        return candidate in self.always or candidate.hypothesis.key in keys
+
+    def moves(self, state: list[Candidate]) -> list[Candidate]:
+        """Return the hypotheses to try beside those selected, in no order."""
+        self.validation.weigh(self.validation.out_of_fold(state))
+        return [*self.pool, *self._searched(state)]
+
+    def attempt(self, state: list[Candidate], moves: Sequence[Candidate]) -> list[EffectTrial]:
+        """Return how the best of some hypotheses do beside those selected."""
+        return self.best(state, self.validation.score(state), moves)
+
+    def choose(self, trials: Sequence[EffectTrial]) -> EffectTrial | None:
+        """Return the most parsimonious of the passing trials that are as good as the best."""
+        passing = [trial for trial in trials if trial.passes]
+        if not passing:
+            return None
+        return self.preferred(passing)
+
+    def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
+        """Return the set with a hypothesis, those left out that are no longer needed."""
+        self.report(f"accepted: {trial.move.hypothesis}")
+        *state, newest = self._read([*state, trial.move])
+
+        def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
+            old = [
+                candidate
+                for candidate in kept
+                if candidate is not newest and candidate not in self.always
+            ]
+            return [
+                (found.worth, found.move) for found in self._without(kept, old) if not found.passes
+            ]
+
+        return eliminate_backward(
+            [*state, newest], failing,
+            lambda gone: self.report(f"no longer needed: {gone.hypothesis}"),
+        )  # fmt: skip
+
+    def _read(self, chosen: Sequence[Candidate]) -> list[Candidate]:
+        """Return a set with readings of what acts beside the others in it."""
+        return [
+            refined(self.validation, candidate, [o for o in chosen if o is not candidate])
+            if candidate.hypothesis.EFFORT_READING
+            else candidate
+            for candidate in chosen
+        ]
+
+    def best(
+        self,
+        selected: Sequence[Candidate],
+        before: Score,
+        pool: Sequence[Candidate] | None = None,
+    ) -> list[EffectTrial]:
+        """Return the best hypotheses beside the selected ones, settings refined, best first."""
+        validation, settings = self.validation, self.settings
+        if pool is None:
+            pool = [*self.pool, *self._searched(selected)]
+        # Whatever was looked at counts: that most did not get past the screen is chance, too.
+        self.tried = self.tried.with_those_of(pool)
+        known = {candidate.hypothesis.key for candidate in selected} | self._excluded
+        pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
+        least = settings.least(validation)
+        screened = validation.screen(selected, pool, settings.screened, least)
+        trials = [self.evaluate(selected, candidate, before) for candidate in screened]
+        if not trials:
+            return []
+        limit = (1.0 - settings.close) * max(trial.gain for trial in trials)
+        trials.sort(key=lambda trial: -trial.gain)
+        result, seen = [], set()
+        for trial in trials:
+            hypothesis = trial.candidate.hypothesis
+            name = (hypothesis.key, trial.candidate.size)
+            if name in seen:
+                continue
+            seen.add(name)
+            adjustable = hypothesis.refine or hypothesis.fixed_point
+            if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
+                adjusted = refined(validation, trial.candidate, selected)
+                again = self.evaluate(selected, adjusted, before)
+                trial = again if again.gain > trial.gain else trial
+            result.append(trial)
+        return sorted(result, key=lambda trial: -trial.gain)
+
+    def evaluate(
+        self, selected: Sequence[Candidate], candidate: Candidate, before: Score
+    ) -> EffectTrial:
+        """Return how a candidate does beside the selected ones."""
+        after = self.validation.score([*selected, candidate])
+        fitted = split([*selected, candidate], self.validation.parameters([*selected, candidate]))
+        possible = _possible(candidate, fitted)
+        return self._trial(candidate, selected, before, after, fitted[-1][1], possible)
+
+    def _trial(
+        self, candidate: Candidate, beside: Sequence[Candidate], before: Score, after: Score,
+        theta: Array, possible: bool,
+    ) -> EffectTrial:  # fmt: skip
+        """Return how a candidate does, whether it comes or stays: by the same measure.
+
+        Bonferroni's correction is for all torques that were tried (:class:`Tried`).
+        """
+        inflation = self.validation.inflation(after.error, before.error - after.error)
+        tried = self.tried.beside(candidate)
+        p_value = self.validation.p_value(before, after, candidate, inflation, tried)
+        used = (self.validation.weight > 0.0) & candidate.acts
+        removed = 1.0 - after.rms / np.maximum(before.rms, 1e-300)
+        size = np.where(used, self.validation.size(candidate, theta), 0.0)
+        if self.validation.model_size:
+            # What the model's parameters would make up for as best they can is not theirs.
+            with_torque = np.maximum(np.hypot(after.rms, size), 1e-300)
+            removed = np.fmax(removed, 1.0 - after.rms / with_torque)
+        most = float(np.max(removed[used], initial=0.0))
+        gain, settings = after.likelihood - before.likelihood, self.settings
+        expected = self._other_day.explains(candidate, theta, beside)
+        least = settings.least(self.validation, self._other_day.changed(beside))
+        matters = used & (size >= least)
+        passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
+        passes = passes and possible and bool(matters.any())
+        news = self._news(candidate, beside) if passes else 1.0
+        if news < 1.0:
+            p_value = self.validation.p_value(before, after, candidate, inflation, tried, news)
+        seen_before = passes and p_value >= settings.alpha
+        other_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
+        if passes and candidate.hypothesis.common_cause:
+            passes = self._alike(candidate, beside, after, theta, inflation, other_day)
+        return EffectTrial(
+            candidate, gain, passes and not seen_before, after, p_value, most, possible,
+            np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])), other_day,
+            seen_before,
+        )  # fmt: skip
+
+    def _alike(
+        self, candidate: Candidate, beside: Sequence[Candidate], after: Score, theta: Array,
+        inflation: Array, other_day: bool,
+    ) -> bool:  # fmt: skip
+        """Tell whether what a candidate takes to be alike at several joints is.
+
+        What a day does to all friction it need not do to all alike: there what is common has to be
+        more, in squares, than what differs.
+        """
+        if other_day:
+            return self._for_all.differ(candidate, theta, beside) < 1.0
+        settings, validation = self.settings, self.validation
+        clearly = settings.equal_least * float(np.max(inflation[candidate.acts]))
+        least = settings.least(validation)
+        return self._for_all.hold(candidate, theta, beside, after.likelihood + clearly, least)
+
+    def _news(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
+        """Return which part of the evidence of a candidate the calibration did not show."""
+        expected = (
+            None if self.at_calibration is None else self.at_calibration.comes_back(candidate)
+        )
+        if expected is None:
+            return 1.0
+        theta, covariance = self.validation.fit([*beside, candidate])
+        own = slice(len(theta) - candidate.size, len(theta))
+        return expected.news(theta[own], covariance[own, own])
+
+    def sure_of(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
+        """Tell whether one of those selected is sure without a look at held-out blocks.
+
+        What comes once, and is over before one of them, is not: a joint that slips once looks so.
+        """
+        if candidate.hypothesis.transient:
+            return False
+        (trial,) = self._without(selected, [candidate])
+        return trial.p_value < self.settings.unseen
+
+    def _without(
+        self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]
+    ) -> list[EffectTrial]:
+        """Return how some of the selected do beside all others."""
+        whole, theta = self.validation.score(selected), self.validation.parameters(selected)
+        parameters = split(selected, theta)
+        trials = []
+        for candidate in looked_at:
+            rest = [other for other in selected if other is not candidate]
+            before = self.validation.score(rest)
+            fitted = next(values for other, values in parameters if other is candidate)
+            possible = _possible(candidate, parameters)
+            trials.append(self._trial(candidate, rest, before, whole, fitted, possible))
+        return trials
+
+    def _searched(self, selected: Sequence[Candidate]) -> list[Candidate]:
+        """Return the hypotheses that are found in what is not explained."""
+        data = self.validation.data
+        allowed = data.fold >= 0
+        weight = allowed[:, None] * self.validation.weight**2
+        residual = Residual(data, self.validation.residual(selected), weight, allowed)
+        found = (
+            hypothesis
+            for effect, basis in self.validation.search_bases.items()
+            for hypothesis in effect.search(basis, residual)
+        )
+        return list(self.validation.data.candidates(found))
+
+    def margin(self, trials: Sequence[EffectTrial]) -> float:
+        """Return how much less than the best of some gains still counts as equal."""
+        best = max(trials, key=lambda trial: trial.gain)
+        return max(self.settings.equal_least * best.inflation, self.settings.equal * best.gain)
+
+    def eliminate_backward(self, selected: Sequence[Candidate]) -> list[Candidate]:
+        """Return those that are still significant and worth having when all is known.
+
+        The weakest goes first, since others may take its place. Parameters of the model that moved
+        along stay if they help to predict what they have not seen.
+        """
+
+        def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
+            self.validation.weigh(self.validation.out_of_fold(kept), final=True)
+            return [
+                (trial.gain, trial.candidate)
+                for trial in self._without(kept, kept)
+                if not (
+                    trial.gain + trial.candidate.cost > 0.0
+                    if trial.candidate in self.always
+                    else trial.passes
+                )
+            ]
+
+        return eliminate_backward(
+            selected, failing, lambda gone: self.report(f"not confirmed: {gone.hypothesis}")
+        )
+
+    def preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
+        """Return, of those that are as good as the best, what is no news, or most parsimonious."""
+        margin = self.margin(trials)
+        least = max(trial.gain for trial in trials) - margin
+        no_news = [trial for trial in trials if trial.other_day and trial.gain >= least]
+        if no_news:
+            return max(no_news, key=lambda trial: trial.gain)
+        told = [(trial.gain, trial.candidate) for trial in trials]
+        chosen = most_parsimonious(told, margin, self.settings.equal_least)
+        return next(trial for trial in trials if trial.candidate is chosen)
+
+
+def _possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]) -> bool:
+    """Tell whether the parameters of a candidate are possible beside those of others.
+
+    Dry and viscous friction may each be less than a model has; both together do not drive.
+    """
+    theta = next(values for other, values in fitted if other is candidate)
+    hypothesis = candidate.hypothesis
+    if hypothesis.removed_fraction(theta) == 0.0:
+        return hypothesis.plausible(theta)
+    less = sum(
+        other.hypothesis.removed_fraction(values)
+        for other, values in fitted
+        if other.hypothesis.joints == hypothesis.joints
+    )
+    return hypothesis.plausible(theta) and less <= MAX_REMOVED

@@ -1,0 +1,127 @@
+"""Structure that no effect explains: smooth functions of the state, and effects they refute."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut
+from dvrk_gravity.diagnosis.inference.places import SelectedEffect
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
+from dvrk_gravity.effects import unexplained_hypotheses
+
+_AT_FLOOR = 1.05  # times the noise: nothing worth finding is left. Chosen
+# Part of a joint's error that such a function must remove: half as much again as an effect. Chosen.
+_LEAST = 1.5 * SelectionSettings().least_gain
+_MOST = 3  # functions: a bound on time
+_REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
+
+
+def unexplained_structure(
+    validation: CrossValidation, selection: Selection, selected: list[SelectedEffect], floor: Array
+) -> tuple[list[SelectedEffect], list[EffectTrial]]:
+    """Return the selected effects that are not refuted, and the structure that none explains.
+
+    Args:
+        validation: The samples.
+        selection: The model selection.
+        selected: The effects it selected.
+        floor: (n,) noise, N·m.
+    """
+    data = validation.data
+    named = [effect.trial.candidate for effect in selected]
+    # Not clean where the floor is unknown.
+    clean = validation.score(named).rms <= _AT_FLOOR * floor
+    joints = np.flatnonzero(data.motion.present & ~clean).tolist()
+    pool = list(data.candidates(unexplained_hypotheses(data.motion, joints)))
+    unknown, beside_all = list[EffectTrial](), list[EffectTrial]()
+    while len(unknown) < _MOST:
+        beside = [*named, *(trial.candidate for trial in unknown)]
+        validation.weigh(validation.out_of_fold(beside), final=True)
+        best = selection.best(beside, validation.score(beside), pool)
+        significant = [trial for trial in best if trial.passes and not trial.other_day]
+        beside_all = beside_all if unknown else significant
+        strong = [
+            trial
+            for trial in significant
+            if trial.removed > _LEAST and np.any(trial.size > data.day_to_day_error)
+        ]
+        if not strong:
+            break
+        unknown.append(strong[0])
+    held_out = HeldOut(validation)
+    unknown = [
+        trial
+        for trial in unknown
+        if not held_out.unconfirmed([*named, trial.candidate], [trial.candidate])
+    ]
+    for trial in unknown:
+        named = [each for each in named if not _refuted(validation, named, each, trial.candidate)]
+    kept = {id(candidate) for candidate in named}
+    return [
+        replace(effect, doubt=_doubt(selection, named, effect.trial.candidate, pool, beside_all))
+        for effect in selected
+        if id(effect.trial.candidate) in kept
+    ], unknown
+
+
+def _doubt(
+    selection: Selection, named: Sequence[Candidate], candidate: Candidate,
+    pool: Sequence[Candidate], beside_all: Sequence[EffectTrial],
+) -> tuple[str, str]:  # fmt: skip
+    """Return why an effect is not certain, and what to record; empty if no alternative stands up.
+
+    The omnibus alternative is any smooth function of the state. It stands up if it is significant
+    beside all effects at a joint of this one, or does better in its place, the cost of its
+    parameters included.
+
+    Args:
+        selection: The model selection.
+        named: All effects.
+        candidate: The effect in question.
+        pool: The functions.
+        beside_all: Those of them that are significant beside all effects.
+    """
+    joints, validation = candidate.hypothesis.joints, selection.validation
+    for trial in beside_all:
+        function = trial.candidate.hypothesis
+        if function.joints[0] in joints:
+            of, where = function.words({})["what"], function.names[0]
+            why = f"beside it an error of {where} stays that depends on {of}"
+            return why, function.remedy(carried=False)
+    functions = [each for each in pool if each.hypothesis.joints[0] in joints]
+    if selection.fixed(candidate) or not functions:
+        return "", ""
+    rest = [other for other in named if other is not candidate]
+    validation.weigh(validation.out_of_fold(named), final=True)
+    without = validation.score(rest)
+    current = selection.evaluate(rest, candidate, without)
+    least = current.gain + selection.settings.equal_least * current.inflation
+    better = [trial for trial in selection.best(rest, without, functions) if trial.gain > least]
+    if not better:
+        return "", ""
+    function = better[0].candidate.hypothesis
+    of = function.words({})["what"]
+    why = f"any smooth function of {of} explains unseen blocks better"
+    return why, function.remedy(carried=False)
+
+
+def _refuted(
+    validation: CrossValidation,
+    named: Sequence[Candidate],
+    candidate: Candidate,
+    function: Candidate,
+) -> bool:
+    """Return whether an arbitrary function does so much better that an effect does not fit."""
+    if not set(candidate.hypothesis.joints) & set(function.hypothesis.joints):
+        return False
+    rest = [other for other in named if other is not candidate]
+    without = validation.score(rest).likelihood
+    gain = validation.score([*rest, candidate]).likelihood - without
+    function_gain = validation.score([*rest, function]).likelihood - without
+    return gain < _REFUTED * function_gain

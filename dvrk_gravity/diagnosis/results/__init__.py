@@ -1,0 +1,1 @@
+"""Findings as typed values, and the model that carries them."""

@@ -1,0 +1,277 @@
+"""From the posterior to findings with numbers, and the extended model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
+from dvrk_gravity.diagnosis.inference.baseline import poorly_stated
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates, setting_columns
+from dvrk_gravity.diagnosis.inference.infer import Posterior
+from dvrk_gravity.diagnosis.inference.readings import error_as_read, error_beside_baseline
+from dvrk_gravity.diagnosis.inference.refinement import RefinementSettings, plateau
+from dvrk_gravity.diagnosis.inference.tangent import tangents
+from dvrk_gravity.diagnosis.inference.worse_joints import worse
+from dvrk_gravity.diagnosis.results import sentences
+from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
+from dvrk_gravity.diagnosis.results.effect_findings import (
+    Difference,
+    difference,
+    effect_finding,
+)
+from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
+from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, ordered
+from dvrk_gravity.diagnosis.results.identifiability import ambiguities
+from dvrk_gravity.diagnosis.results.other_findings import (
+    check_payload,
+    expected_error,
+    known,
+    reading_finding,
+    unexplained_error,
+    unknown_finding,
+)
+from dvrk_gravity.effects import AbsorbedByModel, Unknown
+from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.identification import outside_range
+from dvrk_gravity.model import TorqueModel
+
+_ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
+_FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Chosen
+_LASTING = 0.6  # of an error that lasts as long as a motion does, and noise does not. Chosen
+
+
+def report(
+    posterior: Posterior, faults: Sequence[Finding] = (), known_payload: float | None = None
+) -> Diagnosis:
+    """Return the diagnosis that a posterior amounts to.
+
+    Args:
+        posterior: What explains the recordings.
+        faults: Findings about the recordings themselves, which were corrected.
+        known_payload: Mass that a link carries, kg: the payload found is compared with it.
+    """
+    loaded, wrong, validation = posterior.loaded, posterior.wrong, posterior.validation
+    held_out, data = HeldOut(validation), validation.data
+    motion, names = data.motion, data.motion.arm.joint_names
+    named = [effect.trial.candidate for effect in posterior.selected]
+    theta, covariance, spreads = _fit(validation, named)
+    differences = _differences(validation, named, loaded.sources)
+    model, left_out, conflicts = _extended(posterior, held_out, named, theta, differences)
+    findings = list(faults)
+    first = held_out.as_read()
+    if wrong:
+        first = error_as_read(wrong[0].motion, data, held_out)
+        findings += _reading_findings(posterior, held_out, named, first)
+    scale = _scale_error(motion.arm)
+    effect_findings = []
+    for i, (effect, rows) in enumerate(zip(posterior.selected, slices_of(named), strict=True)):
+        hypothesis = effect.trial.candidate.hypothesis
+        if conflicts.get(i) == sentences.BESIDE_DIFFERENT:
+            continue
+        spread = covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows])
+        if posterior.at_calibration is not None:
+            back, of_settings = posterior.at_calibration.spread(named[i], theta[rows])
+            spread += back
+            for name, deviation in of_settings.items():
+                spreads[i][name] = np.hypot(spreads[i].get(name, 0.0), deviation)
+        if isinstance(hypothesis, AbsorbedByModel):
+            spread += hypothesis.absorbed_variance(loaded.motion) * np.eye(len(spread))
+        parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
+        finding = effect_finding(
+            held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
+        )
+        if (differs := differences[i]) is not None:
+            sentence = f"{differs.sentence}; on average {finding.sentence}"
+            finding = replace(finding, sentence=sentence, remedy=sentences.DIAGNOSE_ALONE)
+        effect_findings.append(finding)
+    findings += ordered(effect_findings, poorly_stated(motion))
+    different = any(differences)
+    expected = expected_error(data, held_out)
+    floor = data.noise_rms(loaded.floor, validation.residual(named))
+    if not different:
+        for trial in posterior.unexplained:
+            findings.append(unknown_finding(held_out, validation, named, trial))
+        findings += _unexplained_errors(posterior, held_out, named, floor, expected, findings)
+    after = held_out.rmse(held_out.error(named))
+    seen = np.where(held_out.seen, 1.0, np.nan)
+    grown = [names[joint] for joint in worse(held_out, named, first, floor)]
+    outside = outside_range(
+        motion.model, motion.q, None if motion.static else motion.qd, motion.present
+    )
+    reference = motion.reference is not None
+    return Diagnosis(
+        verdict=_verdict(findings, different or bool(grown)),
+        findings=tuple(findings),
+        known=known(validation, held_out, posterior.minor, named, expected),
+        before=by_joint(names, seen * held_out.rmse(first)),
+        after=by_joint(names, seen * after),
+        floor=by_joint(names, floor),
+        expected=by_joint(names, expected),
+        floor_from=data.noise_source(floor),
+        samples=int((data.block >= 0).sum()),
+        held_out=held_out.samples,
+        warnings=loaded.warnings,
+        notes=(
+            *sentences.method_notes(loaded, data, floor),
+            *sentences.larger_errors(grown),
+            *sentences.extrapolated(outside),
+            *(sentences.rejected(effect) for effect in posterior.unconfirmed),
+            *(sentences.left_out(named[i].hypothesis, why) for i, why in conflicts.items()),
+        ),
+        ambiguities=ambiguities(validation, named, posterior.pool),
+        model=model,
+        payload_check=None
+        if known_payload is None
+        else check_payload(findings, known_payload, reference),
+        band=data.band,
+        against_reference=reference,
+        with_model=not reference or bool(motion.model.terms),
+        outside=outside,
+        of_file=motion.model.of_file,
+        exact="" if reference else sentences.why_exact(motion.model),
+    )
+
+
+def _differences(
+    validation: CrossValidation, named: Sequence[Candidate], sources: Sequence[str]
+) -> list[Difference | None]:
+    return [difference(validation, named, i, sources) for i in range(len(named))]
+
+
+def _extended(
+    posterior: Posterior,
+    held_out: HeldOut,
+    named: Sequence[Candidate],
+    theta: Array,
+    differences: Sequence[Difference | None],
+) -> tuple[TorqueModel, tuple[str, ...], dict[int, str]]:
+    """Return the extended model, why it lacks each effect (``""`` if not), and which conflict."""
+    motion, data = posterior.loaded.motion, posterior.validation.data
+    parts = [theta[rows] for rows in slices_of(named)]
+    found = [(each.hypothesis, part) for each, part in zip(named, parts, strict=True)]
+    # An effect that no recording shows by itself only compensates an average of differing ones.
+    shown = any(each and each.shown for each in differences)
+    conflicts: dict[int, str] = {}
+    for i, each in enumerate(differences):
+        if any(differences) and (not each or shown > each.shown):
+            conflicts[i] = sentences.BESIDE_DIFFERENT
+        elif each:
+            conflicts[i] = sentences.DIFFERENT
+    model, left_out = extended(motion, found, conflicts)
+    lost = {
+        i: NOT_AS_FOUND
+        for i, (candidate, part) in enumerate(zip(named, parts, strict=True))
+        if not left_out[i] and contradicted(data, candidate, part)
+    }
+    if lost:
+        conflicts |= lost
+        model, left_out = extended(motion, found, conflicts)
+    if found:
+        whole = not any(left_out) and not posterior.wrong
+        model = updated(model, posterior.validation, named, held_out, conflicts, whole)
+    return model, left_out, conflicts
+
+
+def _reading_findings(
+    posterior: Posterior, held_out: HeldOut, named: Sequence[Candidate], first: Array
+) -> list[Finding]:
+    """Return wrong readings, all by the gain of their corrections together.
+
+    Of three exchanged joints one exchange alone corrects nothing.
+    """
+    before, after = first, held_out.as_read()
+    # What friction hides does not separate readings.
+    if baseline := poorly_stated(posterior.validation.data.motion):
+        of_file = [candidate for candidate in named if candidate.hypothesis.effect in baseline]
+        before = error_beside_baseline(posterior.wrong[0].motion)
+        after = held_out.error(of_file)
+    return [reading_finding(wrong, before, after, held_out) for wrong in posterior.wrong]
+
+
+def _unexplained_errors(
+    posterior: Posterior,
+    held_out: HeldOut,
+    named: Sequence[Candidate],
+    floor: Array,
+    expected: Array,
+    findings: Sequence[Finding],
+) -> list[Finding]:
+    """Return joints whose error is beyond noise, and that no other unknown structure names."""
+    validation = posterior.validation
+    motion, source = validation.data.motion, validation.data.noise_source(floor)
+    # Day-to-day friction variation is listed as known.
+    causes = [*named, *posterior.day_to_day]
+    error = held_out.error(causes)
+    # Out of fold as well: the edge of a push may lie in a held-out block.
+    rms = np.minimum(held_out.rmse(error), validation.score(causes).rms)
+    # A floor from high frequencies assumes white noise; one from repetition need not.
+    white = (source != "repetition") & ~(held_out.lasting(error) > _LASTING)
+    likely = np.fmax(floor, expected)
+    uncertainty = motion.model.uncertainty
+    if uncertainty is not None:  # an unloaded joint of a file: nothing is expected, nor noise known
+        likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
+    unknown = [finding for finding in findings if finding.effect == Unknown.NAME]
+    known_at = {name for finding in unknown for name in finding.joints}
+    large = rms > np.where(white, _FAR_ABOVE, _ABOVE) * likely
+    after = held_out.rmse(error)
+    return [
+        unexplained_error(motion.arm, joint, after[joint], floor[joint], expected[joint], source)
+        for joint in np.flatnonzero(large).tolist()
+        if motion.arm.joint_names[joint] not in known_at
+    ]
+
+
+def _scale_error(arm: Arm) -> float:
+    """Return the relative standard error of torques, from drive gains.
+
+    Their errors, from one table or one weighing, are not independent between joints.
+    """
+    return 0.0 if arm.drive_gain_error is None else float(np.mean(arm.drive_gain_error))
+
+
+def _fit(
+    validation: CrossValidation, named: Sequence[Candidate]
+) -> tuple[Array, Array, list[dict[str, float]]]:
+    """Return parameters, covariance, and standard deviations of each effect's settings."""
+    if not named:
+        return np.zeros(0), np.zeros((0, 0)), []
+    validation.weigh(validation.out_of_fold(named))
+    along, tangent = tangents(validation, named)
+    theta, _ = along.fit(tangent)
+    slopes: list[Candidate] = []
+    names: list[list[str]] = []
+    for candidate, rows in zip(named, slices_of(named), strict=True):
+        found, columns = setting_columns(validation, candidate, theta[rows])
+        names.append(found)
+        slopes += columns
+    # Free settings widen the others' intervals; their values stay.
+    _, covariance = along.fit([*tangent, *slopes])
+    deviation = np.sqrt(np.maximum(np.diag(covariance)[len(theta) :], 0.0)).tolist()
+    spreads = []
+    for candidate, found in zip(named, names, strict=True):
+        spread = {name: deviation.pop(0) for name in found}
+        rest = [other for other in named if other is not candidate]
+        for name in set(candidate.hypothesis.edges) & set(candidate.hypothesis.refine):
+            low, high = plateau(validation, candidate, rest, name)
+            spread[name] = max(high - low, RefinementSettings().edge_step) / (2.0 * NORMAL_95)
+        spreads.append(spread)
+    return theta, covariance[: len(theta), : len(theta)], spreads
+
+
+def _verdict(findings: Sequence[Finding], in_part: bool) -> Verdict:
+    if not findings:
+        return "nothing_to_explain"
+    unknown = [finding.effect == Unknown.NAME for finding in findings]
+    if all(unknown):
+        return "unexplained"
+    if any(unknown) or in_part:
+        return "partly_explained"
+    if any(finding.alternatives for finding in findings):
+        return "ambiguous"
+    return "explained"

@@ -1,0 +1,176 @@
+"""The result of a diagnosis as a whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
+from dvrk_gravity.diagnosis.results import sentences
+from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
+from dvrk_gravity.diagnosis.results.simulation_check import InSimulation
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import DataWarning
+
+_UNEXPECTED = 2.0  # times what a model expects of itself: more than it should be. Chosen
+Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The result of a diagnosis.
+
+    Attributes:
+        verdict: In one word.
+        findings: Causes of the error: certain ones first, by the part of the held-out error that
+            each removes; unexplained structure last.
+        known: What the model's own uncertainty and its error at calibration explain.
+        before: Held-out RMSE of the given model by joint, N·m.
+        after: RMSE with all named findings.
+        floor: RMSE of noise alone; NaN if unknown.
+        expected: RMSE that the model expects of itself here, from its parameters' posterior and its
+            error at calibration; NaN without uncertainty.
+        floor_from: Where the floor was seen.
+        samples: Samples compared.
+        held_out: Those of them held out of fit and selection.
+        warnings: About the data.
+        notes: How it was judged, one sentence each.
+        ambiguities: Causes, found or not, that this data cannot separate.
+        model: The model, extended by what a model file has terms for.
+        in_simulation: The given and the extended model in the simulator; ``None`` if not asked
+            for, or if they are the same.
+        payload_check: How the payload found compares with its known mass; ``None`` without one.
+        band: Hz; errors are those below this. ``None`` for static poses.
+        against_reference: The recordings are compared with a reference, not with the model.
+        with_model: A model was given, by itself or beside a reference.
+        outside: Where joints are outside the identified range, one sentence each.
+        of_file: The model is what an arm's own file states.
+        exact: Why the model counts as exact; ``""`` if it states its uncertainty.
+    """
+
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    known: tuple[Known, ...]
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    floor: Mapping[str, float]
+    expected: Mapping[str, float]
+    floor_from: FloorFrom
+    samples: int
+    held_out: int
+    warnings: tuple[DataWarning, ...]
+    notes: tuple[str, ...]
+    ambiguities: tuple[Ambiguity, ...]
+    model: TorqueModel = field(repr=False)
+    in_simulation: InSimulation | None = None
+    payload_check: PayloadCheck | None = None
+    band: float | None = None
+    against_reference: bool = False
+    with_model: bool = True
+    outside: tuple[str, ...] = ()
+    of_file: bool = False
+    exact: str = ""
+
+    def __repr__(self) -> str:
+        """Give the verdict and the effects."""
+        found = ", ".join(
+            f"{finding.effect} at {', '.join(finding.joints) or 'the arm'}"
+            for finding in self.findings
+        )
+        return f"<Diagnosis {self.verdict}: {found or 'no findings'}>"
+
+    @property
+    def sentence(self) -> str:
+        """The first finding in a sentence, or that there is none and what error remains."""
+        if self.findings:
+            return self.findings[0].sentence
+        least, words = self.least
+        ratio = {
+            name: self.after[name] / value
+            for name, value in least.items()
+            if value > 0 and np.isfinite(self.after[name])
+        }
+        return sentences.nothing_found(
+            self.against_reference,
+            "; ".join(entry.of_all_friction for entry in self.known if entry.of_all_friction),
+            ratio,
+            words,
+            [name for entry in self.known if entry.of_effect for name in entry.joints],
+            _UNEXPECTED if least is self.expected else None,
+        )
+
+    @property
+    def least(self) -> tuple[Mapping[str, float], str]:
+        """Error by joint to compare the remaining one with, N·m or N, and what it is.
+
+        What a model expects of itself; without uncertainty only the noise floor is known.
+        """
+        if np.isfinite(list(self.expected.values())).any():
+            return self.expected, "what the model expects"
+        return self.floor, sentences.FLOORS[self.floor_from]
+
+    @property
+    def caveat(self) -> str:
+        """What limits the findings; ``""`` if nothing does."""
+        if not self.findings:
+            return ""
+        return sentences.caveat(self.against_reference, self.with_model)
+
+    @property
+    def compared(self) -> str:
+        """What the errors are, in words."""
+        return sentences.what_is_compared(self.band)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return findings.json's content."""
+        return {
+            "format": 2,
+            "verdict": self.verdict,
+            "findings": [finding.to_dict() for finding in self.findings],
+            "known": [known.to_dict() for known in self.known],
+            "rmse": {
+                name: {joint: _number(v) for joint, v in values.items()}
+                for name, values in (
+                    ("before", self.before),
+                    ("after", self.after),
+                    ("floor", self.floor),
+                    ("model", self.expected),
+                )
+            },
+            "data": {
+                "samples": self.samples,
+                "held_out": self.held_out,
+                "warnings": [str(warning) for warning in self.warnings],
+                "floor_from": self.floor_from,
+                "model_exact": bool(self.exact),
+            },
+            "ambiguities": [
+                {
+                    "between": [ambiguity.first.to_dict(), ambiguity.second.to_dict()],
+                    "overlap": ambiguity.overlap,
+                    "sentence": ambiguity.sentence,
+                }
+                for ambiguity in self.ambiguities
+            ],
+            "known_payload": self.payload_check and self.payload_check.to_dict(),
+            "notes": list(self.notes),
+            "simulation": self.in_simulation and self.in_simulation.to_dict(),
+        }
+
+    def to_json(self) -> str:
+        """Return findings.json's text."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def by_joint(names: Sequence[str], values: Array) -> dict[str, float]:
+    """Return (n,) values by joint name."""
+    return dict(zip(names, values.tolist(), strict=True))

@@ -1,0 +1,255 @@
+"""Findings that are no effect, and what the model's own uncertainty and error explain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FloorFrom
+from dvrk_gravity.diagnosis.data.model_error import part_of_friction
+from dvrk_gravity.diagnosis.inference.alike import Alike
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut, estimates
+from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
+from dvrk_gravity.diagnosis.results import sentences
+from dvrk_gravity.diagnosis.results.effect_findings import picture_of
+from dvrk_gravity.diagnosis.results.findings import (
+    ERROR,
+    NO_TERM,
+    PARAMETERS,
+    Alternative,
+    Finding,
+    Known,
+    PayloadCheck,
+)
+from dvrk_gravity.effects import Estimate, Kind, Payload, Unknown, is_friction
+from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.parameters import FRICTION_RATIO
+from dvrk_gravity.units import quantity
+
+
+def unknown_finding(
+    held_out: HeldOut, validation: CrossValidation, named: Sequence[Candidate], trial: EffectTrial
+) -> Finding:
+    """Return the finding of structure that no effect explains."""
+    hypothesis = trial.candidate.hypothesis
+    with_it = [*named, trial.candidate]
+    before, after = held_out.error(named, with_it), held_out.error(with_it)
+    joint = hypothesis.joints[0]
+    rmse = held_out.rmse(before)[joint], held_out.rmse(after)[joint]
+    rms = float(np.sqrt(max(rmse[0] ** 2 - rmse[1] ** 2, 0.0)))
+    parameters = {"rms": Estimate(rms, rms, rms, hypothesis.unit("rms"))}
+    return Finding(
+        effect=Unknown.NAME,
+        joints=hypothesis.names,
+        place=hypothesis.place,
+        parameters=parameters,
+        gain=held_out.gain(before, after, [joint]),
+        alternatives=(),
+        rejected=(),
+        sentence=hypothesis.claim(parameters),
+        picture=picture_of(validation.data, held_out, hypothesis, joint, before, after),
+        left_out=NO_TERM,
+        remedy=hypothesis.remedy(carried=False),
+    )
+
+
+def unexplained_error(
+    arm: Arm, joint: int, after: float, floor: float, expected: float, source: FloorFrom
+) -> Finding:
+    """Return the finding of a joint's error that nothing explains, whatever it depends on.
+
+    It is compared with the noise floor, or, where that is unknown, with what the model expects.
+    """
+    known = np.isfinite(floor)
+    least = floor if known else expected
+    words = sentences.FLOORS[source] if known else "the model's error at calibration"
+    rms = float(np.sqrt(after**2 - least**2))
+    name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
+    return Finding(
+        effect=Unknown.NAME,
+        joints=(name,),
+        place="nothing that was tried",
+        parameters={"rms": Estimate(rms, rms, rms, unit)},
+        gain=Gain(0.0, 0.0, 0.0, 1.0),
+        alternatives=(),
+        rejected=(),
+        sentence=sentences.unknown_error(name, quantity(after, unit), after / least, words),
+        picture=None,
+        left_out=NO_TERM,
+        remedy=Unknown.REMEDY,
+    )
+
+
+def reading_finding(wrong: WrongReading, before: Array, after: Array, held_out: HeldOut) -> Finding:
+    """Return the finding that the recording was read wrongly.
+
+    Args:
+        wrong: The wrong reading and its alternatives.
+        before: (H, n) held-out errors as it was read first.
+        after: (H, n) held-out errors as it is to be read.
+        held_out: The held-out samples.
+    """
+    reading, names = wrong.score.reading, held_out.joint_names
+    joints, gain = reading_gain(wrong.score, before, after, held_out)
+    affected = tuple(names[joint] for joint in reading.joints)
+    place = "clock" if reading.clock else reading.words
+    if reading.scale:
+        place = Kind.JOINT.value if affected else "all"
+        affected = affected or tuple(names)
+    return Finding(
+        effect=reading.effect.NAME,
+        joints=affected,
+        place=place,
+        parameters={"factor": reading.factor} if reading.factor else {},
+        gain=gain,
+        alternatives=tuple(
+            Alternative(
+                other.reading.effect.NAME,
+                tuple(names[joint] for joint in other.reading.joints),
+                sentences.alternative(other.gain, wrong.score.gain, other.reading.words),
+            )
+            for other in wrong.alternatives
+        ),
+        rejected=(),
+        sentence=sentences.wrong_reading(reading.words, gain.relative, names[joints[0]]),
+        picture=None,
+        left_out=NO_TERM,
+        remedy=reading.remedy,
+    )
+
+
+def check_payload(findings: Sequence[Finding], known: float, reference: bool) -> PayloadCheck:
+    """Compare the payload that was found with its known mass, kg.
+
+    Args:
+        findings: What was found.
+        known: The known mass, kg.
+        reference: Two recordings were compared.
+    """
+    found = next((finding for finding in findings if finding.effect == Payload.NAME), None)
+    if found is None:
+        return PayloadCheck(known, None, sentences.payload("", known, None, "", reference))
+    mass = found.parameters["mass"].magnitude  # put on, or taken off since a reference
+    scale, gain = None, ""
+    if mass.unit == "kg":
+        scale = Estimate(mass.value / known, mass.low / known, mass.high / known, "")
+    else:
+        gain = quantity(known / mass.value, "")
+    return PayloadCheck(known, scale, sentences.payload(mass.shown, known, scale, gain, reference))
+
+
+def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
+    """Return (n,) RMS error that a model expects of itself on held-out samples, N·m.
+
+    From its error at calibration, day-to-day friction variation, and its parameters' posterior; NaN
+    of a model without uncertainty.
+    """
+    if data.motion.model.uncertainty is None:
+        return np.full(data.motion.arm.n, np.nan)
+    usable = data.usable[held_out.rows]
+    variance = (data.model_columns[held_out.rows] ** 2).sum(axis=2)
+    variance = np.minimum(variance, data.motion.arm.effort_limit**2)
+    mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
+    return np.sqrt(data.day_to_day_error**2 + mean)
+
+
+def known(
+    validation: CrossValidation,
+    held_out: HeldOut,
+    minor: Sequence[EffectTrial],
+    named: Sequence[Candidate],
+    expected: Array,
+) -> tuple[Known, ...]:
+    """Return what the model's uncertainty and its error at calibration explain.
+
+    Args:
+        validation: The samples.
+        held_out: The held-out samples.
+        minor: Effects that are significant, and smaller than that error or than day-to-day friction
+            variation.
+        named: The selected effects.
+        expected: See :func:`expected_error`.
+    """
+    motion, data = validation.data.motion, validation.data
+    if motion.reference is None and motion.model.uncertainty is None:
+        return ()
+    moved = np.where(data.usable, validation.moved(named), np.nan)[held_out.rows]
+    moved_rms, left = held_out.rmse(moved), held_out.rmse(held_out.error(named))
+    found = (
+        [_minor(validation, trial, named) for trial in minor] if motion.reference is None else []
+    )
+    source = "file" if motion.model.of_file else "identification"
+    seen = motion.present & (held_out.seen if motion.reference is None else True)
+    for joint in np.flatnonzero(seen).tolist():
+        name, unit = motion.arm.joint_names[joint], motion.arm.joints[joint].effort_unit
+        moves, rest = float(moved_rms[joint]), float(left[joint])
+        if motion.reference is not None:
+            if moves > rest:
+                sentence = sentences.day_to_day_difference(name, quantity(moves, unit))
+                found.append(_of_size(PARAMETERS, name, moves, unit, sentence))
+            continue
+        error = float(data.day_to_day_error[joint])
+        if moves > error:
+            reach = float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))
+            sentence = sentences.within_uncertainty(
+                name, quantity(moves, unit), quantity(reach, unit), source,
+                moves <= NORMAL_95 * reach,
+            )  # fmt: skip
+            found.append(_of_size(PARAMETERS, name, moves, unit, sentence))
+        if error > 0.0:
+            sentence = sentences.remaining_error(name, quantity(rest, unit), quantity(error, unit))
+            found.append(_of_size(ERROR, name, rest, unit, sentence))
+    return tuple(found)
+
+
+def _of_size(effect: str, joint: str, rms: float, unit: str, sentence: str) -> Known:
+    return Known(effect, (joint,), {"rms": Estimate(rms, rms, rms, unit)}, sentence)
+
+
+def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:
+    candidate, hypothesis = trial.candidate, trial.candidate.hypothesis
+    theta, covariance = validation.fit([*named, candidate])
+    rows = slice(len(theta) - candidate.size, len(theta))
+    theta, covariance = theta[rows], covariance[rows, rows]
+    if hypothesis.common_cause:
+        differ = Alike(validation).differ(candidate, theta, named)
+        covariance = covariance + differ * np.diag(theta**2)
+    parameters = estimates(hypothesis, theta, covariance, {})
+    claim, of_friction = hypothesis.claim(parameters), is_friction(hypothesis.effect)
+    negligible = np.any(trial.size > SelectionSettings().consequence * validation.known_error)
+    friction = "" if of_friction else _like_friction(validation, candidate, theta)
+    of_all = trial.other_day and hypothesis.common_cause and of_friction
+    return Known(
+        hypothesis.effect,
+        hypothesis.names,
+        parameters,
+        sentences.minor_effect(
+            claim, bool(negligible), trial.seen_before, trial.other_day, friction,
+            elsewhere=hypothesis.site.kind is not Kind.ARM,
+        ),
+        claim if of_all else "",
+        sentences.slower_compensation(_safe_ratio(parameters)) if of_all else "",
+    )  # fmt: skip
+
+
+def _like_friction(validation: CrossValidation, candidate: Candidate, theta: Array) -> str:
+    """Return the change of friction that a torque resembles most."""
+    torque = validation.torque(candidate, theta)
+    part = part_of_friction(torque, validation.of_choice(validation.data.friction))
+    joint = int(np.argmax(np.abs(part)))
+    name = candidate.hypothesis.arm.joint_names[joint]
+    return f"{'more' if part[joint] > 0.0 else 'less'} friction at {name}"
+
+
+def _safe_ratio(factors: Mapping[str, Estimate]) -> float | None:
+    """Return the part of modelled friction that is certain; ``None``: what is compensated."""
+    # Of the kinds of friction, only those that significantly differ.
+    certain = [factor.low for factor in factors.values() if not factor.doubtful(1.0)]
+    least = float(np.floor(100.0 * max(min(certain, default=1.0), 0.0)) / 100.0)
+    return None if least >= FRICTION_RATIO else least

@@ -1,0 +1,279 @@
+"""Given and extended model in the simulator: predicted motion, and drift under compensation.
+
+Both with the model's own friction. The drift is what a hand feels if the extended model is true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.simulate import ModelArm, Plant, SimulatedArm, simulate
+
+WINDOW = 0.1  # s of open-loop prediction, which soon diverges
+STEP = 1e-3  # s
+FRICTION = (1.0, 0.1)  # parts of the arm's friction: all, and as little as it may have
+DURATION = 2.0  # s of drift, as long as the console watches it to accept a calibration
+_WINDOWS = 60
+_POSES = 3
+_RATE = 50.0  # Hz of the drift's record
+_AWAY = f"steps of {1e3 * STEP:g} ms are too long for the model's torques, the arm runs away"
+_COMPLETED = 0.01  # of the usual torque: a smaller difference of inertia is not reported
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """How an arm moves under compensation after release.
+
+    Attributes:
+        friction: Part of the arm's friction, and of its compensation, that is simulated.
+        time: (T,) s.
+        before: (P, T, n) displacement from each pose with the given model, rad or m.
+        after: (P, T, n) the same with the extended model.
+    """
+
+    friction: float
+    time: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class InSimulation:
+    """The given and the extended model in the simulator.
+
+    Attributes:
+        joints: Names of the joints.
+        units: Units of their positions.
+        windows: Number of predicted pieces of held-out motion.
+        before: (n,) RMS error of predicted positions after :data:`WINDOW` with the given model, rad
+            or m; ``None`` where motion could not be simulated.
+        after: (n,) the same with the extended model.
+        drifts: One for each of :data:`FRICTION`; none without compensation.
+        notes: What was not simulated, and why.
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    windows: int
+    before: Array | None
+    after: Array | None
+    drifts: tuple[Drift, ...]
+    notes: tuple[str, ...]
+
+    def _by_joint(self, values: Array) -> dict[str, float]:
+        return dict(zip(self.joints, values.tolist(), strict=True))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its part of findings.json."""
+        motion = None
+        if self.before is not None and self.after is not None:
+            motion = {
+                "seconds": WINDOW,
+                "windows": self.windows,
+                "rmse_before": self._by_joint(self.before),
+                "rmse_after": self._by_joint(self.after),
+            }
+        drifts = [
+            {
+                "friction": drift.friction,
+                "seconds": DURATION,
+                "poses": len(drift.before),
+                "largest_before": self._by_joint(np.abs(drift.before).max(axis=(0, 1))),
+                "largest_after": self._by_joint(np.abs(drift.after).max(axis=(0, 1))),
+            }
+            for drift in self.drifts
+        ]
+        units = dict(zip(self.joints, self.units, strict=True))
+        return {"units": units, "motion": motion, "drift": drifts, "notes": list(self.notes)}
+
+
+def in_simulation(
+    given: TorqueModel,
+    extended: TorqueModel,
+    motion: MeasuredMotion,
+    held_out: Sequence[tuple[float, float]],
+) -> InSimulation:
+    """Compare two models in the simulator.
+
+    Args:
+        given: The given model.
+        extended: The same with the findings.
+        motion: The recording.
+        held_out: Beginning and end of each held-out span of time, s.
+    """
+    names, units = motion.arm.joint_names, motion.arm.units
+    try:
+        arms = [ModelArm.of(model) for model in (given, extended)]
+    except ConfigError as error:
+        return InSimulation(names, units, 0, None, None, (), (f"nothing was simulated: {error}",))
+    notes = _inertia_notes(*arms)
+    before = after = None
+    starts = np.zeros(0, dtype=int)
+    if motion.static:
+        notes.append("static poses: there is no motion to predict")
+    elif not motion.present.all():
+        notes.append("the motion is predicted only where all joints' efforts are recorded")
+    else:
+        starts = _starts(motion, held_out)
+        with np.errstate(over="ignore", invalid="ignore"):  # reported below
+            before, after = (_missed(arm, motion, starts) for arm in arms)
+        if not np.isfinite([before, after]).all():
+            before = after = None
+            notes.append(f"the motion is not predicted: {_AWAY}")
+    drifts, reason = _drifts(arms[1], given, extended, _poses(motion))
+    if reason:
+        notes.append(f"no drift is shown: {reason}")
+    return InSimulation(names, units, len(starts), before, after, drifts, tuple(notes))
+
+
+def _drifts(
+    arm: ModelArm, given: TorqueModel, extended: TorqueModel, poses: Array
+) -> tuple[tuple[Drift, ...], str]:
+    """Return the drift for each part of the arm's friction, or none and why."""
+    if not any(term.gravity_vector is not None for term in given.terms):
+        return (), "the given model has no gravity term, and compensates nothing"
+    for name, model in (("given", given), ("extended", extended)):
+        try:
+            Settings.from_parameters(model.parameters())
+        except ConfigError as error:
+            return (), f"the compensator rejects the {name} model ({error})"
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            drifts = tuple(_drift(arm, given, extended, poses, part) for part in FRICTION)
+    except (ConfigError, RecordingError):  # efforts or samples overflow
+        return (), _AWAY
+    if not all(np.isfinite([drift.before, drift.after]).all() for drift in drifts):
+        return (), _AWAY
+    return drifts, ""
+
+
+def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
+    """Return where the simulated inertia differs from the models'."""
+    notes = {"given": _inertia_note(given), "extended": _inertia_note(extended)}
+    if notes["given"] == notes["extended"]:
+        return [f"both models have {notes['given']}"] if notes["given"] else []
+    return [f"the {name} model has {note}" for name, note in notes.items() if note]
+
+
+def _inertia_note(arm: ModelArm) -> str:
+    if arm.off is None:
+        return f"no inertia: that of {arm.known} is used instead"
+    if arm.off.max() <= _COMPLETED:
+        return ""
+    joint, middle = int(np.argmax(arm.off)), float(np.median(arm.off))
+    return (
+        "inertia that no rigid bodies can have: the nearest ones are simulated, whose torque "
+        f"differs by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
+        f"({arm.model.arm.joint_names[joint]})"
+    )
+
+
+def let_go(
+    plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION, part: float = 1.0
+) -> Array:
+    """Return how an arm drifts after release at a pose, compensated as by the node.
+
+    Args:
+        plant: The arm; starts at rest.
+        model: The model that compensates.
+        pose: (n,) measured position, rad or m.
+        duration: s.
+        part: Of the node's friction compensation: an arm with less friction than is compensated
+            runs away.
+
+    Returns:
+        (T, n) displacement from the pose at 50 Hz, rad or m.
+
+    Raises:
+        ConfigError: A model that the compensator rejects.
+    """
+    settings = Settings.from_parameters(model.parameters() | {"allow_poor_model": True})
+    settings = replace(settings, friction_ratio=part * settings.friction_ratio)
+    arm_type, offset = plant.model.arm, plant.model.joint_offset
+    plant.reset(np.clip(pose - offset, arm_type.lower, arm_type.upper))
+    arm = SimulatedArm(plant, builtin_compensation=False, dt=STEP)
+
+    def effort(position: Array, velocity: Array) -> Array:
+        return settings.limits.clip(settings.torque(position, velocity))
+
+    start = plant.q + offset
+    arm.servo_jf(effort(start, np.zeros(len(start))))
+    recording = simulate(
+        arm, lambda arm, m: arm.servo_jf(effort(m.position, m.velocity)), duration, _RATE
+    )
+    return recording.position - start
+
+
+def _drift(
+    arm: ModelArm, given: TorqueModel, extended: TorqueModel, poses: Array, part: float
+) -> Drift:
+    plant = arm.plant(part)
+    before, after = (
+        np.array([let_go(plant, model, pose, part=part) for pose in poses])
+        for model in (given, extended)
+    )
+    return Drift(part, np.arange(before.shape[1]) / _RATE, before, after)
+
+
+def _poses(motion: MeasuredMotion) -> Array:
+    """Return (P, n) poses of the motion that are far apart."""
+    arm = motion.arm
+    q = np.clip(motion.q[:: max(1, len(motion.q) // 500)], arm.lower, arm.upper)
+    scaled = q / motion.travel[1]
+    chosen = [int(np.argmin(np.linalg.norm(scaled - np.median(scaled, axis=0), axis=1)))]
+    while len(chosen) < _POSES:
+        ways = np.linalg.norm(scaled[:, None] - scaled[chosen], axis=2)
+        chosen.append(int(np.argmax(ways.min(axis=1))))
+    return q[chosen]
+
+
+def _starts(motion: MeasuredMotion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
+    """Return the first samples of the predicted pieces, evenly spread over held-out spans."""
+    inside = np.zeros(len(motion.q), dtype=bool)
+    for first, last in held_out:
+        inside |= (motion.time >= first) & (motion.time + WINDOW <= last)
+    for part in motion.parts:
+        inside[part] &= motion.time[part] + WINDOW <= motion.time[part][-1]
+    found = np.flatnonzero(inside)
+    return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
+
+
+def _missed(simulated: ModelArm, motion: MeasuredMotion, starts: NDArray[np.int64]) -> Array:
+    """Return (n,) RMS error of predicted positions at the end of each piece."""
+    plant = simulated.plant()
+    arm, offset = plant.model.arm, plant.model.joint_offset
+    steps = np.arange(round(WINDOW / STEP)) * STEP
+    missed = []
+    for row in starts.tolist():
+        begin = motion.time[row]
+        rows = slice(row, row + int(1.0 + 1.5 * WINDOW * (motion.rate or 1.0)))
+        efforts = _applied(plant, motion, rows, offset)
+        effort, there = (
+            np.stack([np.interp(begin + at, motion.time[rows], column) for column in of.T], -1)
+            for of, at in ((efforts, steps + 0.5 * STEP), (motion.q[rows], np.array([WINDOW])))
+        )
+        plant.reset(np.clip(motion.q[row] - offset, arm.lower, arm.upper), motion.qd[row])
+        for torque in effort:
+            plant.step(torque, dt=STEP)
+        missed.append(plant.q + offset - there[0])
+    return np.sqrt(np.mean(np.square(missed), axis=0))
+
+
+def _applied(plant: Plant, motion: MeasuredMotion, rows: slice, offset: Array) -> Array:
+    """Return (N, n) efforts that acted on the arm: measured ones without sensor bias."""
+    efforts = motion.effort[rows].copy()
+    for part in plant.parts:
+        if part.reading is not None:
+            states = zip(motion.q[rows] - offset, motion.qd[rows], strict=True)
+            efforts -= [part.reading(q, qd) for q, qd in states]
+    return efforts

@@ -1,0 +1,266 @@
+"""Friction: where it can be, the terms with levels at joints and motors, a change of all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import Values, diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
+from dvrk_gravity.effects.base.linear_term import ColumnTable, LinearTerm, ModelChange
+from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
+
+FACTOR = "factor"
+_NONE = -0.05  # of friction, by which an estimate of none may scatter. Chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Friction(LinearTerm):
+    """Friction with coefficients at the joints and at the motors.
+
+    Friction at a motor acts on every joint that the motor moves: tau = level_j s(qd_j) +
+    J' (level_m s(J qd)) with J from joint to motor velocities and s a function of one velocity.
+
+    Class attributes:
+        LEVELS: Attributes that hold its coefficients, N·m per unit of s, in the order of theta.
+
+    Attributes:
+        arm: The arm, for its transmission.
+    """
+
+    FRICTION = True
+    SITES = (Kind.JOINT, Kind.MOTOR)
+    LEVELS: ClassVar[tuple[str, ...]] = ("joint", "motor")
+
+    arm: Arm
+
+    def scaled(self, part: Array) -> Self:
+        return replace(self, **{name: part * getattr(self, name) for name in self.LEVELS})
+
+    @property
+    def theta(self) -> Array:
+        return np.concatenate([getattr(self, name) for name in self.LEVELS])
+
+    def with_theta(self, theta: Array) -> Self:
+        rows = np.reshape(theta, (len(self.LEVELS), -1))
+        levels: dict[str, Any] = dict(zip(self.LEVELS, rows, strict=True))
+        return replace(self, **levels)
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+        """Add and remove each joint's friction, and exchange joint and motor."""
+        for joint, kind in sites_of_columns(table.arm):
+            here = tuple(table.select(effect=cls.NAME, site_kind=kind, joint=joint))
+            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
+            if here[0] not in inside:
+                yield ModelChange(here, (), text)
+            elif cls.may_be_absent(table, inside, joint):
+                yield ModelChange((), here, f"without {text}")
+        yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def may_be_absent(cls, table: ColumnTable, inside: set[int], joint: int) -> bool:
+        """Return whether a search may remove a joint's columns."""
+        return True
+
+    @classmethod
+    def plainest(cls, table: ColumnTable) -> list[int]:
+        """At every joint or, where that is likelier, at its motor, if every arm has it."""
+        return [
+            index
+            for joint in range(table.arm.n if cls.EVERYWHERE else 0)
+            if _site_kinds(table.arm, joint)
+            for index in table.select(
+                effect=cls.NAME, site_kind=_likely_kind(table.arm, joint), joint=joint
+            )
+        ]
+
+
+def columns_at_sites(arm: Arm, joint: Array, motor: Array) -> Array:
+    """Return (N, n, 2 n) torques of coefficients at joints and motors, from (N, n) values each."""
+    return np.concatenate([diagonal_columns(joint), motor_columns(arm, motor)], axis=-1)
+
+
+def velocities(arm: Arm, state: State) -> tuple[Array, Array] | None:
+    """Return (…, n) velocities or directions of the joints and of the motors, if known."""
+    motion = state.qd if state.direction is None else state.direction
+    return None if motion is None else (motion, arm.actuator_position(motion))
+
+
+def friction_sites(motion: Motion) -> Iterator[Site]:
+    """Yield joints that move, and motors that move more than a joint of their own."""
+    arm, way = motion.arm, motion.direction
+    both_ways = np.zeros(arm.n, dtype=bool) if way is None else np.ptp(way, axis=0) > 0.0
+    for joint, name in enumerate(arm.joint_names):
+        if (motion.moves[joint] or both_ways[joint]) and name not in arm.frictionless:
+            yield Site.joint(joint)
+    for motor in mixed_motors(arm):
+        if motion.moves[arm.joint_to_actuator[motor] != 0.0].any() and motion.present.all():
+            yield Site.motor(motor)
+
+
+def removable(motion: Motion, where: Site, torque: Array) -> float:
+    """Return how much friction of one kind dissipates the power of all the model's there.
+
+    Were there less by more than that, friction would drive the arm.
+
+    Args:
+        motion: The motion; static poses dissipate no power and set no limit.
+        where: A joint, or a motor that moves several.
+        torque: (N,) torque at that site of one unit of the friction.
+    """
+    row = where.row(motion.arm)
+    unit = float(torque @ (motion.qd @ row))
+    if unit <= 0.0:
+        return np.inf
+    moved = row != 0.0
+    return max(float((motion.friction * motion.qd)[:, moved].sum()), 0.0) / unit
+
+
+def _site_kinds(arm: Arm, joint: int) -> tuple[str, ...]:
+    """Return where a joint's friction may be, ``joint`` or ``motor``; nowhere if it has none."""
+    at_joint = () if arm.joint_names[joint] in arm.frictionless else ("joint",)
+    return (*at_joint, "motor") if joint in mixed_motors(arm) else at_joint
+
+
+def sites_of_columns(arm: Arm) -> Iterator[tuple[int, str]]:
+    """Yield joints with the kinds of site at which their friction may be."""
+    for joint in range(arm.n):
+        for kind in _site_kinds(arm, joint):
+            yield joint, kind
+
+
+def _likely_kind(arm: Arm, joint: int) -> str:
+    """Return where it is likelier: at a motor that moves another joint as far as its own."""
+    if arm.joint_names[joint] in arm.frictionless:
+        return "motor"
+    row = np.abs(arm.joint_to_actuator[joint])
+    return "motor" if np.delete(row, joint).max(initial=0.0) >= row[joint] else "joint"
+
+
+def site_text(arm: Arm, joint: int, kind: str) -> str:
+    """Return a joint's name, with the kind of site if friction may be at either."""
+    name = arm.joint_names[joint]
+    return f"{name} ({kind})" if len(_site_kinds(arm, joint)) > 1 else name
+
+
+def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+    """Yield the moves of a joint's friction to its motor and back."""
+    for joint in mixed_motors(table.arm):
+        here, there = (
+            table.select(effect=effect, site_kind=kind, joint=joint) for kind in ("joint", "motor")
+        )
+        for old, new, kind in ((here, there, "motor"), (there, here, "joint")):
+            pairs = [
+                (a, b) for a, b in zip(old, new, strict=True) if a in inside and b not in inside
+            ]
+            if pairs:
+                gone, come = zip(*pairs, strict=True)
+                text = f"{effect} {table.arm.joint_names[joint]} at the {kind}"
+                yield ModelChange(come, gone, text)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AllFriction(Hypothesis):
+    """All friction of a model changed by a factor at every joint: warmth, an idle month.
+
+    Joint by joint that takes as many causes as there are joints, and each alone explains less than
+    one wrong cause that all of them share, a scale of all efforts, say. Subclasses name the effect.
+
+    Attributes:
+        divided: One factor for all (``""``), for each of its ``kinds``, or for each kind at each of
+            the ``joints``.
+        kinds: Effects that are its friction, by name.
+        titles: The same for reports.
+    """
+
+    divided: Literal["", "kinds", "joints"] = ""
+    kinds: tuple[str, ...] = ()
+    titles: tuple[str, ...] = ()
+    variable: str = "velocity"
+    directed: bool = True
+    common_cause: bool = True
+
+    @classmethod
+    def of(cls, motion: Motion) -> Iterator[AllFriction]:
+        """Yield it for an identified model with friction at several joints: as one, and by kind."""
+        rubs = np.flatnonzero(motion.friction.any(axis=0)).tolist()
+        if motion.static or motion.model.of_file or len(rubs) < 2:
+            return
+        terms = [term for term in motion.model.terms if term.FRICTION]
+        whole = cls(
+            arm=motion.arm, site=THE_ARM, joints=tuple(rubs), form="all",
+            kinds=tuple(term.NAME for term in terms),
+            titles=tuple(term.title() for term in terms),
+        )  # fmt: skip
+        yield whole
+        if len(terms) > 1:
+            yield replace(whole, divided="kinds", form="all, by kind")
+
+    @property
+    def unrestricted(self) -> AllFriction | None:
+        return None if self.divided == "joints" else replace(self, divided="joints", form="each")
+
+    def regressor(self, motion: Motion) -> Array:
+        if not self.divided:
+            return motion.friction[:, :, None]
+        state = State(motion.true_q, motion.qd, motion.qdd)
+        terms = {term.NAME: term for term in motion.model.terms}
+        kinds = np.stack([terms[kind].torque(state) for kind in self.kinds], axis=2)
+        if self.divided == "kinds":
+            return kinds
+        pieces = kinds[:, :, :, None] * np.eye(self.arm.n)[:, None, self.joints]
+        return pieces.reshape(*kinds.shape[:2], -1)
+
+    def parameters(self, theta: Array) -> dict[str, float]:
+        factors = (1.0 + theta).tolist()
+        if not self.divided:
+            return {FACTOR: factors[0]}
+        if self.divided == "kinds":
+            named = zip(self.kinds, factors, strict=True)
+            return {f"{kind}_{FACTOR}": factor for kind, factor in named}
+        return {f"{FACTOR}_{index}": factor for index, factor in enumerate(factors)}
+
+    def plausible(self, theta: Array) -> bool:
+        """Friction may vanish, but not drive the arm."""
+        return bool((1.0 + theta >= _NONE).all())
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        words = self._in_words(parameters)
+        if not self.divided:
+            return f"there is {words[FACTOR]} friction than in {self.against}"
+        named = [(f"{kind}_{FACTOR}", t) for kind, t in zip(self.kinds, self.titles, strict=True)]
+        sure = [(name, title) for name, title in named if not parameters[name].doubtful(1.0)]
+        kinds = " and ".join(f"{words[name]} {title}" for name, title in sure or named)
+        return f"there is {kinds} than in {self.against}"
+
+    def remedy(self, carried: bool) -> str:
+        return or_extended(
+            "if the arm is as warm as it was, look at what all joints share", carried
+        )
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """Scale the model's linear friction terms, none below zero."""
+        changed = dict(values)
+        by_kind = dict(zip(self.kinds, np.broadcast_to(theta, len(self.kinds)), strict=True))
+        for term in motion.model.terms:
+            if term.NAME not in by_kind or not isinstance(term, LinearTerm):
+                continue
+            had, factor = term.parameters(), max(1.0 + by_kind[term.NAME], 0.0)
+            has = term.with_theta(factor * term.theta).parameters()
+            for name, before in had.items():
+                nothing = np.zeros(np.shape(before))  # levels that are zero are not in a file
+                if has.get(name) != before:
+                    more = np.asarray(has.get(name, nothing)) - np.asarray(before)
+                    total = np.array(values.get(name, nothing), dtype=float)
+                    # Another finding, an element of presliding say, may have appended to it.
+                    total[: len(more)] += more
+                    changed[name] = tuple(total.tolist())
+        return changed

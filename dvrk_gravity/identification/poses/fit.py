@@ -1,0 +1,399 @@
+"""Identification from static poses, each approached in a known direction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+from numpy.polynomial import chebyshev, polynomial
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.effects import MAX_DEGREE, as_value, write_rows
+from dvrk_gravity.estimation import (
+    Uncertainty,
+    inner_slabs,
+    masks,
+    sequential,
+    slabs,
+)
+from dvrk_gravity.identification.poses.reading import Poses, read_poses
+from dvrk_gravity.identification.poses.selection import choose
+from dvrk_gravity.identification.poses.solver import (
+    ROBUST,
+    Composition,
+    PoseSolution,
+    Table,
+    pose_uncertainty,
+    solve_robust,
+)
+from dvrk_gravity.identification.quality.identifiability import determined
+from dvrk_gravity.identification.quality.uncertainty import holding, uncertainty_of_poses
+from dvrk_gravity.identification.quality.verdict import judge
+from dvrk_gravity.identification.quality.weights import contradictions, idle
+from dvrk_gravity.identification.result import (
+    Choice,
+    Fit,
+    FittedParameter,
+    Identifiability,
+    JointError,
+    Trace,
+    joint_errors,
+)
+from dvrk_gravity.model import TorqueModel, coefficients_of
+from dvrk_gravity.parameters import Value
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording
+
+Report = Callable[[str, float], None]
+
+_CABLE = "directional_cable"  # fitted of each joint's own position
+# Of the difference between the directions, a compensator applies in motion this part. Chosen: half
+# of what poses that were approached and held show leaves friction enough that nothing is driven.
+RATIO = 0.5
+# Speed below which it applies none of it, rad/s (a tenth in m/s), chosen; and speed from which on
+# it applies all of that part: the most usual ``sat_vec_vec`` of real console files.
+DEAD_BAND = 0.02
+SATURATION = 0.2
+BLOCKS = 5  # held out where no joint has three positions (Kohavi 1995: five to ten)
+DRIVEN = 0.3  # part of the model's error that negative friction may be by chance. Chosen
+# Correlation of two estimates from which on they are inseparable. Chosen: a standard error is then
+# five times what it would be with the other one known.
+INSEPARABLE = 0.98
+
+
+def fit_static(
+    recordings: Sequence[Recording],
+    arm: Arm,
+    coordinates: Coordinates = "joint",
+    report: Report = lambda stage, share: None,
+    for_console: bool = False,
+) -> Fit:
+    """Fit gravity, cables and the load held by stiction to static poses.
+
+    Which functions of the pose a joint's torque has, and how smooth they are, is chosen by the
+    error on held-out slabs of poses. All coefficients are then solved for at once, with a robust
+    loss and with priors for what the poses do not determine.
+
+    Args:
+        recordings: Static poses of all joints with efforts, best in both directions.
+        arm: The arm.
+        coordinates: Of the recordings; the direction of approach is each joint's own.
+        report: Called with the stage and the share of it that is done.
+        for_console: Fit only what the dVRK console has.
+
+    Raises:
+        RecordingError: A joint or the efforts missing, too few poses, or nothing that moves.
+    """
+    poses, warnings = read_poses(recordings, arm, coordinates)
+    held_out, predicted = _held_out(
+        poses, arm, lambda share: report("held-out error", share), for_console
+    )
+    report("fit", 0.0)
+    choices: list[Choice] = []
+    table = Table.of(poses, arm, for_console)
+    model, solution, _, weight = fit_poses(table, choose(table, choices.append))
+    spread = pose_uncertainty(table, solution, weight)
+    fitted = model.torque(poses.q, direction=poses.direction)
+
+    def shown(effort: Array) -> Array:
+        return arm.actuator_effort(effort) if coordinates == "actuator" else effort
+
+    measured = shown(poses.effort)
+    training = joint_errors(arm.joint_names, measured, shown(fitted))
+    held = holding(lambda q: solution.at_rest(table, q), solution.theta, spread, poses.q, arm)
+    # Poses left out of the fit count in the errors that are printed, but are no fault of the model.
+    used = np.all(weight > 0.0, axis=1)
+    unseen = used[held_out]
+    resting = idle(arm, poses.q, static=True)
+    resting = arm.motors_of(resting) if coordinates == "actuator" else resting
+    errors = partial(
+        joint_errors, arm.joint_names, constant=measured[used].mean(axis=0), idle=resting
+    )
+    against = contradictions(model, poses.q, poses.effort, held)
+    verdict = judge(
+        errors(measured[held_out][unseen], shown(predicted)[unseen]),
+        errors(measured[used], shown(fitted)[used]),
+        held, arm, coordinates, static=True,
+        with_friction=[arm.joint_names[joint] for joint in poses.undirected], against=against,
+    )  # fmt: skip
+    error = (poses.effort[held_out] - predicted)[unseen]
+    uncertainty = uncertainty_of_poses(
+        model, solution.theta, solution.without_stiction(table), spread, solution.prior,
+        partial(_coefficients_at, table, solution), np.sqrt(np.mean(error**2, axis=0)), poses.q,
+    )  # fmt: skip
+    return Fit(
+        model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
+        held_out=errors(measured[held_out], shown(predicted)),
+        training=training,
+        parameters=_parameters(table, solution, spread),
+        identifiability=pose_identifiability(table, solution, spread),
+        choices=tuple(choices),
+        warnings=(*warnings, *_driven(model, poses, training)),
+        handling=tuple(_handling(poses, weight, arm)),
+        validation="one slab of poses for each joint that moved, at positions of that joint which "
+        "neither fit nor choice had seen",
+        coordinates=coordinates,
+        samples=len(poses),
+        physical={},
+        traces=tuple(_traces(poses, measured, shown(fitted), arm, coordinates)),
+        holding=held,
+        verdict=verdict,
+        against=against,
+    )
+
+
+def _driven(
+    model: TorqueModel, poses: Poses, errors: Mapping[str, JointError]
+) -> Iterator[DataWarning]:
+    """Yield warnings about joints with negative friction: upwards they need less than down."""
+    arm = model.arm
+    up, down = (model.torque(poses.q, direction=np.full(poses.q.shape, s)) for s in (1.0, -1.0))
+    friction = 0.5 * np.mean(up - down, axis=0)
+    for joint in poses.moving:
+        name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
+        if friction[joint] < -DRIVEN * errors[name].rmse:
+            yield DataWarning(
+                "effort_sign", name, {"friction": float(friction[joint])},
+                f"friction is {friction[joint]:.2g} {unit}, as if it drove the joint: directions "
+                "exchanged, or an effort of the wrong sign?",
+            )  # fmt: skip
+
+
+def predict_unseen(poses: Poses, unseen: Mask, arm: Arm, for_console: bool = False) -> Array:
+    """Return (N, n) torques at the unseen poses, all choices made on the others, N·m or N."""
+    model = fit_model(poses.rows(~unseen), arm, for_console)
+    return model.torque(poses.q[unseen], direction=poses.direction[unseen])
+
+
+def fit_model(poses: Poses, arm: Arm, for_console: bool = False) -> TorqueModel:
+    """Return the model that :func:`fit_static` would choose for some poses."""
+    table = Table.of(poses, arm, for_console)
+    return fit_poses(table, choose(table))[0]
+
+
+def _held_out(
+    poses: Poses, arm: Arm, progress: Callable[[float], None], for_console: bool
+) -> tuple[NDArray[np.int64], Array]:
+    """Return rows of held-out poses and their (N, n) predictions by fits that never saw them."""
+    unseen = middle_slabs(poses)
+    predicted = []
+    for number, mask in enumerate(unseen):
+        progress(number / len(unseen))
+        predicted.append(predict_unseen(poses, mask, arm, for_console))
+    return np.concatenate([np.flatnonzero(mask) for mask in unseen]), np.concatenate(predicted)
+
+
+def middle_slabs(poses: Poses) -> list[Mask]:
+    """Return the (N,) mask of the slab in the middle of each joint that moved."""
+    if not inner_slabs(poses.q, poses.moving):
+        return masks(sequential(len(poses), BLOCKS))
+    numbers = (slabs(poses.q[:, joint]) for joint in poses.moving)
+    return [number == (number.max() + 1) // 2 for number in numbers if number.max() >= 2]
+
+
+def _handling(poses: Poses, weight: Array, arm: Arm) -> list[str]:
+    lines = ["static poses, unfiltered; Huber's loss"]
+    for joint, name in enumerate(arm.joint_names):
+        out = weight[:, joint] == 0.0
+        if out.any():
+            worst = float(np.abs(poses.effort[out, joint]).max())
+            lines.append(
+                f"{name}: {int(out.sum())} of {len(poses)} poses left out, more than "
+                f"{ROBUST.outlier:g} standard deviations off all others (up to {worst:.3f} "
+                f"{arm.effort_units[joint]})"
+            )
+    if not np.all(weight > 0.0):
+        lines.append("poses left out on a joint count in the errors, not in the verdict")
+    return lines
+
+
+def _traces(
+    poses: Poses, measured: Array, fitted: Array, arm: Arm, coordinates: Coordinates
+) -> list[Trace]:
+    q = arm.actuator_position(poses.q) if coordinates == "actuator" else poses.q
+    return [
+        Trace(
+            arm.joint_names, None, q[rows], None, measured[rows], fitted[rows], coordinates, False
+        )
+        for rows in (poses.part == part for part in np.unique(poses.part))
+    ]
+
+
+def fit_poses(
+    table: Table, choices: Sequence[Composition]
+) -> tuple[TorqueModel, PoseSolution, Array, Array]:
+    """Fit the chosen columns and build the model.
+
+    Returns:
+        The model, the solution, (n,) robust residual scale in N·m or N, and (N, n) weights.
+    """
+    solution, scale, weight = solve_robust(table, choices)
+    values = _values(table, solution)
+    if table.gravity_columns.bounded:
+        values |= _shown_torque(table, scale, weight)
+    return TorqueModel.from_parameters(values, table.arm), solution, scale, weight
+
+
+def _coefficients_at(table: Table, solution: PoseSolution, theta: Array) -> dict[str, Array]:
+    """Return the coefficients of each term of the model that other (p,) coefficients give."""
+    values = _values(table, replace(solution, theta=theta))
+    return coefficients_of(TorqueModel.from_parameters(values, table.arm).terms)
+
+
+def _values(table: Table, solution: PoseSolution) -> dict[str, Value]:
+    return {
+        "arm": table.arm.source or table.arm.name,
+        **table.gravity_columns.parameters(solution.gravity),
+        **_cables(table, solution),
+        **_held_load(table, solution),
+    }
+
+
+def _cable_rows(table: Table, solution: PoseSolution, joint: int) -> dict[str, Array]:
+    """Return by side (13, p) matrices from theta to a joint's coefficients, lowest power first."""
+    columns = table.joints[joint]
+    centre = 0.5 * (table.valid.lower[joint] + table.valid.upper[joint])
+    half = 0.5 * (table.valid.upper[joint] - table.valid.lower[joint])
+    # A joint that was not posed has nothing but constants.
+    offset, slope = (-centre / half, 1.0 / half) if joint in table.poses.moving else (0.0, 0.0)
+    line = np.zeros((1 + MAX_DEGREE, 1 + MAX_DEGREE))  # (offset + slope q)^k in column k
+    for k in range(1 + MAX_DEGREE):
+        coefficients = polynomial.polypow([offset, slope], k)
+        line[: len(coefficients), k] = coefficients
+    rows = {
+        name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")
+    }
+    for k, column in zip(solution.indices(joint), solution.columns[joint], strict=True):
+        if columns.group[column] != 0:
+            continue
+        series = chebyshev.cheb2poly(columns.own[column])
+        powers = line[:, : len(series)] @ series
+        rows["positive"][:, k] += powers
+        rows["negative"][:, k] += -powers if columns.along[column] else powers
+    return rows
+
+
+def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
+    values: dict[str, Value] = {}
+    for joint, name in enumerate(table.arm.joint_names):
+        rows = _cable_rows(table, solution, joint)
+        used = np.flatnonzero(np.any([side.any(axis=1) for side in rows.values()], axis=0))
+        degree = int(used[-1]) if len(used) else 0
+        for side, powers in rows.items():
+            values[f"{_CABLE}.{side}.{name}"] = as_value((powers @ solution.theta)[: degree + 1])
+    scale = table.arm.scale
+    return values | {
+        f"{_CABLE}.dead_band": as_value(DEAD_BAND * scale),
+        f"{_CABLE}.saturation_velocity": as_value(SATURATION * scale),
+        f"{_CABLE}.ratio": as_value(np.full(table.arm.n, RATIO)),
+        **_range(_CABLE, table),
+    }
+
+
+def _held_load(table: Table, solution: PoseSolution) -> dict[str, Value]:
+    """Return the parameters of the functions of other joints' positions, if there are any."""
+    index: dict[tuple[int, ...], int] = {}
+    entries = []
+    for joint in range(table.arm.n):
+        columns = table.joints[joint]
+        for k, column in zip(solution.indices(joint), solution.columns[joint], strict=True):
+            if columns.group[column] != 0:
+                function = index.setdefault(tuple(columns.orders[column].tolist()), len(index))
+                kind = "difference" if columns.along[column] else "mean"
+                entries.append((kind, joint, function, solution.theta[k]))
+    if not index:
+        return {}
+    sizes = {kind: np.zeros((len(index), table.arm.n)) for kind in ("mean", "difference")}
+    for kind, joint, function, value in entries:
+        sizes[kind][function, joint] = value
+    values: dict[str, Value] = {
+        "held_load.orders": tuple(float(order) for orders in index for order in orders)
+    }
+    for kind, size in sizes.items():
+        values |= write_rows(table.arm, f"held_load.{kind}", size)
+    return values | _range("held_load", table)
+
+
+def _shown_torque(table: Table, scale: Array, weight: Array) -> dict[str, Value]:
+    effort = table.poses.effort
+    used = weight > 0.0
+    lower = np.where(used, effort, np.inf).min(axis=0) - scale
+    upper = np.where(used, effort, -np.inf).max(axis=0) + scale
+    return {"shown_torque.lower": as_value(lower), "shown_torque.upper": as_value(upper)}
+
+
+def _range(term: str, table: Table) -> dict[str, Value]:
+    return {
+        f"{term}.valid_lower": as_value(table.valid.lower),
+        f"{term}.valid_upper": as_value(table.valid.upper),
+    }
+
+
+def _parameters(
+    table: Table, solution: PoseSolution, spread: Uncertainty
+) -> tuple[FittedParameter, ...]:
+    """Return gravity's parameters and the cables' coefficients with intervals."""
+    found = []
+    for name, unit, direction in _quantities(table, solution):
+        value = float(direction @ solution.theta)
+        interval = spread.interval(value, direction)
+        found.append(FittedParameter(name, value, unit, interval, spread.identifiable(direction)))
+    return tuple(found)
+
+
+def pose_identifiability(
+    table: Table, solution: PoseSolution, spread: Uncertainty
+) -> Identifiability:
+    """Return what the poses determine."""
+    return determined(solution, tuple(_statements(table, solution, spread)))
+
+
+def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
+    yield from _of_gravity(table, solution)
+    for j, joint in enumerate(table.arm.joints):
+        for side, rows in _cable_rows(table, solution, j).items():
+            for power, row in enumerate(rows):
+                if row.any():
+                    unit = joint.effort_unit + (f"/{joint.unit}^{power}" if power else "")
+                    yield f"{_CABLE}.{side}.{joint.name}[{power}]", unit, row
+
+
+def _of_gravity(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
+    rest = np.zeros(len(solution.theta) - solution.count)
+    for name, unit, direction in table.gravity_columns.quantities():
+        yield name, unit, np.concatenate([direction, rest])
+
+
+def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> Iterator[str]:
+    poses, joints = table.poses, table.arm.joints
+    for j, joint in enumerate(joints):
+        if j not in poses.moving:
+            yield (
+                f"{joint.name} was posed at {joint.shown(float(poses.q[:, j].mean()))} only: a "
+                "constant is all of its torque that is identifiable"
+            )
+    if undirected := [joints[joint].name for joint in poses.undirected]:
+        whose = "its" if len(undirected) == 1 else "their"
+        yield (
+            f"{', '.join(undirected)}: approached from one direction only, or from unknown ones: "
+            f"{whose} friction and {whose} cable torque cannot be separated, and the errors "
+            "include friction; approach every pose from both directions"
+        )
+    quantities = {name: direction for name, _, direction in _quantities(table, solution)}
+    for first, _, of_first in _of_gravity(table, solution):
+        for j, power in product(poses.moving, (0, 1)):
+            joint = joints[j]
+            second = f"{_CABLE}.positive.{joint.name}[{power}]"
+            if second not in quantities:
+                continue
+            correlation = spread.correlation(of_first, quantities[second])
+            if abs(correlation) > INSEPARABLE:
+                low, high = (joint.shown(float(edge[j])) for edge in (poses.lower, poses.upper))
+                yield (
+                    f"{first} and {second} cannot be separated (correlation {correlation:+.3f}): "
+                    f"a wider range of {joint.name} than {low.split()[0]} to {high} would"
+                )

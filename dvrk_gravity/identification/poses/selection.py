@@ -1,0 +1,214 @@
+"""Which columns each joint's torque has at static poses: chosen by error on held-out slabs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import (
+    HeldOutSums,
+    NormalEquations,
+    SearchSettings,
+    SeenSums,
+    Trial,
+    inner_slabs,
+    masks,
+    select,
+    sequential,
+)
+from dvrk_gravity.identification.poses.solver import (
+    Composition,
+    Group,
+    Table,
+    solve_robust,
+)
+from dvrk_gravity.identification.result import Choice, improvement
+
+# Prior sizes that are tried: of the joint's own function of order one, in robust standard
+# deviations of its torque without it; of the other functions, in those of what its own position
+# leaves. A grid, a factor of two to three apart.
+OWN = (0.5, 1.0, 2.0, 4.0, 8.0)
+OTHERS = (0.5, 1.5, 5.0)
+# Part of the held-out squared error that a group must remove, chosen; and so many standard errors
+# of the slabs' gains (Breiman, Friedman, Olshen and Stone 1984): luck on one slab is no reason.
+LEAST_GAIN = 0.02
+STANDARD_ERRORS = 1.0
+# Of gravity's coefficients (``solver.GRAVITY_SD``) about those of all joints, while one joint is
+# fitted alone. Chosen.
+GRAVITY_FREEDOM = 0.03
+BLOCKS = 15  # of consecutive poses, held out beside the slabs. Chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Composed:
+    """Columns of a joint's torque, and their held-out error.
+
+    Attributes:
+        composition: Groups and prior sizes.
+        errors: (slabs,) weighted sums of squared held-out errors.
+    """
+
+    composition: Composition
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False)
+class GroupTrial(Trial[Group]):
+    """Result of trying another group of functions.
+
+    Attributes:
+        after: The columns with it.
+        deviation: Standard error of the gain over slabs.
+    """
+
+    after: Composed
+    deviation: float
+
+
+@dataclass(frozen=True, eq=False)
+class JointSearch:
+    """One joint's columns, and the slabs that are held out.
+
+    Attributes:
+        table: All columns.
+        joint: The joint.
+        gravity: (k,) coefficients of all joints, about which this joint's own may vary.
+        train: Sums over what each held-out slab leaves.
+        test: Sums over each slab.
+        factor: (slabs,) how much each one counts.
+        own: Robust standard deviation of the torque without the joint's own functions, N·m or N.
+        rest: The same with them.
+        note: Called with every group that was tried.
+    """
+
+    table: Table
+    joint: int
+    gravity: Array
+    train: tuple[NormalEquations, ...]
+    test: tuple[NormalEquations, ...]
+    factor: Array
+    own: float
+    rest: float
+    note: Callable[[Choice], None]
+
+    def composed(self, composition: Composition) -> Composed:
+        """Return a composition with its held-out errors."""
+        columns = self.table.joints[self.joint]
+        chosen, count = columns.of(composition.groups), len(self.gravity)
+        index = np.concatenate([np.arange(count), count + chosen])
+        mean = np.concatenate([self.gravity, np.zeros(len(chosen))])
+        prior = columns.prior(composition.own, composition.others)[chosen]
+        scale = np.concatenate([np.full(count, GRAVITY_FREEDOM), prior])
+        theta = self._seen.fit(index, scale, mean)
+        return Composed(composition, self.factor * self._held_out.error(theta)[:, 0])
+
+    @cached_property
+    def _seen(self) -> SeenSums:
+        return SeenSums(self.train, np.ones(1))
+
+    @cached_property
+    def _held_out(self) -> HeldOutSums:
+        return HeldOutSums(self.test)
+
+    def run(self) -> Composition:
+        """Return the best composition."""
+        group: Group = (self.joint,)
+        made = Composition((group,), self.own, 1.5 * self.rest)
+        if self.joint not in self.table.poses.moving:
+            return made
+        sizes = [size * self.own for size in OWN]
+        start = self._best([replace(made, own=size) for size in sizes])
+        groups = len(self.table.joints[self.joint].groups)
+        found, vain = select(self, start, SearchSettings(groups))
+        for trial in vain:
+            self.note(self._choice(trial, found, False))
+        made = found.composition
+        tuned = [replace(made, others=others * self.rest) for others in OTHERS]
+        return self._best([*tuned, *(replace(made, own=size) for size in sizes)]).composition
+
+    def moves(self, state: Composed) -> Iterable[Group]:
+        """Yield the groups that are not in yet."""
+        groups = self.table.joints[self.joint].groups
+        return [group for group in groups if group not in state.composition.groups]
+
+    def attempt(self, state: Composed, moves: Sequence[Group]) -> list[GroupTrial]:
+        """Return what each group would bring."""
+        made = state.composition
+        trials: list[GroupTrial] = []
+        for group in moves:
+            after = self.composed(replace(made, groups=(*made.groups, group)))
+            gain = (state.errors - after.errors) / state.errors.sum()
+            worth, deviation = float(gain.sum()), float(gain.std(ddof=1) * np.sqrt(len(gain)))
+            passes = worth > max(LEAST_GAIN, STANDARD_ERRORS * deviation)
+            trials.append(GroupTrial(group, worth, passes, after, deviation))
+        return trials
+
+    def choose(self, trials: Sequence[GroupTrial]) -> GroupTrial | None:
+        """Return the best group, if it passes."""
+        best = max(trials, key=lambda trial: trial.worth, default=None)
+        return best if best is not None and best.passes else None
+
+    def take(self, state: Composed, trial: GroupTrial) -> Composed:
+        """Return the composition with a group, and note it."""
+        self.note(self._choice(trial, state, True))
+        return trial.after
+
+    def _best(self, compositions: Sequence[Composition]) -> Composed:
+        return min(map(self.composed, compositions), key=lambda made: float(made.errors.sum()))
+
+    def _choice(self, trial: GroupTrial, before: Composed, kept: bool) -> Choice:
+        names = self.table.arm.joint_names
+        total = self.factor @ [test.power[0] for test in self.test]
+        old, new = (
+            float(np.sqrt(max(made.errors.sum(), 0.0) / total)) for made in (before, trial.after)
+        )
+        of = " x ".join(names[joint] for joint in trial.move)
+        return Choice(
+            f"held_load {names[self.joint]}: function of {of}",
+            kept,
+            old,
+            new,
+            improvement("error on held-out slabs", trial.worth, trial.deviation, kept),
+        )
+
+
+def choose(
+    table: Table,
+    note: Callable[[Choice], None] = lambda choice: None,
+) -> tuple[Composition, ...]:
+    """Choose the columns of every joint's torque.
+
+    Args:
+        table: Columns at the poses that may be seen.
+        note: Called with every group that was tried.
+    """
+    joints = range(table.arm.n)
+    poses = table.poses
+    spread = np.maximum(poses.effort.std(axis=0), 1e-3)
+    _, own, _ = solve_robust(table, [Composition(((j,),), 1e-6 * spread[j]) for j in joints])
+    _, rest, _ = solve_robust(table, [Composition(((j,),), 2.0 * own[j]) for j in joints])
+    rich = [Composition(table.joints[j].groups, 2.0 * own[j], 1.5 * rest[j]) for j in joints]
+    solution, _, weight = solve_robust(table, rich)
+    of_slabs = inner_slabs(poses.q, poses.moving)
+    of_order = masks(sequential(len(poses), min(BLOCKS, len(poses))))
+    # Slabs alone ask for more smoothness than a fit to all of them needs; blocks, at positions
+    # seen elsewhere, for less than new positions need. Both count alike.
+    share = sum(map(np.sum, of_slabs)) / len(poses)
+    factor = np.array([1.0] * len(of_slabs) + [max(share, 1.0)] * len(of_order))
+    chosen = []
+    for joint in joints:
+        x = np.concatenate([table.gravity[:, joint], table.matrices[joint]], axis=1)[:, None]
+        y, w = poses.effort[:, [joint]], weight[:, [joint]]
+        total = NormalEquations.of(x, y, w)
+        tested = (*of_slabs, *of_order)
+        test = tuple(NormalEquations.of(x[mask], y[mask], w[mask]) for mask in tested)
+        search = JointSearch(
+            table, joint, solution.gravity, tuple(total - part for part in test), test, factor,
+            float(own[joint]), float(rest[joint]), note,
+        )  # fmt: skip
+        chosen.append(search.run())
+    return tuple(chosen)

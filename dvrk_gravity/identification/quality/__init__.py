@@ -1,0 +1,1 @@
+"""How far an identified model can be trusted."""

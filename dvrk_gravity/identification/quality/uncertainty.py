@@ -1,0 +1,282 @@
+"""What an identification leaves uncertain: the model's coefficients, and its torque at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import (
+    LONGEST_CORRELATION,
+    Uncertainty,
+    correlation_time,
+    prior_precision,
+)
+from dvrk_gravity.identification.result import Holding
+from dvrk_gravity.identification.trajectories.problem import Problem
+from dvrk_gravity.intake import CalibrationMotion, Design
+from dvrk_gravity.model import (
+    CalibrationSamples,
+    Columns,
+    ModelUncertainty,
+    TorqueModel,
+    coefficients_of,
+)
+
+# Part of the torque of a column outside the model, above which it is uncertain whether the model
+# has it: so much its own columns reproduce in the data. The choice of terms separates the rest.
+# Chosen: as much as another must reproduce to take a finding's place.
+OVERLAP = 0.5
+# Part of its prior's standard deviation below which a direction counts as known. Chosen: of a
+# joint's plausible cable or friction that is less than effort sensors resolve.
+KNOWN = 3e-3
+SAME = 1e-9  # relative: rounding
+# Random poses at which torque at rest is judged. The RMS of a standard error over N of them is
+# known to about 1 / sqrt(2 N), 5 %.
+POSES = 200
+# Range below which a joint determines nothing that depends on its position, rad (times the arm's
+# scale). Chosen: within 7.5 deg on either side a sine is a line to 0.3 %.
+NARROW = float(np.radians(15.0))
+
+
+@dataclass(frozen=True)
+class KnownError:
+    """Error of a model on data that its fit had not seen.
+
+    Attributes:
+        rms: (n,) in joint space, N·m.
+        correlation: (n,) s, correlation time.
+        band: Hz; both are of what lies below this.
+        speed: (n,) greatest speeds among these data.
+    """
+
+    rms: Array
+    correlation: Array
+    band: float
+    speed: Array
+
+
+def known_error(design: Design, blind: Array, band: float) -> KnownError:
+    """Return the error of (N, n) torques at the motors, each predicted by a fit without it."""
+    rows = design.compared.all(axis=1)
+    error = design.columns.arm.joint_effort(design.y - blind)[rows]
+    longest = int(LONGEST_CORRELATION * design.rate)
+    correlation = correlation_time(error, design.part[rows], longest) / design.rate
+    assert design.state.qd is not None
+    speed = np.abs(design.state.qd).max(axis=0)
+    return KnownError(np.sqrt(np.mean(error**2, axis=0)), correlation, band, speed)
+
+
+def kept_samples(parts: Sequence[CalibrationMotion], arm: Arm) -> CalibrationSamples | None:
+    """Return the first complete samples, for the model's file; ``None`` if there are none.
+
+    Parts that lack a motor's torque, if only for a while, or have another rate than the first, are
+    left out: they would not show the model's error.
+    """
+    whole = [part for part in parts if part.measured.all() and part.informative.all()]
+    if not whole:
+        return None
+    rate = whole[0].filter.rate
+
+    def arrays() -> Iterator[tuple[Array, ...]]:
+        for part in whole:
+            if part.filter.rate == rate:
+                q, qd, qdd = part.state.q, part.state.qd, part.state.qdd
+                assert qd is not None
+                assert qdd is not None
+                yield q, qd, qdd, arm.joint_effort(part.effort)
+
+    return CalibrationSamples.of(arrays(), rate)
+
+
+def confounded(problem: Problem, chosen: Sequence[int]) -> list[int]:
+    """Return the columns outside the model that the chosen ones may replace."""
+    columns, index = problem.design.columns, np.array(chosen, dtype=np.int64)
+    gram, _ = problem.equations.combined(problem.weighting.motor)
+    inside = gram[np.ix_(index, index)]
+    inside = inside + prior_precision(inside, columns.scale[index])
+    others = np.setdiff1d(np.arange(len(columns.columns)), index)
+    beside = gram[np.ix_(index, others)]
+    reproduced = np.einsum("ij,ij->j", beside, np.linalg.solve(inside, beside))
+    own = np.diag(gram)
+    # A motor that moves its own joint alone is that joint: no other place.
+    collinear = gram**2 > (1.0 - SAME) * np.outer(own, own)
+    twins = np.asarray(np.triu(collinear, 1).any(axis=0))
+    new = ~twins[others] & ~np.asarray(collinear[np.ix_(index, others)].any(axis=0))
+    found = others[new & (reproduced > OVERLAP * own[others])]
+    return [column for column in found.tolist() if columns.offers(columns.columns[column])]
+
+
+def held_by_terms(columns: Columns, theta: Array, wanted: Sequence[int]) -> list[int]:
+    """Return which of some columns are parameters of a model's terms.
+
+    A term may have room for its own elements alone: the coefficient of an element that it does not
+    have, zero in the model, is no parameter of it.
+
+    Args:
+        columns: All columns.
+        theta: (p,) the model's coefficients of all of them.
+        wanted: The columns in question.
+    """
+    here, unit = _layout(columns, theta), np.diag(columns.scale)
+    return [
+        column
+        for column in wanted
+        if theta[column] != 0.0 or _layout(columns, theta + unit[column]) == here
+    ]
+
+
+def _layout(columns: Columns, theta: Array) -> dict[str, int]:
+    """Return the number of coefficients of each term of a model."""
+    return {name: len(values) for name, values in coefficients_of(columns.terms(theta)).items()}
+
+
+def model_uncertainty(
+    columns: Columns,
+    theta: Array,
+    index: Sequence[int],
+    spread: Uncertainty,
+    error: KnownError,
+    model: TorqueModel,
+    kept: CalibrationSamples | None,
+) -> ModelUncertainty:
+    """Return the posterior of the coefficients of a model of trajectories.
+
+    Args:
+        columns: All columns of the fit.
+        theta: (p,) coefficients of all of them, zero of those that the model does not have.
+        index: Columns that the model is not sure of.
+        spread: Covariance of their coefficients.
+        error: The model's held-out error.
+        model: The model.
+        kept: Samples that show what that error depends on; ``None``: none.
+    """
+    directions = _uncertain_directions(spread, columns.scale[list(index)])
+    whole = np.zeros((len(columns.columns), directions.shape[1]))
+    whole[list(index)] = directions
+
+    def coefficients(at: Array) -> dict[str, Array]:
+        return coefficients_of(columns.terms(at))
+
+    here, kinematics = coefficients(theta), columns.corrected(theta)
+    there = [coefficients(theta + change) for change in whole.T]
+    moved = [columns.corrected(theta + change) for change in whole.T]
+    arm = columns.arm
+    zeros, base = kinematics.offset + np.zeros(arm.n), kinematics.mounted(arm).gravity
+    own = coefficients_of(model.terms)
+    return ModelUncertainty(
+        coefficients={name: own[name] for name in here},
+        deviations=_deviations(here, there),
+        offset=np.stack([calibration.offset - zeros for calibration in moved], axis=1),
+        gravity=np.stack(
+            [calibration.mounted(arm).gravity - base for calibration in moved], axis=1
+        ),
+        error=error.rms,
+        band=error.band,
+        together=error.correlation,
+        lower=columns.valid.lower,
+        upper=columns.valid.upper,
+        speed=error.speed,
+        calibration=kept,
+    )
+
+
+def uncertainty_of_poses(
+    model: TorqueModel,
+    theta: Array,
+    index: NDArray[np.int64],
+    spread: Uncertainty,
+    scale: Array,
+    coefficients: Callable[[Array], dict[str, Array]],
+    error: Array,
+    q: Array,
+) -> ModelUncertainty:
+    """Return the posterior of the coefficients of a model of static poses.
+
+    Args:
+        model: The model.
+        theta: (p,) coefficients of the fit.
+        index: Those of the model's terms, without the load that stiction held.
+        spread: Covariance of all.
+        scale: (p,) prior standard deviations.
+        coefficients: From the fit's to those of the model's terms.
+        error: (n,) RMS held-out error in joint space, N·m.
+        q: (N, n) positions of the poses.
+    """
+    here, own = coefficients(theta), coefficients_of(model.terms)
+    part = np.ix_(index, index)
+    marginal = Uncertainty(spread.covariance[part], spread.bias[part])
+    found = _uncertain_directions(marginal, scale[index])
+    directions = np.zeros((len(theta), found.shape[1]))
+    directions[index] = found
+    there = [coefficients(theta + change) for change in directions.T]
+    unknown, size = np.full(model.arm.n, np.nan), len(there)
+    return ModelUncertainty(
+        coefficients={name: own[name] for name in here},
+        deviations=_deviations(here, there),
+        offset=np.zeros((model.arm.n, size)), gravity=np.zeros((3, size)), error=error,
+        band=np.nan, together=unknown, lower=q.min(axis=0), upper=q.max(axis=0), speed=unknown,
+    )  # fmt: skip
+
+
+def _uncertain_directions(spread: Uncertainty, scale: Array) -> Array:
+    """Return (p, d) one standard deviation of each independent uncertain combination.
+
+    Args:
+        spread: Covariance of p coefficients; the prior's pull on them counts, too.
+        scale: (p,) prior standard deviations.
+    """
+    relative = (spread.covariance + spread.bias) / np.outer(scale, scale)
+    variance, vectors = np.linalg.eigh(relative)
+    uncertain = variance > KNOWN**2
+    return scale[:, None] * vectors[:, uncertain] * np.sqrt(variance[uncertain])
+
+
+def _deviations(
+    here: Mapping[str, Array], there: Sequence[Mapping[str, Array]]
+) -> dict[str, Array]:
+    """Return by term (k, d) differences of its (k,) coefficients in each of d directions."""
+    return {
+        name: np.reshape([shifted[name] - value for shifted in there], (len(there), len(value))).T
+        for name, value in here.items()
+    }
+
+
+def holding(
+    rows: Callable[[Array], Array], theta: Array, spread: Uncertainty, visited: Array, arm: Arm
+) -> dict[str, Holding]:
+    """Return the torque at rest and its standard error, by joint: what a compensator sends.
+
+    At recorded poses (joints that hardly moved anywhere within their limits), and anywhere within
+    the arm's limits. What the data leave open has the prior's size.
+
+    Args:
+        rows: From (K, n) positions to (K, n, p) joint torques of each coefficient, at rest.
+        theta: (p,) coefficients.
+        spread: Their covariance.
+        visited: (N, n) recorded positions, rad or m.
+        arm: The arm.
+    """
+    random = np.random.default_rng(0)
+    lower, upper = visited.min(axis=0), visited.max(axis=0)
+    anywhere = random.uniform(*arm.range, (POSES, visited.shape[1]))
+    recorded = visited[random.integers(0, len(visited), POSES)]
+    recorded = np.where(upper - lower < NARROW * arm.scale, anywhere, recorded)
+    covariance = spread.covariance + spread.bias
+    found = []
+    for poses in (recorded, anywhere):
+        columns = rows(poses)
+        variance = np.einsum("kjp,pq,kjq->kj", columns, covariance, columns, optimize=True)
+        torque = columns @ theta
+        found += [
+            np.sqrt(np.mean(torque**2, axis=0)),
+            np.sqrt(np.maximum(variance, 0).mean(axis=0)),
+        ]
+    return {
+        joint: Holding(*(float(values[k]) for values in (*found, lower, upper)))
+        for k, joint in enumerate(arm.joint_names)
+    }

@@ -1,0 +1,287 @@
+"""Whether an arm may be compensated with an identified model: good, usable, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from math import sqrt
+
+from dvrk_gravity.arms import SCALES, Arm, Joint, thousandth
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.identification.quality.uncertainty import NARROW
+from dvrk_gravity.identification.result import (
+    Contradiction,
+    Holding,
+    JointError,
+    JointVerdict,
+    Verdict,
+)
+from dvrk_gravity.model import VERDICTS
+from dvrk_gravity.recording import STILL, Coordinates, DataWarning
+
+GOOD, USABLE, POOR = VERDICTS
+# What to record instead: of a motion, of static poses.
+CLEAN = (
+    "a motion with nothing touching the arm and commands as smooth as the motion (`diagnose` finds "
+    "what else acts)",
+    "poses with nothing touching the arm, each settled before it is read (`diagnose` finds what "
+    "else acts)",
+)
+MORE = (
+    "a longer motion of all joints at once over most of their ranges",
+    "more poses, all joints over most of their ranges in many combinations",
+)
+FURTHER = (
+    "further motions elsewhere in the joints' ranges, as `excite --seed` makes them, and give all "
+    "of them to identify",
+    "poses nearer to the limits of all joints, and more positions of each",
+)
+NOISE = (
+    "the efforts of no joint are predicted better than by a constant: noise, or those of another "
+    "motion?"
+)
+CLOCK = "times in seconds of one clock, and velocities that match them"
+THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
+BOTH_WAYS = "every pose approached from both directions, with a `direction` column that says which"
+
+_TINY = 1e-12  # N·m, in place of a torque of zero that an error is divided by
+
+# Largest error of a good model, relative to the torque, at joints of which none is published
+# (``Joint.published_error``): that of an MTM's shoulder, which carries the weight of all further
+# links as most joints do.
+_GOOD = 0.163
+# Relative error above which not to compensate: the dVRK console's own test of a calibration warns
+# from there; but never less than so many times what is good, twice its square: the published error
+# of an MTM's wrist_roll alone is more.
+_USABLE = 0.30
+_USABLE_OVER_GOOD = 2.0**0.5
+# Error that moves no joint, as a part of its effort limit. The least dry friction of any joint of a
+# real MTM is about as much: 0.8 % at elbow_pitch, 9 % at wrist_platform (half the difference
+# between the directions of the poses in docs/static_poses.md).
+_NEGLIGIBLE = 0.01
+# Error that dry friction may be, as a part of the effort limit: about the most of the same joints.
+# Where poses do not separate friction, it is in the error.
+_FRICTION = 0.1
+# s of motion, below which held-out errors say little of another motion: a twelfth of it is held out
+# at a time, next to what was fitted. As for a diagnosis (``LoadSettings.shortest``).
+_SHORTEST = 8.0
+
+RULE = (
+    f"|e|/|tau| is good up to the joint's 'good to', and usable up to the larger of {_USABLE:g} "
+    f"and {_USABLE_OVER_GOOD:.2g} times its 'good to'; an error below {100 * _NEGLIGIBLE:g} % of "
+    "its effort limit moves no joint, and is good"
+)
+
+
+def good_to(joint: Joint) -> float:
+    """Return the largest good error of a joint, relative to its torque."""
+    return joint.published_error or _GOOD
+
+
+def level_of(joint: Joint, relative: float) -> str:
+    """Return the verdict on an error relative to a joint's torque."""
+    good = good_to(joint)
+    if relative <= good:
+        return GOOD
+    return USABLE if relative <= max(_USABLE, _USABLE_OVER_GOOD * good) else POOR
+
+
+def judge(
+    errors: Mapping[str, JointError],
+    training: Mapping[str, JointError],
+    holding: Mapping[str, Holding],
+    arm: Arm,
+    coordinates: Coordinates,
+    static: bool = False,
+    with_friction: Collection[str] = (),
+    duration: float | None = None,
+    against: Sequence[Contradiction] = (),
+) -> Verdict:
+    """Judge a fit by its held-out error and by what it leaves open.
+
+    A joint's verdict is the worst of five: contradictions with the arm's masses
+    (:mod:`~dvrk_gravity.identification.quality.weights`); the held-out error; the standard error of
+    the gravity torque, where it was recorded; the same anywhere within the arm's limits, and
+    whether the joint moved at all, which cost no more than "good". Errors too small to move the
+    joint count as none, unless a constant's are as small: then nothing is predicted. Friction that
+    poses do not separate costs no more than "good" either.
+
+    Args:
+        errors: Held out, by joint.
+        training: On the data fitted, by joint.
+        holding: Gravity torque and its uncertainty, by joint.
+        arm: The arm.
+        coordinates: Of the errors.
+        static: Whether the recordings were poses.
+        with_friction: Joints whose errors include friction, as the directions of approach are not
+            known.
+        duration: s of motion, if it is one.
+        against: Contradictions with the arm's masses, and of the clock.
+    """
+    lines = tuple(each.line for each in against)
+    if not any(errors[name].beats_constant for name in arm.joint_names):
+        lines = (NOISE, *lines)
+    if duration is not None and duration < _SHORTEST:
+        why = f"{duration:.2g} s of motion, of which parts are held out next to what was fitted"
+        short = JointVerdict(POOR, why, MORE[0])
+        return Verdict(POOR, why, MORE[0], dict.fromkeys(arm.joint_names, short), lines)
+    joints = {}
+    limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
+    comparable = (_comparable(efforts, arm).tolist() for efforts in (limits, arm.effort_limit))
+    for joint, limit, at_joint in zip(arm.joints, *comparable, strict=True):
+        name = joint.name
+        if not static and _stood(joint, holding[name], arm):
+            why = "stood still all the time: friction may hold any part of its effort, not fitted"
+            joints[name] = JointVerdict(POOR, why, THIS_JOINT[0].format(joint=name))
+            continue
+        found = [
+            *(JointVerdict(x.level, x.reason, x.record) for x in against if name in x.joints),
+            _of_error(joint, errors[name], training[name], limit, static, name in with_friction),
+            *_of_holding(joint, holding[name], static, at_joint),
+        ]
+        joints[name] = max(found, key=lambda verdict: VERDICTS.index(verdict.level))
+    level = max((verdict.level for verdict in joints.values()), key=VERDICTS.index)
+    named = {n: v for n, v in joints.items() if v.level == level != GOOD}
+    return Verdict(
+        level,
+        "; ".join(f"{name}: {verdict.reason}" for name, verdict in named.items()),
+        "; ".join(dict.fromkeys(verdict.record for verdict in named.values())),
+        joints,
+        lines,
+    )
+
+
+def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, ...]:
+    """Return the evidence against a model of recordings whose clock, or all velocities, are wrong.
+
+    With a wrong clock, viscous friction is off by its factor and inertia by the square, on held-out
+    data as well.
+    """
+    return tuple(
+        Contradiction(
+            arm.joint_names, POOR, "the clock, or all velocities, are wrong", str(warning), CLOCK
+        )
+        for warning in warnings
+        if warning.kind == "wrong_clock"
+    )
+
+
+def _stood(joint: Joint, holding: Holding, arm: Arm) -> bool:
+    """Whether friction may have held a joint all the time."""
+    still = STILL * SCALES[joint.kind]
+    return holding.upper - holding.lower < still and joint.name not in arm.frictionless
+
+
+def by_errors(
+    arm: Arm,
+    errors: Mapping[str, JointError],
+    coordinates: Coordinates,
+    with_friction: Collection[str] = (),
+) -> dict[str, JointVerdict]:
+    """Judge the joints of a recording by a model's errors on it alone.
+
+    A reason is given where it is not the bound on the relative error. Arguments as of
+    :func:`judge`.
+    """
+    limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
+    found = {}
+    for joint, limit in zip(arm.joints, _comparable(limits, arm).tolist(), strict=True):
+        if joint.name not in errors:
+            continue
+        error = errors[joint.name]
+        level = _level(joint, error, limit, joint.name in with_friction)
+        reason = ""
+        if level != level_of(joint, error.nrmse):
+            reason = (
+                f"{_milli(error.rmse, joint)} moves no joint"
+                if error.rmse <= _NEGLIGIBLE * limit
+                else f"{_milli(error.rmse, joint)} may be friction, which these poses do not show"
+            )
+        found[joint.name] = JointVerdict(level, reason)
+    return found
+
+
+def _comparable(limits: Array, arm: Arm) -> Array:
+    """Return effort limits that errors compare with: none where their size is not known."""
+    return 0.0 * limits if arm.read_in and arm.effort_size == 1.0 else limits
+
+
+def _level(joint: Joint, error: JointError, limit: float, with_friction: bool) -> str:
+    """Return the verdict on an error alone, whose joint or motor has an effort limit."""
+    if not error.beats_constant:
+        return POOR
+    if error.rmse <= _NEGLIGIBLE * limit:
+        return GOOD
+    level = level_of(joint, error.nrmse)
+    may_rub = with_friction and error.rmse <= _FRICTION * limit
+    return USABLE if may_rub and level == POOR else level
+
+
+def _of_error(
+    joint: Joint,
+    error: JointError,
+    training: JointError,
+    limit: float,
+    static: bool,
+    with_friction: bool,
+) -> JointVerdict:
+    reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse, joint)})"
+    if not error.beats_constant:
+        return JointVerdict(POOR, f"{reason}, no better than a constant", CLEAN[static])
+    if error.rmse <= _NEGLIGIBLE * limit:
+        return JointVerdict(GOOD, f"{reason}, which moves no joint")
+    level = _level(joint, error, limit, with_friction=False)
+    if level == GOOD:
+        return JointVerdict(GOOD, reason)
+    fitted = _percent(training.nrmse)
+    if with_friction and error.rmse <= _FRICTION * limit:
+        # Friction is in both errors alike; the held-out one adds what the fit does not determine.
+        added = sqrt(max(1.0 - (training.nrmse / error.nrmse) ** 2, 0.0))
+        unknown = JointError(added * error.rmse, added * error.nrmse, error.r2)
+        if _level(joint, unknown, limit, with_friction=False) == POOR:
+            reason += f", {fitted} on the data fitted, both with friction: too little was recorded"
+            return JointVerdict(POOR, reason, MORE[static])
+        reason += f", hardly less on the data fitted ({fitted}): friction, as the poses' directions"
+        reason += " of approach are not known, or an unmodelled effect"
+        return JointVerdict(USABLE, reason, BOTH_WAYS)
+    if VERDICTS.index(level_of(joint, training.nrmse)) >= VERDICTS.index(level):
+        reason += f", hardly less on the data fitted ({fitted}): an unmodelled effect"
+        return JointVerdict(level, reason, CLEAN[static])
+    reason += f", {fitted} on the data fitted: too little was recorded"
+    return JointVerdict(level, reason, MORE[static])
+
+
+def _of_holding(
+    joint: Joint, holding: Holding, static: bool, limit: float
+) -> Iterator[JointVerdict]:
+    here, anywhere = (
+        GOOD if error <= _NEGLIGIBLE * limit else level_of(joint, error / max(torque, _TINY))
+        for error, torque in (
+            (holding.error, holding.torque),
+            (holding.error_anywhere, holding.torque_anywhere),
+        )
+    )
+    if here != GOOD:
+        size, error = _milli(holding.torque, joint), _milli(holding.error, joint)
+        yield JointVerdict(here, f"gravity torque uncertain: {size} ± {error}", MORE[static])
+    elif anywhere == POOR:
+        error, outside = _milli(holding.error_anywhere, joint), "outside the recorded poses"
+        yield JointVerdict(
+            USABLE, f"gravity torque uncertain by ±{error} {outside}", FURTHER[static]
+        )  # fmt: skip
+    span = holding.upper - holding.lower
+    if span < NARROW * SCALES[joint.kind]:
+        yield JointVerdict(
+            USABLE,
+            f"hardly moved (by {joint.shown(span, 1)}): its dependence on position is not known",
+            THIS_JOINT[static].format(joint=joint.name),
+        )
+
+
+def _milli(torque: float, joint: Joint) -> str:
+    """Return a torque in mN·m or mN, with two digits or more."""
+    number = f"{1e3 * torque:.2g}" if abs(torque) < 0.01 else f"{1e3 * torque:.0f}"
+    return f"{number} {thousandth(joint.effort_unit)}"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.0f} %"

@@ -1,0 +1,340 @@
+"""Identification from trajectories: build the problem, choose its columns, judge the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.estimation import (
+    Folds,
+    FoldSettings,
+    Solution,
+    Uncertainty,
+    autocorrelated_scores,
+    fit,
+    sandwich,
+)
+from dvrk_gravity.identification.quality.identifiability import describe
+from dvrk_gravity.identification.quality.physical import certificate, physical_links
+from dvrk_gravity.identification.quality.uncertainty import (
+    KnownError,
+    confounded,
+    held_by_terms,
+    holding,
+    kept_samples,
+    known_error,
+    model_uncertainty,
+)
+from dvrk_gravity.identification.quality.verdict import judge, of_clock
+from dvrk_gravity.identification.quality.weights import contradictions, idle
+from dvrk_gravity.identification.result import (
+    Fit,
+    FittedParameter,
+    Holding,
+    Identifiability,
+    JointError,
+    Trace,
+    joint_errors,
+)
+from dvrk_gravity.identification.trajectories.kinematics import calibrate
+from dvrk_gravity.identification.trajectories.problem import Problem, choose, pose, solved
+from dvrk_gravity.identification.trajectories.selection import ColumnSelection
+from dvrk_gravity.intake import Design, Source, read_motions, without_standing
+from dvrk_gravity.model import Columns, TorqueModel, starts
+from dvrk_gravity.parameters import node_parameters
+from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates
+
+Report = Callable[[str, float], None]
+# Written with a model although they are the defaults: they show whoever edits it that only part of
+# an identified friction is compensated.
+_SHOWN = ("friction_compensation.ratio", "friction_compensation.dead_band")
+_TINY = 1e-12  # weight of what is held out in a mean, so that there always is one
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnFit:
+    """A fit of chosen columns.
+
+    Attributes:
+        solution: The coefficients.
+        links: (10 bodies,) link parameters, if physical consistency was asked for.
+        predicted: (N, n) torque of the fit, N·m.
+        blind: (N, n) torque, each sample predicted by a fit that had not seen it, N·m.
+        parameters: Named, with intervals.
+        identifiability: What the data determine.
+        holding: Gravity torque and its uncertainty, by joint.
+        spread: Covariance of the coefficients.
+    """
+
+    solution: Solution
+    links: Array | None
+    predicted: Array
+    blind: Array
+    parameters: tuple[FittedParameter, ...]
+    identifiability: Identifiability
+    holding: Mapping[str, Holding]
+    spread: Uncertainty
+
+
+def fit_dynamic(
+    recordings: Sequence[Source],
+    arm: Arm,
+    coordinates: Coordinates,
+    effects: Sequence[str] | None = None,
+    physical: bool = False,
+    report: Report = lambda stage, share: None,
+    form: type[Columns] = Columns,
+) -> Fit:
+    """Fit a model to trajectories and judge it.
+
+    Args:
+        recordings: Trajectories with efforts; one of all joints at least.
+        arm: The arm.
+        coordinates: Of the recordings.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+        physical: Ask for physically consistent links: every pseudo-inertia positive definite.
+        report: Called with the stage and the share of it that is done.
+        form: Which columns there are.
+
+    Raises:
+        RecordingError: A recording that cannot be used.
+    """
+    motions = read_motions(recordings, arm, coordinates)
+    parts, standing = without_standing(motions.parts, arm)
+    if not any(part.informative.any() for part in parts):
+        raise RecordingError(
+            recordings[0].head.source,
+            f"determines no motor's torque, as {', '.join(standing)} stand still: expected motions "
+            "of all joints",
+        )
+    built = pose(parts, arm, effects, lambda share: report("regressor", share), form=form)
+    problem, chosen = choose(
+        built, starts(built.design.columns, effects),
+        lambda share: report("choice of terms", share),
+    )  # fmt: skip
+    problem, chosen, kinematic = calibrate(problem, chosen, parts, report)
+    columns, design = problem.design.columns, problem.design
+    found = estimate(problem, chosen, physical)
+    constant = _constants(design, problem.folds)
+    held_out, training = (
+        _errors(design, predicted, coordinates, constant)
+        for predicted in (found.blind, found.predicted)
+    )
+    theta = np.zeros(len(columns.columns))
+    theta[list(chosen)] = found.solution.theta
+    model = _model(columns, theta, found.links)
+    whole = design.compared.all(axis=1)
+    q, effort = design.state.q[whole], arm.joint_effort(design.y)[whole]
+    against = (
+        *of_clock(motions.warnings, arm),
+        *contradictions(model, q, effort, found.holding),
+    )
+    duration = sum(float(np.ptp(motion.time)) for motion in parts)
+    verdict = judge(
+        held_out, training, found.holding, arm, coordinates, duration=duration, against=against
+    )
+    error = known_error(design, found.blind, DEFAULT_CUTOFF)
+    kept = kept_samples(parts, arm)
+    if effects is not None and form is Columns:
+        error = _with_all_terms(built, error, report)
+        kept = None  # effects that were not allowed are no error that the model must have
+    uncertainty = model_uncertainty(
+        columns, theta, *_posterior(problem, chosen, theta, found), error, model, kept
+    )
+    statements = (*found.identifiability.statements, *kinematic)
+    return Fit(
+        model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
+        held_out=held_out,
+        training=training,
+        parameters=found.parameters,
+        identifiability=replace(found.identifiability, statements=statements),
+        choices=tuple(problem.selection.choices),
+        warnings=motions.warnings,
+        handling=(*motions.handling, *_not_fitted(standing)),
+        validation=how_validated(problem.folds),
+        coordinates=coordinates,
+        samples=sum(len(motion) for motion in parts),
+        physical={} if found.links is None else certificate(arm, found.links),
+        traces=_traces(design, found.blind, coordinates),
+        holding=found.holding,
+        verdict=verdict,
+        against=against,
+    )
+
+
+def _not_fitted(standing: Sequence[str]) -> list[str]:
+    """Return a line about joints that never move, if there are any."""
+    if not standing:
+        return []
+    return [
+        f"not fitted: efforts of {', '.join(standing)}, which never move: friction may hold any "
+        "torque up to its level"
+    ]
+
+
+def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) -> ColumnFit:
+    """Fit the chosen columns and estimate their uncertainty.
+
+    Args:
+        problem: The problem.
+        chosen: Columns of the fit.
+        physical: Ask for physically consistent links.
+    """
+    design, weighting = problem.design, problem.weighting
+    columns, index = design.columns, list(chosen)
+    solution = solved(problem, chosen)
+    links = None
+    if physical:
+        theta, links = physical_links(columns, index, solution)
+        solution = replace(solution, theta=theta)
+    predicted = design.x[:, :, index] @ solution.theta
+    blind = _held_out(design, problem.folds, problem.selection, index, physical)
+    spread = _spread(problem, index, solution, predicted, blind)
+    weight = weighting.sample * weighting.motor
+    parameters, identifiability = describe(columns, index, solution, spread, design, weight)
+    held = holding(
+        lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
+    )
+    return ColumnFit(solution, links, predicted, blind, parameters, identifiability, held, spread)
+
+
+def _spread(
+    problem: Problem, index: Sequence[int], solution: Solution, predicted: Array, blind: Array
+) -> Uncertainty:
+    """Return the covariance of some columns' coefficients from (N, n) predicted torques."""
+    design, weighting = problem.design, problem.weighting
+    x = design.x[:, :, list(index)]  # a copy
+    x[~design.informative] = 0.0
+    fitted, unseen = (weighting.sample * (design.y - torque) for torque in (predicted, blind))
+    meat = autocorrelated_scores(
+        x, fitted, unseen, design.part, design.rate, weighting.motor, design.compared
+    )
+    return sandwich(solution, meat)
+
+
+def _posterior(
+    problem: Problem, chosen: Sequence[int], theta: Array, found: ColumnFit
+) -> tuple[list[int], Uncertainty]:
+    """Return the columns that the model is not sure of, and their coefficients' covariance.
+
+    Beside the chosen ones these are columns that the chosen ones may replace: their absence is no
+    more certain than their presence.
+    """
+    columns = problem.design.columns
+    wanted = sorted({*chosen, *confounded(problem, chosen)})
+    index = held_by_terms(columns, theta, wanted)
+    free = np.ones(len(index), dtype=bool)  # a sign that is held at zero is no certainty either
+    solution = replace(solved(problem, index), free=free)
+    return index, _spread(problem, index, solution, found.predicted, found.blind)
+
+
+def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:
+    """Return (K, n, p) joint torques of the chosen columns at (K, n) positions at rest."""
+    at_motors = columns.at_rest(q)[:, :, chosen]
+    return np.matmul(columns.arm.joint_to_actuator.T, at_motors)
+
+
+def _held_out(
+    design: Design, folds: Folds, selection: ColumnSelection, chosen: Sequence[int], physical: bool
+) -> Array:
+    """Return (N, n) torques, each predicted by the fit that had not seen it."""
+    index = list(chosen)
+    columns = design.columns
+    scale, positive = columns.scale[index], columns.positive[index]
+    predicted = np.empty_like(design.y)
+    for rows, train in zip(folds.tested, selection.train, strict=True):
+        solution = fit(train.select(index), selection.weight, scale, positive)
+        theta = physical_links(columns, index, solution)[0] if physical else solution.theta
+        predicted[rows] = design.x[rows][:, :, index] @ theta
+    return predicted
+
+
+def _with_all_terms(problem: Problem, own: KnownError, report: Report) -> KnownError:
+    """Return the error of a model with all terms, where this one may not have all.
+
+    What a model was not allowed to explain is not known error: it is to be found. So the
+    correlation time of this model's errors is not known either.
+    """
+    free = replace(problem, selection=replace(problem.selection, effects=None, choices=[]))
+    columns = problem.design.columns
+    free, chosen = choose(
+        free, starts(columns), lambda share: report("what all terms would leave", share)
+    )
+    blind = _held_out(free.design, free.folds, free.selection, chosen, physical=False)
+    error = known_error(free.design, blind, own.band)
+    error = replace(error, correlation=np.full(len(own.rms), np.nan))
+    return error if np.sum(error.rms**2 / own.rms**2) < len(own.rms) else own
+
+
+def how_validated(folds: Folds) -> str:
+    """Return a sentence on what was held out."""
+    text = (
+        f"{len(folds.tested)} blocks, each predicted by a fit to the others with a gap of "
+        f"{FoldSettings().gap:g} s; the choice of terms used them"
+    )
+    found = sorted({round(period, 2) for period in folds.periods})
+    if found:
+        shown = ", ".join(f"{period:g}" for period in found)
+        text += f"; the motion repeats every {shown} s, so equal phases are held out together"
+    if folds.shared:
+        text += "; recordings show the same motion: the same states are held out of all of them"
+    return text
+
+
+def _model(columns: Columns, theta: Array, links: Array | None) -> TorqueModel:
+    declared = node_parameters(columns.arm)
+    node = {name: declared[name].default for name in _SHOWN}
+    offset = columns.corrected(theta).offset
+    return TorqueModel(columns.arm, columns.terms(theta, links), node, joint_offset=offset)
+
+
+def _constants(design: Design, folds: Folds) -> Array:
+    """Return (N, n) efforts predicted by a constant, the mean of what was not held out."""
+    constant = np.empty_like(design.y)
+    for tested, excluded in zip(folds.tested, folds.excluded, strict=True):
+        fitted = design.compared.copy()
+        fitted[excluded] = False
+        constant[tested] = np.average(design.y, axis=0, weights=np.maximum(fitted, _TINY))
+    return constant
+
+
+def _errors(
+    design: Design, predicted: Array, coordinates: Coordinates, constant: Array
+) -> dict[str, JointError]:
+    arm = design.columns.arm
+    # The errors are those of recordings of all joints.
+    rows = design.compared.all(axis=1)
+    measured, predicted, constant = (array[rows] for array in (design.y, predicted, constant))
+    resting = idle(arm, design.state.q[rows], static=False)
+    if coordinates == "joint":
+        measured, predicted, constant = (
+            arm.joint_effort(array) for array in (measured, predicted, constant)
+        )
+    else:
+        resting = arm.motors_of(resting)
+    return joint_errors(arm.joint_names, measured, predicted, constant, resting)
+
+
+def _traces(design: Design, predicted: Array, coordinates: Coordinates) -> tuple[Trace, ...]:
+    arm = design.columns.arm
+    traces = []
+    for part in np.unique(design.part):
+        rows = design.part == part
+        if not design.measured[rows].all():
+            continue
+        q, qd = design.state.q[rows], design.state.qd
+        assert qd is not None
+        qd, measured, torque = qd[rows], design.y[rows], predicted[rows]
+        if coordinates == "joint":
+            measured, torque = arm.joint_effort(measured), arm.joint_effort(torque)
+        else:
+            q, qd = arm.actuator_position(q), arm.actuator_position(qd)
+        traces.append(
+            Trace(arm.joint_names, design.time[rows], q, qd, measured, torque, coordinates, True)
+        )
+    return tuple(traces)

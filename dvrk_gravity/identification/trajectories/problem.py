@@ -1,0 +1,232 @@
+"""The least-squares problem of motions: build it, solve it, choose its columns, reweigh it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity.arms import BODIES as TREE_LINKS
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
+from dvrk_gravity.effects import PER_LINK, Column, Gravity, Term
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.estimation import (
+    LONGEST_CORRELATION,
+    Folds,
+    NormalEquations,
+    RobustSettings,
+    RobustState,
+    Solution,
+    correlation_time,
+    fit,
+    make_folds,
+    reweighted,
+)
+from dvrk_gravity.identification.trajectories.selection import ColumnSelection, split_equations
+from dvrk_gravity.intake import CalibrationMotion, Design, build_design
+from dvrk_gravity.model import Columns, KinematicCalibration
+
+# Part of a motor's torque that a model leaves, at first. Chosen: the iteration forgets it.
+_FIRST_GUESS = 0.1
+
+CONSOLE_EFFECTS = (
+    "coulomb_friction", "elastic_cable", "presliding_hysteresis", "rotor_inertia",
+    "viscous_friction",
+)  # fmt: skip
+# Link 7's first moments across its axis are what beta 11 and 12 consist of.
+_ACROSS = tuple(PER_LINK * TREE_LINKS.index("link7") + k for k in (1, 2))
+
+
+def require_console_arm(arm: Arm) -> None:
+    """Check that the console knows an arm.
+
+    Raises:
+        ConfigError: It does not, or the arm's base is tilted.
+    """
+    if arm.name not in ARMS.values():
+        raise ConfigError("--for-console", arm.name, f"an arm of the console: {', '.join(ARMS)}")
+    if np.abs(arm.gravity[:2]).max() > 1e-9:
+        raise ConfigError(
+            "--for-console", list(arm.base_rpy), "an upright base: the console knows no other"
+        )
+
+
+class ConsoleColumns(Columns):
+    """Columns that cannot leave the dVRK console's form at rest.
+
+    At rest the console has gravity with ten parameters on an upright base, and for each of joints 1
+    to 6 a polynomial of degree four; in motion, Coulomb friction of the joints. Other torque, which
+    the console does not send (inertia, viscous friction, presliding), stays in the fit: without the
+    friction of motors, say, gravity would compensate for it.
+    """
+
+    ABSENT = _ACROSS  # link 7 is balanced about its own axis
+
+    def offers(self, column: Column) -> bool:
+        """Whether the console has such a column at rest."""
+        if column.effect == "elastic_cable":
+            return column.index < N_POWERS and column.joint < N_POLYNOMIALS
+        if column.effect == "coulomb_friction":
+            return column.site_kind == "joint"  # a motor's is the same as presliding
+        return True
+
+    def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
+        """Return the model's terms, gravity with ten parameters."""
+        return tuple(
+            Gravity(term.arm, term.beta[:N_GRAVITY], term.vector)
+            if isinstance(term, Gravity)
+            else term
+            for term in super().terms(theta, links)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Weighting:
+    """Weights of motors and samples, from the residual of a model.
+
+    Attributes:
+        certainty: (m,) inverse variance of one sample, over the number of samples that count as
+            one.
+        power: (m,) mean square of the torque, (N·m)^2.
+        sample: (N, m) robust weights.
+    """
+
+    certainty: Array
+    power: Array
+    sample: Array
+
+    @cached_property
+    def motor(self) -> Array:
+        """(m,) weights of motors in a fit.
+
+        Halfway (geometric mean) between a motor's own certainty and equal weights of all relative
+        errors: a correlated residual, of a model that adapts to it, gives only a rough variance.
+        """
+        relative, counts = self.power * self.certainty, self.sample.any(axis=0)
+        typical = np.exp(np.mean(np.log(relative[counts])))
+        return np.where(counts, np.sqrt(relative * typical) / self.power, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A least-squares problem, before its columns are chosen.
+
+    Attributes:
+        design: The samples.
+        folds: What is held out.
+        weighting: Of motors and samples.
+        equations: Of all samples, by their robust weights.
+        selection: The search for terms.
+    """
+
+    design: Design
+    folds: Folds
+    weighting: Weighting
+    equations: NormalEquations
+    selection: ColumnSelection
+
+
+def pose(
+    motions: Sequence[CalibrationMotion],
+    arm: Arm,
+    effects: Sequence[str] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+    kinematics: KinematicCalibration | None = None,
+    form: type[Columns] = Columns,
+) -> Problem:
+    """Return the least-squares problem of some motions.
+
+    Args:
+        motions: At least one.
+        arm: The arm.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+        progress: Called with the share of the regressor that is done.
+        kinematics: Where joints and base are; with links, its slopes are columns too.
+        form: Which columns there are.
+    """
+    q = np.concatenate([motion.state.q for motion in motions])
+    columns = form(arm, q.min(axis=0), q.max(axis=0), kinematics)
+    design = build_design(columns, motions, progress)
+    clock = [motion.source for motion in motions]
+    folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
+    weighting = _weigh(design)
+    whole, train, test = split_equations(design, folds, weighting.sample)
+    selection = ColumnSelection(columns, train, test, weighting.motor, effects=effects)
+    return Problem(design, folds, weighting, whole, selection)
+
+
+def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
+    """Return the fit of the chosen columns to all samples."""
+    columns, index = problem.design.columns, list(chosen)
+    return fit(
+        problem.equations.select(index), problem.weighting.motor, columns.scale[index],
+        columns.positive[index],
+    )  # fmt: skip
+
+
+def choose(
+    problem: Problem, begin: Sequence[list[int]], progress: Callable[[float], None]
+) -> tuple[Problem, list[int]]:
+    """Return the problem, reweighed, and the columns that improve the held-out error.
+
+    The richest model, whose residual weighs motors at first, overfits the noise of some more than
+    that of others. So the search goes on with the weights of its own residual (feasible
+    generalised least squares).
+
+    Args:
+        problem: The problem, weighed by its richest model.
+        begin: Columns to start with; at least one set.
+        progress: Called with the share that is done, a guess.
+    """
+    chosen = problem.selection.search(begin, progress)
+    kept = [choice for choice in problem.selection.choices if choice.kept]
+    problem = reweighed(problem, chosen)
+    problem.selection.choices = kept
+    chosen = problem.selection.run(chosen)
+    return reweighed(problem, chosen), chosen
+
+
+def reweighed(problem: Problem, chosen: Sequence[int]) -> Problem:
+    """Return the problem with motors weighed by the residual of the chosen columns."""
+    design, weighting, selection = problem.design, problem.weighting, problem.selection
+    predicted = design.x[:, :, list(chosen)] @ solved(problem, chosen).theta
+    weighting = _weighting(design, weighting.sample * (design.y - predicted), weighting.sample)
+    return replace(problem, weighting=weighting, selection=selection.weighed(weighting.motor))
+
+
+def _weigh(design: Design) -> Weighting:
+    """Return noise, its correlation, and outliers, by the richest model.
+
+    With every column in, the residual is noise and not a missing term, so that no structure is
+    taken for outliers.
+    """
+    columns, seen = design.columns, design.compared
+    spread = np.maximum(_FIRST_GUESS * design.y.std(axis=0, where=seen), 1e-6)
+
+    def fitted(state: RobustState[Array]) -> tuple[Array, Array]:
+        motor = spread**-2.0
+        if state.residual is not None:
+            # An outlier must not determine its motor's noise.
+            motor = _weighting(design, state.weight * state.residual, state.weight).motor
+        equations = NormalEquations.of(design.x, design.y, state.weight)
+        theta = fit(equations, motor, columns.scale, columns.positive).theta
+        return theta, design.y - design.x @ theta
+
+    start: RobustState[Array] = RobustState(design.informative.astype(float), spread)
+    found = reweighted(fitted, start, RobustSettings(), used=design.fitted)
+    assert found.residual is not None
+    return _weighting(design, found.weight * found.residual, found.weight)
+
+
+def _weighting(design: Design, residual: Array, sample: Array) -> Weighting:
+    """Return the weighting by (N, m) residuals, beside (N, m) robust weights."""
+    seen = design.compared
+    longest = int(LONGEST_CORRELATION * design.rate)
+    correlated = correlation_time(residual, design.part, longest)
+    variance = np.maximum(residual.var(axis=0, where=seen), 1e-12)
+    power = np.maximum(np.mean(design.y**2, axis=0, where=seen), 1e-12)
+    return Weighting(1.0 / (variance * correlated), power, sample)

@@ -1,0 +1,165 @@
+"""Joints of the arm that a recording lacks: fingers, a rail, joints held still."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm, beyond, is_mtm
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.errors import ArgumentError, RecordingError
+from dvrk_gravity.model import parts
+from dvrk_gravity.parameters import is_finite
+from dvrk_gravity.recording import Coordinates, Recording, RecordingFile, Trajectory, opened
+
+# What can be fitted to: in memory, in a file, or prepared already.
+Source = Recording | RecordingFile | Trajectory
+
+_PARTS = 3  # of a robot that a refusal names
+
+
+def all_static(recordings: Sequence[Recording | RecordingFile]) -> bool:
+    """Return whether recordings hold static poses.
+
+    Raises:
+        RecordingError: Poses mixed with trajectories.
+    """
+    heads = [recording.head for recording in recordings]
+    static = [isinstance(first, Recording) and first.time is None for first in heads]
+    if any(static) != all(static):
+        raise RecordingError(
+            heads[static.index(True)].source,
+            "holds static poses, expected trajectories only or poses only",
+        )
+    return static[0]
+
+
+def known_still(still: Mapping[str, float] | None, arm: Arm) -> Mapping[str, float]:
+    """Return where joints of an arm stood; an empty mapping if that was not given.
+
+    Raises:
+        ArgumentError: Not a mapping from the joints' names to positions.
+    """
+    if still is None:
+        return {}
+    if not isinstance(still, Mapping):
+        raise ArgumentError("still", still, "a mapping from joints' names to positions, rad")
+    for name, position in still.items():
+        if name not in arm.joint_names:
+            raise ArgumentError("still", name, f"some of {', '.join(arm.joint_names)}")
+        if not isinstance(position, Real) or not is_finite(float(position)):
+            raise ArgumentError(f"still of {name}", position, "a number, rad or m")
+    return still
+
+
+def held_beyond(
+    recordings: Iterable[Source], arm: Arm, still: Mapping[str, float]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return where unrecorded joints stood, and a line about those that were assumed.
+
+    Joints beyond all recorded ones are assumed held at zero, or at the limit next to it.
+    An MTM's recording has all seven joints; there, a missing one is a mistake.
+    """
+    seen = _recorded(recordings)
+    missing = [joint for joint in arm.joint_names if joint not in (*seen, *still)]
+    if not missing or is_mtm(arm):
+        return dict(still), ()
+    # A joint whose position is given may itself be carried by one that is beyond.
+    where = beyond(arm, seen) or beyond(arm, (*seen, *still)) or {}
+    where = {name: position for name, position in where.items() if name in missing}
+    if not where:
+        return dict(still), ()
+    return {**still, **where}, (f"not recorded, assumed held (rad, m): {_shown(where)}",)
+
+
+def with_held(
+    recordings: Sequence[Recording | RecordingFile], arm: Arm, still: Mapping[str, float]
+) -> tuple[Arm, list[Recording | RecordingFile], tuple[str, ...]]:
+    """Return the arm without the joints beyond all recorded ones, and lines that name them.
+
+    They stand where it was given, or at zero. From poses, all joints with a given position are
+    dropped: nothing of them moved.
+    """
+    stood, lines = held_beyond(recordings, arm, still)
+    held = {name: at for name, at in stood.items() if name not in still}
+    if still and not is_mtm(arm):
+        seen = _recorded(recordings)
+        ends = still if all_static(recordings) else beyond(arm, seen) or ()
+        given = {name: at for name, at in still.items() if name in ends and name not in seen}
+        held |= given
+        lines += (f"held as given (rad, m): {_shown(given)}",) if given else ()
+    if not held:
+        return arm, list(recordings), ()
+    arm = arm.holding(held)
+    left_out = tuple(f"{line}: not joints of the model" for line in lines)
+    return arm, opened(recordings, arm=arm), left_out
+
+
+def _recorded(recordings: Iterable[Source]) -> tuple[str, ...]:
+    return tuple({joint for recording in recordings for joint in recording.head.joints})
+
+
+def _shown(where: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} at {position:g}" for name, position in where.items())
+
+
+def require_all(
+    recording: Recording | Trajectory, arm: Arm, still: Mapping[str, float] | None = None
+) -> None:
+    """Refuse a recording without efforts, or without a joint whose position is not known.
+
+    Raises:
+        RecordingError: Naming what is missing.
+    """
+    unknown = [name for name in arm.joint_names if name not in (*recording.joints, *(still or {}))]
+    if unknown:
+        expected = "all joints"
+        if still is not None:  # only a fit to trajectories can do with less
+            turns = arm.joints[arm.joint_names.index(unknown[0])].kind == "revolute"
+            at = f"--at {unknown[0]}={'0deg' if turns else '0mm'},..."
+            expected += f", or `{at}` to say where those stood that were not recorded"
+        if some := " or ".join(parts(arm, recording.joints)[:_PARTS]):
+            expected += f", or a part of the robot: --arm {some}"
+        raise RecordingError(recording.source, f"has no {', '.join(unknown)}: expected {expected}")
+    if isinstance(recording, Trajectory):
+        without = any(stretch.effort is None for stretch in recording.stretches)
+    else:
+        without = recording.effort is None
+    if without:
+        raise RecordingError(recording.source, "has no efforts, expected <joint>.effort columns")
+
+
+def motors_measured(columns: Sequence[int], arm: Arm, coordinates: Coordinates) -> Mask:
+    """Return (n,) the motors whose torque the efforts of some columns determine.
+
+    tau_actuator = M^T tau_joint: all joint torques that a motor contributes to must be known.
+    """
+    known = np.isin(np.arange(arm.n), columns)
+    if coordinates == "actuator":
+        return known
+    return ~np.any((arm.actuator_to_joint != 0.0) & ~known[:, None], axis=0)
+
+
+def completed(
+    values: Array, columns: Sequence[int], still: Array, arm: Arm, coordinates: Coordinates
+) -> Array:
+    """Return (N, n) positions from the (N, k) columns of some joints.
+
+    Args:
+        values: (N, k), in the coordinates.
+        columns: (k,) indices of the joints.
+        still: (n,) where the other *joints* are.
+        arm: The arm.
+        coordinates: Of values and result.
+    """
+    result = np.tile(still, (len(values), 1))
+    result[:, columns] = values
+    if coordinates == "actuator":
+        # The motors of joints that stand still follow the recorded ones.
+        others = [joint for joint in range(arm.n) if joint not in columns]
+        matrix = arm.actuator_to_joint
+        follow = still[others] - values @ matrix[np.ix_(others, columns)].T
+        result[:, others] = np.linalg.solve(matrix[np.ix_(others, others)], follow.T).T
+    return result

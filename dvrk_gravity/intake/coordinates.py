@@ -1,0 +1,241 @@
+"""Are the columns of a recording those of the joints or those of the motors?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.estimation import Folds, beats, fit, make_folds
+from dvrk_gravity.intake.absent_joints import Source
+from dvrk_gravity.intake.design import build_design, training_equations
+from dvrk_gravity.intake.motion import CalibrationMotion, read, read_motions
+from dvrk_gravity.model import Columns, start_columns
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording
+
+# s of a recording that are looked at. Chosen: some periods of the slowest sine of an exciting
+# motion, 0.07 Hz.
+LOOKED_AT = 40.0
+# Ratio of the two held-out errors above which neither is clearly better. Chosen.
+CLEAR = 0.97
+
+
+@dataclass(frozen=True, eq=False)
+class CoordinateErrors:
+    """Held-out errors of a plain model in both coordinates, relative to the torque.
+
+    Attributes:
+        whole: Of all held-out blocks together.
+        blocks: (F,) of each fold.
+    """
+
+    whole: Mapping[Coordinates, float]
+    blocks: Mapping[Coordinates, Array]
+
+    @property
+    def best(self) -> Coordinates:
+        """The coordinates of the smaller error."""
+        return min(self.whole, key=lambda system: self.whole[system])
+
+    def clearly_not(self, system: Coordinates) -> bool:
+        """Whether the other coordinates fit clearly better."""
+        best = self.best
+        return best != system and self.whole[best] <= CLEAR * self.whole[system]
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """Coordinates of a recording, and how they were determined.
+
+    Attributes:
+        coordinates: Joint, as ``measured_js`` publishes them, or actuator, the motors'.
+        reason: How they were determined, one sentence; ``""``: given, or the same either way.
+        warnings: That the given ones look wrong.
+        errors: What was compared; ``None`` where nothing was.
+    """
+
+    coordinates: Coordinates
+    reason: str = ""
+    warnings: tuple[DataWarning, ...] = ()
+    errors: CoordinateErrors | None = None
+
+
+def decide_coordinates(
+    recording: Source,
+    arm: Arm,
+    given: Coordinates | None,
+    misfit: Callable[[Coordinates], float] | None = None,
+) -> Decision:
+    """Return the coordinates of a recording: the one rule of all verbs.
+
+    A plain model of the arm is fitted in both; the one in which it predicts held-out blocks better
+    is taken, or joint coordinates where neither is clearly better. Given ones are taken, with a
+    warning if the others fit clearly better. Static poses, and recordings of some joints, determine
+    no plain model: there the model at hand decides, if there is one.
+
+    Args:
+        recording: Trajectory or static poses.
+        arm: The arm. Where each motor turns one joint, by as much, both are the same.
+        given: As stated by the user; ``None``: not stated.
+        misfit: Error of the model at hand, if there is one, in either coordinates.
+    """
+    if arm.direct_drive:
+        return Decision(given or "joint")
+    errors = _errors(recording, arm)
+    if given is not None:
+        warnings = () if errors is None else _doubt(recording.head.source, errors, given)
+        return Decision(given, "", warnings, errors)
+    if errors is None:
+        return Decision("joint") if misfit is None else _by_misfit(misfit)
+    joint, actuator = (errors.whole[system] for system in get_args(Coordinates))
+    best = errors.best
+    other = errors.whole["actuator" if best == "joint" else "joint"]
+    if errors.whole[best] > CLEAR * other:
+        reason = (
+            "taken as joint coordinates; actuator coordinates would fit about equally well "
+            f"(held-out error over torque {joint:.3f} and {actuator:.3f})"
+        )
+        return Decision("joint", reason, (), errors)
+    reason = (
+        f"taken as {best} coordinates: a plain model leaves a held-out error of "
+        f"{errors.whole[best]:.3f} of the torque, {other:.3f} in the others"
+    )
+    return Decision(best, reason, (), errors)
+
+
+def _errors(recording: Source, arm: Arm) -> CoordinateErrors | None:
+    """Return how a plain model does in both coordinates; ``None`` where it cannot be fitted."""
+    head = recording.head
+    static = isinstance(head, Recording) and (head.time is None or head.effort is None)
+    if static or set(arm.joint_names) - set(head.joints):
+        return None
+    try:
+        return _coordinate_errors(recording, arm)
+    except RecordingError:  # whoever reads it next says why
+        return None
+
+
+def _by_misfit(misfit: Callable[[Coordinates], float]) -> Decision:
+    sizes = {system: misfit(system) for system in get_args(Coordinates)}
+    best: Coordinates = "joint" if sizes["joint"] <= sizes["actuator"] else "actuator"
+    reason = (
+        f"taken as {best} coordinates: mean |e|/|tau| of the model {sizes[best]:.3f}, "
+        f"{max(sizes.values()):.3f} in the others"
+    )
+    return Decision(best, reason)
+
+
+def _coordinate_errors(recording: Source, arm: Arm) -> CoordinateErrors:
+    """Return the held-out error of a plain model in both coordinates, relative to the torque.
+
+    Errors are those of the recorded efforts, comparable in both; their size is the 2n-th root of
+    the determinant of their covariance, which gives the likelihood of Gaussian errors whether they
+    are independent at the motors or at the joints.
+    """
+    trajectory = replace(read(recording), coordinates=None)
+    systems = get_args(Coordinates)
+    errors, informative, folds, _ = zip(
+        *(_held_out_errors(trajectory, arm, system) for system in systems), strict=True
+    )
+    # The same samples in both: friction that holds a joint in one need not in the other.
+    counted = np.logical_and(*informative)
+    seen = counted.any(axis=0)
+    scaled = {
+        system: np.where(counted, error, 0.0)[:, seen] / np.sqrt(counted.sum(axis=0)[seen])
+        for system, error in zip(systems, errors, strict=True)
+    }
+    return CoordinateErrors(
+        {system: _size(error) for system, error in scaled.items()},
+        {
+            system: np.array([_size(error[rows]) for rows in folds[0].tested])
+            for system, error in scaled.items()
+        },
+    )
+
+
+def predictable(recording: Recording, arm: Arm, deviations: float) -> bool:
+    """Return whether a plain model predicts any joint's effort better than a constant does.
+
+    Args:
+        recording: A trajectory of all joints.
+        arm: The arm.
+        deviations: Standard errors by which it must be better.
+
+    Raises:
+        RecordingError: Whatever ``read_motions`` refuses.
+    """
+    system = recording.coordinates
+    plain = replace(read(recording), coordinates=None)
+    error, informative, _, off = _held_out_errors(plain, arm, system or "joint")
+    error, off = (np.where(informative, each, 0.0) for each in (error, off))
+    return bool(beats(error**2, off**2, deviations).any())
+
+
+def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[DataWarning, ...]:
+    """Return a warning if the other coordinates than those given fit clearly better."""
+    if not errors.clearly_not(given):
+        return ()
+    best, whole = errors.best, errors.whole
+    return (
+        DataWarning(
+            "coordinates",
+            None,
+            {"given": whole[given], "other": whole[best]},
+            f"{source} was given as {given} coordinates, but looks like {best} "
+            f"ones: a plain model leaves a held-out error of {whole[given]:.3f} of the torque, as "
+            f"{best} ones {whole[best]:.3f}",
+        ),
+    )
+
+
+def _held_out_errors(
+    recording: Source, arm: Arm, coordinates: Coordinates
+) -> tuple[Array, Mask, Folds, Array]:
+    """Return a plain model's held-out errors, which are informative, folds, a constant's errors.
+
+    Errors are (N, n), of the efforts as recorded, over the RMS of each.
+    """
+    motions = [_head(motion) for motion in read_motions([recording], arm, coordinates).parts[:1]]
+    q = motions[0].state.q
+    columns = Columns(arm, q.min(axis=0), q.max(axis=0))
+    design, chosen = build_design(columns, motions), start_columns(columns)
+    folds = make_folds(design.time, design.part, design.state.q, design.rate)
+    plain = replace(design, x=design.x[:, :, chosen])
+    _, train = training_equations(plain, folds, np.ones_like(design.y))
+    # A tenth of the torque is what such a model leaves, correlated over half a second.
+    weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
+    scale, positive = columns.scale[chosen], columns.positive[chosen]
+    error = np.zeros_like(design.y)
+    for seen, tested in zip(train, folds.tested, strict=True):
+        theta = fit(seen, weight, scale, positive).theta
+        error[tested] = design.y[tested] - plain.x[tested] @ theta
+    effort, informative = design.y, design.informative
+    if coordinates == "joint":
+        error, effort = arm.joint_effort(error), arm.joint_effort(effort)
+        informative = ~arm.joints_of(~informative)
+    rms = np.maximum(np.sqrt(np.mean(effort**2, axis=0)), 1e-6)
+    off = effort - effort.mean(axis=0, where=informative)
+    return error / rms, informative, folds, off / rms
+
+
+def _size(error: Array) -> float:
+    """Return the 2n-th root of the determinant of E' E of (N, n) errors E."""
+    count = error.shape[1]
+    floor = 1e-12 * np.eye(count)
+    return float(np.exp(0.5 * np.linalg.slogdet(error.T @ error + floor)[1] / max(count, 1)))
+
+
+def _head(motion: CalibrationMotion) -> CalibrationMotion:
+    rows = slice(0, max(int(LOOKED_AT * motion.filter.rate), 6 * motion.filter.edge))
+    return replace(
+        motion,
+        time=motion.time[rows],
+        informative=np.broadcast_to(motion.informative, motion.effort.shape)[rows],
+        state=motion.state.rows(rows),
+        effort=motion.effort[rows],
+    )

@@ -1,0 +1,132 @@
+"""The regressor of motions, behind the low-pass of the measured torque."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.effects import State
+from dvrk_gravity.estimation import Folds, NormalEquations
+from dvrk_gravity.intake.motion import CalibrationMotion
+from dvrk_gravity.model import Columns
+
+CHUNK = 2000  # samples whose regressor is held at a time; no result depends on it
+# Samples kept after the filter, at most. Chosen for time and memory.
+ROWS = 12_000
+# Samples kept per period of the filter's cut-off, at most. Chosen: four times what the sampling
+# theorem asks for, as a filter of second order does not end there.
+SAMPLING = 8.0
+# Samples per such period between which slopes are cubics. Chosen.
+SMOOTH = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Filtered regressor and torque at the motors.
+
+    Attributes:
+        columns: What the columns are.
+        x: (N, n, p) filtered regressor.
+        y: (N, n) filtered torque, N·m.
+        time: (N,) s within the recording.
+        part: (N,) index of the motion that a sample came from.
+        state: (N, n) arrays: the motion at those samples.
+        rate: Samples a second.
+        measured: (N, n) whether the torque was measured; else ``x`` and ``y`` are zero.
+        informative: (N, n) whether a fit may use it; else it is predicted only.
+    """
+
+    columns: Columns
+    x: Array
+    y: Array
+    time: Array
+    part: NDArray[np.int64]
+    state: State
+    rate: float
+    measured: Mask
+    informative: Mask
+
+    @property
+    def fitted(self) -> Mask:
+        """(N, n) samples that a fit is made to."""
+        return self.measured & self.informative
+
+    @property
+    def compared(self) -> Mask:
+        """(N, n) samples that errors are computed on; all those of a motor that is never fitted."""
+        return self.measured & (self.informative | ~self.fitted.any(axis=0))
+
+
+def build_design(
+    columns: Columns,
+    motions: Sequence[CalibrationMotion],
+    progress: Callable[[float], None] = lambda share: None,
+) -> Design:
+    """Evaluate and filter the regressor of all columns.
+
+    Args:
+        columns: The columns.
+        motions: At least one.
+        progress: Called with the share that is done, 0 to 1.
+    """
+    total = sum(len(motion) for motion in motions)
+    kept: list[tuple[NDArray[Any], ...]] = []
+    done, rate = 0, motions[0].filter.rate
+    for index, motion in enumerate(motions):
+        low = motion.filter
+        dense = int(low.rate / (SAMPLING * low.cutoff))
+        stride = max(1, dense, -(-total // ROWS))
+        rate = low.rate / stride
+        smooth = max(1, int(low.rate / (SMOOTH * low.cutoff)))
+        before = None
+        for start in range(low.edge, len(motion) - low.edge, CHUNK):
+            stop = min(start + CHUNK, len(motion) - low.edge)
+            # The filter's transients at the ends of a chunk fall into its margins.
+            first, last = start - low.edge, min(stop + low.edge, len(motion))
+            state = motion.state.rows(slice(first, last))
+            history = columns.history(state, before)
+            before = history[stop - low.edge - first].copy()
+            raw = columns.regressor(state, history, smooth)
+            # One grid over all chunks.
+            offset = (-(start - low.edge)) % stride
+            own = slice(start - first + offset, stop - first, stride)
+            # Most columns do not touch most motors: nothing to filter there.
+            used = raw.any(axis=0) & motion.measured[:, None]
+            filtered = np.zeros((len(range(*own.indices(len(raw)))), *used.shape))
+            filtered[:, used] = low(raw[:, used])[own]
+            rows = slice(start + offset, stop, stride)
+            effort, q, qd = motion.effort[rows], motion.state.q[rows], motion.state.qd
+            assert qd is not None
+            kept.append((
+                filtered, effort, motion.time[rows], np.full(len(effort), index), q, qd[rows],
+                np.tile(motion.measured, (len(effort), 1)),
+                np.broadcast_to(motion.informative, motion.effort.shape)[rows],
+            ))  # fmt: skip
+            done += stop - start
+            progress(done / total)
+    x, y, time, part, q, qd, measured, informative = map(
+        np.concatenate, zip(*kept, strict=True)
+    )  # fmt: skip
+    return Design(columns, x, y, time, part, State(q, qd), rate, measured, informative)
+
+
+def training_equations(
+    design: Design, folds: Folds, weight: Array
+) -> tuple[NormalEquations, list[NormalEquations]]:
+    """Return the sums over all samples, and those that each fold's fit sees.
+
+    Args:
+        design: All samples.
+        folds: What is held out.
+        weight: (N, n) robust weights.
+    """
+    whole = NormalEquations.of(design.x, design.y, weight)
+    return whole, [
+        whole - NormalEquations.of(design.x[excluded], design.y[excluded], weight[excluded])
+        for excluded in folds.excluded
+    ]

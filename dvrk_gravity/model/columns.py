@@ -1,0 +1,229 @@
+"""The linear form of a torque model: the columns of its regressor, their priors, the way back.
+
+They are those of the rigid body, of every effect that declares what a fit solves for in it
+(:meth:`~dvrk_gravity.effects.LinearTerm.unknowns`), and of encoder offsets and the base's tilt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from dvrk_gravity import effects
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.effects import (
+    Column,
+    LinearTerm,
+    ModelChange,
+    Range,
+    State,
+    Term,
+    Unknowns,
+)
+from dvrk_gravity.model.kinematics import KINEMATIC, KinematicCalibration
+from dvrk_gravity.model.rigid_columns import RIGID, RigidColumns
+
+
+def identified(arm: Arm) -> tuple[str, ...]:
+    """Return the names of the effects that trajectories of an arm are fitted with."""
+    found = (unknowns.term.NAME for unknowns in _unknowns(arm, Range(*arm.range)))
+    return tuple(sorted({*RIGID, *KINEMATIC, *found}))
+
+
+class Columns:
+    """All columns of one arm over one range of positions.
+
+    Class attributes:
+        ABSENT: Numbers of link parameters that are taken to be zero.
+
+    Attributes:
+        arm: The arm.
+        kinematics: Where its joints and base are.
+        mounted: The arm with its base as the calibration has it.
+        valid: Range of positions in the data.
+        columns: All columns, in order.
+    """
+
+    ABSENT: ClassVar[tuple[int, ...]] = ()
+
+    def __init__(
+        self, arm: Arm, lower: Array, upper: Array, kinematics: KinematicCalibration | None = None
+    ) -> None:
+        """Lay the columns out for data between (n,) ``lower`` and ``upper`` measured positions."""
+        self.arm = arm
+        self.kinematics = KinematicCalibration() if kinematics is None else kinematics
+        self.mounted = self.kinematics.mounted(arm)
+        self.valid = Range(lower - self.kinematics.offset, upper - self.kinematics.offset)
+        self._rigid = RigidColumns(self.mounted, self.ABSENT)
+        self._unknowns = tuple(_unknowns(arm, self.valid))
+        self._selected: dict[tuple[tuple[str, object], ...], list[int]] = {}
+        own = (column for unknowns in self._unknowns for column in unknowns.columns)
+        self.columns = (*self._rigid.columns, *own, *self.kinematics.columns(arm))
+
+    @property
+    def base(self) -> Array:
+        """(10 bodies, b) from base combinations of unit prior size to the links' parameters."""
+        return self._rigid.base
+
+    @property
+    def terms_looked_for(self) -> tuple[LinearTerm, ...]:
+        """The effects' terms that are fitted, their coefficients zero."""
+        return tuple(unknowns.term for unknowns in self._unknowns)
+
+    @cached_property
+    def scale(self) -> Array:
+        """(p,) prior standard deviations."""
+        return np.array([column.scale for column in self.columns])
+
+    @cached_property
+    def positive(self) -> Mask:
+        """(p,) columns whose coefficients must not be negative."""
+        return np.array([column.positive for column in self.columns])
+
+    def offers(self, column: Column) -> bool:
+        """Whether a fit may use a column; the noise is estimated with all of them."""
+        return True
+
+    def select(self, **wanted: object) -> list[int]:
+        """Return the indices of the columns whose fields have the wanted values."""
+        key = tuple(wanted.items())
+        if key not in self._selected:  # searches ask the same thousands of times
+            self._selected[key] = [
+                index
+                for index, column in enumerate(self.columns)
+                if all(getattr(column, name) == value for name, value in key)
+            ]
+        return list(self._selected[key])
+
+    def same(self, chosen: Sequence[int], others: Columns) -> list[int]:
+        """Return the chosen columns' indices among other columns; all of the rigid body's."""
+        keys = {self.columns[i].key for i in chosen}
+        return [
+            index
+            for index, column in enumerate(others.columns)
+            if column.effect == RIGID[0] or column.key in keys
+        ]
+
+    def effect(self, index: int) -> type[LinearTerm]:
+        """Return the effect of a column that is one of a term's coefficients."""
+        name = self.columns[index].effect
+        return next(type(term) for term in self.terms_looked_for if name == term.NAME)
+
+    def basis(self, effect: str) -> Array:
+        """Return (k, p) from the coefficients of an effect's columns to its term's theta."""
+        (unknowns,) = (unknowns for unknowns in self._unknowns if effect == unknowns.term.NAME)
+        return np.eye(len(unknowns.columns)) if unknowns.basis is None else unknowns.basis
+
+    def history(self, state: State, before: Array | None = None) -> Array:
+        """Return (N, m) the effects' memory along a motion.
+
+        Args:
+            state: (N, n) arrays, a whole motion or its continuation.
+            before: (m,) at its first sample, if it continues one.
+        """
+        known = [None] * len(self._unknowns) if before is None else self._split(before)
+        parts = [
+            unknowns.term.memory(state, part)
+            for unknowns, part in zip(self._unknowns, known, strict=True)
+        ]
+        return np.concatenate(parts, axis=-1)
+
+    def regressor(self, state: State, history: Array, stride: int = 1) -> Array:
+        """Return (N, n, p) torques *at the motors* of all columns.
+
+        Args:
+            state: (N, n) arrays, part of a motion.
+            history: (N, m), the same part of :meth:`history`.
+            stride: Samples over which the motion is smooth: the calibration's slopes, expensive
+                and as smooth, are evaluated so far apart, with cubic splines between.
+        """
+        true = self.kinematics.true(state)
+        parts = [self._rigid.regressor(true)]
+        parts += [
+            unknowns.regressor(true, memory)
+            for unknowns, memory in zip(self._unknowns, self._split(history), strict=True)
+        ]
+        if self.kinematics.links is not None:
+            parts.append(self.kinematics.smooth_slopes(self.arm, state, stride))
+        return np.matmul(self.arm.actuator_to_joint.T, np.concatenate(parts, axis=-1))
+
+    def at_rest(self, q: Array) -> Array:
+        """Return (N, n, p) torques at the motors at (N, n) positions, without memory."""
+        rest = np.zeros((len(q), sum(self._memories)))
+        return self.regressor(State(q, np.zeros_like(q), np.zeros_like(q)), rest)
+
+    @cached_property
+    def _memories(self) -> tuple[int, ...]:
+        """Size of each effect's memory."""
+        still = State(np.zeros((1, self.arm.n)))
+        return tuple(unknowns.term.memory(still).shape[1] for unknowns in self._unknowns)
+
+    def _split(self, memory: Array) -> list[Array]:
+        """Return each effect's part of (…, m) memory."""
+        return np.split(memory, np.cumsum(self._memories)[:-1], axis=-1)
+
+    def corrected(self, theta: Array) -> KinematicCalibration:
+        """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""
+        links, springs = self._rigid.bodies(theta[: len(self._rigid.columns)])
+        change = theta[len(theta) - len(self.kinematics.columns(self.arm)) :]
+        return self.kinematics.moved(self.arm, change, links, springs)
+
+    def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
+        """Return the model's terms for (p,) coefficients; those that are zero are left out.
+
+        Args:
+            theta: The coefficients.
+            links: (10 bodies,) link parameters to use instead of the base combinations'.
+        """
+        start = len(self._rigid.columns)
+        built = self._rigid.terms(self.arm, theta[:start], links)
+        for unknowns in self._unknowns:
+            found = unknowns.found(theta[start : start + len(unknowns.columns)])
+            start += len(unknowns.columns)
+            if found is not None:
+                built.append(found)
+        return tuple(built)
+
+
+def _unknowns(arm: Arm, valid: Range) -> Iterator[Unknowns]:
+    for effect in effects.terms():
+        found = effect.unknowns(arm, valid) if issubclass(effect, LinearTerm) else None
+        if found is not None:
+            yield found
+
+
+def term_moves(columns: Columns, inside: set[int]) -> Iterator[ModelChange]:
+    """Yield every change of the model that a search tries, once each."""
+    for term in columns.terms_looked_for:
+        yield from term.moves(columns, inside)
+
+
+def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[int]]:
+    """Return where searches start: the plainest model, and one with what helps together only.
+
+    Args:
+        columns: The columns.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+    """
+    plain = start_columns(columns)
+    rich = sorted(
+        {*plain, *(i for term in columns.terms_looked_for for i in term.together(columns))}
+    )
+    permitted = {
+        i
+        for i, column in enumerate(columns.columns)
+        if columns.offers(column) and (effects is None or column.effect in (*RIGID, *effects))
+    }
+    found = [[i for i in chosen if i in permitted] for chosen in (plain, rich)]
+    return found if found[0] != found[1] else found[:1]
+
+
+def start_columns(columns: Columns) -> list[int]:
+    """Return the columns of the plainest model that can hold: the rigid body, and little more."""
+    chosen = {i for effect in RIGID for i in columns.select(effect=effect)}
+    chosen |= {i for term in columns.terms_looked_for for i in term.plainest(columns)}
+    return sorted(chosen)

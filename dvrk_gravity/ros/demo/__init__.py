@@ -1,1 +1,0 @@
-"""The demonstration: simulator, compensator and watchdog as separate processes."""
