@@ -112,7 +112,10 @@ def print_figures(example: Example) -> None:
     part = 1.0 if recurring is None else recurring.news(theta, covariance)
     print(f"part of the evidence that is not in the calibration: {part:.2f}")
     least = SelectionSettings().least(validation)[joint]
-    print(f"torque {MILLI * trial.size[joint]:.2f} mN·m RMS, at least {MILLI * least:.2f} to matter")
+    size, smallest = MILLI * trial.size[joint], MILLI * least
+    print(
+        f"torque of the hypothesis: {size:.2f} mN·m RMS; the smallest that counts: {smallest:.2f}"
+    )
     print(f"selection: log-likelihood +{trial.gain:.0f}, p = {trial.p_value:.0e}, corrected")
     (finding,) = example.diagnosis.findings
     gain = finding.gain
@@ -197,7 +200,7 @@ def main() -> int:
     """Print the figures and write the picture."""
     example = found()
     print_figures(example)
-    picture(example).savefig(PICTURE, dpi=100, metadata={"Software": None})
+    picture(example).savefig(PICTURE, dpi=90, metadata={"Software": None})
     return 0
 
 
