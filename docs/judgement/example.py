@@ -107,10 +107,10 @@ def print_figures(example: Example) -> None:
             f"mN·m RMS, {100 * share:.0f} % of the samples within it"
         )
     assert posterior.at_calibration is not None
-    recurring = posterior.at_calibration.comes_back(candidate)
-    theta, covariance = validation.fit([candidate])
-    part = 1.0 if recurring is None else recurring.news(theta, covariance)
-    print(f"part of the evidence that is not in the calibration: {part:.2f}")
+    theta, _ = validation.fit([candidate])
+    recurring, _ = posterior.at_calibration.spread(candidate, theta)
+    of_slope = MILLI * float(np.sqrt(recurring[-1, -1])) / now.motion.travel[1][joint]
+    print(f"stiffness in the calibration's residual, beyond chance: {of_slope:.1f} mN·m/rad")
     least = SelectionSettings().least(validation)[joint]
     size, smallest = MILLI * trial.size[joint], MILLI * least
     print(
@@ -173,6 +173,8 @@ def picture(example: Example) -> Figure:
     q = np.degrees(now.reduce_state(now.motion.q)[use, joint])
     order = np.argsort(q)
     theta, covariance = validation.fit([candidate])
+    assert example.posterior.at_calibration is not None
+    covariance = covariance + example.posterior.at_calibration.spread(candidate, theta)[0]
     columns = candidate.columns()[use, joint][order]
     torque = columns @ theta
     half = NORMAL_95 * np.sqrt(np.einsum("tk,kl,tl->t", columns, covariance, columns))
