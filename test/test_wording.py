@@ -21,7 +21,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 CLEAN = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs")
 # In them, but not yet: the page will be rewritten with the judgement; the table comes from
 # declarations in the package.
-LATER = {"docs/judgement.md", "docs/parameters.md"}
+LATER = {"docs/parameters.md"}
 WIDTH = 120  # Lines of prose are shorter. Code, tables and pictures cannot be broken.
 
 
