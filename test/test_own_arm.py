@@ -179,7 +179,7 @@ def test_what_an_arm_cannot_be_read_in_is_refused_in_a_line(tmp_path, changes, s
 
 @pytest.mark.parametrize("written", ["N·m", "Nm", "N.m", "N*m", "n m", "newton-metres"])
 def test_newton_metres_are_taken_for_themselves_however_they_are_written(written):
-    arm = Arm.load(UR5).told_in(written)
+    arm = Arm.load(UR5).with_effort_unit(written)
     assert set(arm.effort_units) == {"N·m"}
     assert arm.drive_gains.tolist() == [1.0] * arm.n
 

@@ -175,7 +175,7 @@ class Arm(Description):
         """Whether efforts are stated, not only assumed, to be in N·m."""
         return self.drive_gains is not None and bool((self.drive_gains == 1.0).all())
 
-    def told_in(self, unit: str, size: float = 1.0) -> Arm:
+    def with_effort_unit(self, unit: str, size: float = 1.0) -> Arm:
         """Return the arm with its efforts in a unit that is not N·m, as its recordings have them.
 
         Args:

@@ -325,7 +325,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     invalid = result.messages - result.valid
     if invalid:
-        print(f"  {invalid} further messages are invalid, rightly unanswered")
+        print(f"  {invalid} other messages are invalid, and correctly have no answer")
     print(f"  in order, with the stamps of their messages: {'yes' if result.in_order else 'NO'}")
     print(f"  largest difference from the model offline: {shown} (allowed {TOLERANCE:g})")
     if arguments.json is not None:

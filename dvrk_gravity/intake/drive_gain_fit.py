@@ -182,7 +182,7 @@ def drive_gains(
     if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
         raise RecordingError(
             loaded[-1].head.source,
-            "or another one repeats what was read before: expected each recording once",
+            "or another one repeats an earlier recording: expected each recording once",
         )
     first = [part for part in motions.parts if part.source < len(bare)]
     second = [part for part in motions.parts if part.source >= len(bare)]

@@ -182,10 +182,10 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
     if not arm.read_in:
         if size is None or 1.0 / OFF < size < OFF:
             return arm, ()
-        arm = arm.told_in(ANY_UNIT, size)
+        arm = arm.with_effort_unit(ANY_UNIT, size)
         why = f"efforts are {size:.2g} of what the masses in the arm's file need, so not in N·m: "
     else:
-        arm = arm.told_in(arm.read_in, arm.effort_size * (size or 1.0))
+        arm = arm.with_effort_unit(arm.read_in, arm.effort_size * (size or 1.0))
         why = f"efforts are in {arm.read_in}, and the N·m of one {arm.read_in} are not known: "
     unit = "their own unit (a.u., the recordings')" if arm.read_in == ANY_UNIT else arm.read_in
     return arm, (

@@ -115,7 +115,7 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
     if unit := checked.get(_UNIT.name):
         size = checked.get(_EFFORT_SIZE, 1.0)
         assert isinstance(size, float)
-        return arm.told_in(str(unit), size)
+        return arm.with_effort_unit(str(unit), size)
     return arm
 
 

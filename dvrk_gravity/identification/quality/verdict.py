@@ -234,7 +234,7 @@ def _of_error(
         return JointVerdict(GOOD, reason)
     fitted = _percent(training.nrmse)
     if with_friction and error.rmse <= _FRICTION * limit:
-        # Friction is in both errors alike; the held-out one adds what the fit does not determine.
+        # Friction is in both errors; the held-out one adds what the fit does not determine.
         added = sqrt(max(1.0 - (training.nrmse / error.nrmse) ** 2, 0.0))
         unknown = JointError(added * error.rmse, added * error.nrmse, error.r2)
         if _level(joint, unknown, limit, with_friction=False) == POOR:
