@@ -20,7 +20,7 @@ from dvrk_gravity.validation import PATH, is_urdf, path_of, split_link
 
 SUPPORTED = (
     "mtml, mtmr, psm, ecm, or the path of an arm's .yaml file (written like config/arms/mtmr.yaml) "
-    "or .urdf (robot.urdf#LINK: what is between the base and that link)"
+    "or .urdf (robot.urdf#LINK: the chain from the base to that link)"
 )
 
 

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "console's .json",
     )
     parser.add_argument(
-        "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="of a written bag"
+        "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="format of a new bag"
     )
     options.add_reading(parser)
 

@@ -37,7 +37,7 @@ def add_drive_gains(parser: argparse.ArgumentParser) -> None:
     given = parser.add_mutually_exclusive_group()
     given.add_argument(
         "--drive-gains", metavar="GAIN,...",
-        help="efforts are motor currents: N·m (or N) of each A, one a joint",
+        help="efforts are motor currents: N·m/A (N/A if it slides) for each joint",
     )  # fmt: skip
     given.add_argument(
         "--effort-unit", metavar="UNIT",

@@ -304,7 +304,7 @@ def _write(
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bag", type=Path, help="rosbag2 (sqlite3 or mcap) with JointStates")
-    parser.add_argument("--model", type=Path, required=True, help="model: a parameter file")
+    parser.add_argument("--model", type=Path, required=True, help="model file")
     parser.add_argument("--topic", help="topic of the bag, if it has several with JointStates")
     parser.add_argument("--speed", choices=("fast", "recorded"), default="fast",
                         help="as fast as the node answers (default), or as recorded")  # fmt: skip

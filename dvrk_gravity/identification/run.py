@@ -148,7 +148,7 @@ def _unless_contradicted(fit: Fit) -> Fit:
     if not why:
         return fit
     arm = fit.model.arm.name
-    record = f"a motion of {arm}; or give these recordings their own arm, --arm {OTHER_SIDE[arm]}"
+    record = f"a motion of {arm}; or name the arm of these recordings, --arm {OTHER_SIDE[arm]}"
     return replace(
         fit,
         verdict=replace(fit.verdict, level=POOR, reason=why, record=record),
@@ -297,8 +297,8 @@ def _dynamic(
         first = recordings[0].head
         raise RecordingError(
             first.source,
-            f"holds {', '.join(first.joints)} only: expected beside it a recording of all joints, "
-            "which determines gravity and inertia",
+            f"has {', '.join(first.joints)} only: expected a recording of all joints as well, to "
+            "determine gravity and inertia",
         )
     report("reading", 0.0)
     trajectories, left_out, repeated = read_once(recordings)

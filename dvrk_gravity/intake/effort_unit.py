@@ -163,7 +163,7 @@ def _require_stated_weight(arm: Arm, recordings: Sequence[Recording | RecordingF
         if head.joints != arm.joint_names:
             raise RecordingError(
                 head.source,
-                f"holds {', '.join(head.joints)} only: expected all joints, which show what "
+                f"has {', '.join(head.joints)} only: expected all joints, which show what "
                 "efforts without gravity lack",
             )
 

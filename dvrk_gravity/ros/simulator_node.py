@@ -59,7 +59,7 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
             "built-in compensation initially on, as on a real console",
         ),
         Parameter(
-            "push_timeout", 0.1, "s", "a push ends after so long without simulator/push_jf",
+            "push_timeout", 0.1, "s", "a push ends after this long without simulator/push_jf",
             lower=0.002, upper=60.0,
         ),
         Parameter(
