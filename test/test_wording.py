@@ -27,8 +27,9 @@ CLEAN = (
         f"dvrk_gravity/{room}"
         for room in (
             "arms", "cli", "compensate", "console", "estimation", "files", "identification",
-            "intake", "model", "parameters", "planning", "recording", "ros", "simulate",
-            "command_line.py", "units.py", "validation.py",
+            "intake", "model", "newton_euler", "parameters", "planning", "recording", "ros",
+            "simulate", "__init__.py", "__main__.py", "arrays.py", "command_line.py", "errors.py",
+            "gravity.py", "units.py", "validation.py",
         )
     ),
 )  # fmt: skip
@@ -207,7 +208,8 @@ def _rooms() -> list[str]:
     package = REPOSITORY / "dvrk_gravity"
     folders = sorted(path for path in package.iterdir() if any(path.glob("*.py")))
     loose = sorted(package.glob("*.py"))
-    return [*CLEAN, *map(name, folders), *map(name, loose), "test", "testing", "benchmark"]
+    rooms = [*CLEAN, *map(name, folders), *map(name, loose), "test", "testing", "benchmark"]
+    return list(dict.fromkeys(rooms))
 
 
 def main(places: list[str]) -> None:

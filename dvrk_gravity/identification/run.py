@@ -197,7 +197,7 @@ def _require_new(held_out: Recordings, fitted: Recordings) -> None:
             raise RecordingError(
                 recording.head.source,
                 f"{before.number} of {before.samples} samples are those of a recording that was "
-                "fitted, or validated before: expected recordings that nothing was fitted to",
+                "fitted or already validated: expected recordings that no fit has used",
             )
 
 
@@ -212,7 +212,7 @@ def _with_gains(
         raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
     if arm.drive_gains is not None:
         mass = load.mass if isinstance(load, KnownPayload) else load
-        raise ConfigError("--known-payload", mass, "no drive gains beside it: it determines them")
+        raise ConfigError("--known-payload", mass, "no drive gains with it: it determines them")
     if all_static(recordings):
         raise RecordingError(recordings[0].head.source, "holds static poses, expected trajectories")
     if not isinstance(load, KnownPayload):
@@ -227,9 +227,9 @@ def _with_gains(
 def _check_for_console(arm: Arm, effects: Sequence[str] | None, physical: bool) -> None:
     require_console_arm(arm)
     if effects is not None:
-        raise ConfigError("--terms", ",".join(effects), "no --terms beside --for-console")
+        raise ConfigError("--terms", ",".join(effects), "no --terms with --for-console")
     if physical:
-        raise ConfigError("--physical", True, "no --physical beside --for-console")
+        raise ConfigError("--physical", True, "no --physical with --for-console")
 
 
 def _each(

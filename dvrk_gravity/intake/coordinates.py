@@ -124,7 +124,7 @@ def _by_misfit(misfit: Callable[[Coordinates], float]) -> Decision:
     sizes = {system: misfit(system) for system in get_args(Coordinates)}
     best: Coordinates = "joint" if sizes["joint"] <= sizes["actuator"] else "actuator"
     reason = (
-        f"taken as {best} coordinates: mean |e|/|tau| of the model {sizes[best]:.3f}, "
+        f"read as {best} coordinates: mean |e|/|tau| of the model {sizes[best]:.3f}, "
         f"{max(sizes.values()):.3f} in the others"
     )
     return Decision(best, reason)

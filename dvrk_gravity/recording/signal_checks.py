@@ -212,7 +212,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                 }
                 text = (
                     f"encoder resolution is coarse ({step:.3g} {measured_in}): differentiated "
-                    f"velocity has steps of {step * rate:.2g} {measured_in}/s, the joint moves at "
+                    f"velocity has steps of {step * rate:.2g} {measured_in}/s at a joint speed of "
                     f"{typical:.2g}"
                 )
                 findings.append(DataWarning("position_quantisation", joint, numbers, text))
@@ -372,7 +372,7 @@ def frozen(recording: Recording) -> list[DataWarning]:
         further = f", {seconds:.3g} s in {len(own)} such spans" if len(own) > 1 else ""
         text = (
             f"effort stays at {own[0].value:.4g} from {first:.6g} to {last:.6g} s "
-            f"({last - first:.3g} s{further}) while the joint goes on moving: no reading"
+            f"({last - first:.3g} s{further}) while the joint moves: not a reading"
         )
         numbers = {"seconds": seconds, "from_s": first, "to_s": last}
         findings.append(DataWarning("effort_frozen", recording.joints[joint], numbers, text))

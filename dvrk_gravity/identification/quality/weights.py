@@ -26,7 +26,7 @@ from dvrk_gravity.parameters import flatten
 from dvrk_gravity.recording import DataWarning
 
 _, USABLE, POOR = VERDICTS
-_INSTEAD = "says so, --effort-unit N·m (effort_unit in the arm's file) that its masses are wrong"
+_INSTEAD = "states it; --effort-unit N·m (effort_unit in the arm's file): its masses are wrong"
 READ_WITHOUT = "effort_has_gravity: {read: false} in the arm's file"
 
 
@@ -275,7 +275,7 @@ def missing_weights(weights: Sequence[HeldWeight], arm: Arm) -> Iterator[Contrad
         POOR if sure else USABLE,
         f"gravity is not in its efforts: {masses} more there",
         f"gravity is not in the efforts of {shown}, RMS, that {masses} there: another unit, or "
-        f"does the driver subtract it? {READ_WITHOUT} says so",
+        f"does the driver subtract it? {READ_WITHOUT} states that",
     )
 
 
