@@ -33,9 +33,8 @@ CLEAN = (
         )
     ),
 )  # fmt: skip
-# In them, but not yet: the page will be rewritten with the judgement; the table comes from
-# declarations in the package.
-LATER = {"docs/judgement.md", "docs/parameters.md"}
+# In them, but not yet: it will be rewritten with the judgement.
+LATER = {"docs/judgement.md"}
 # Codes and array names that files carry stay as they are. Each has its module.
 IN_FILES = {
     "dvrk_gravity/console/answer.py": ('"other_hand"',),

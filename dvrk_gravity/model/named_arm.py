@@ -223,5 +223,5 @@ def _require_geometry(arm: Arm, known: Array) -> None:
     if np.abs(now - known).max() > _SAME * np.abs(known).max():
         raise ConfigError(
             ARM_PARAMETER.name, arm.source, "the file as it was when the model was made: its "
-            "geometry is another one now, and the parameters are not of it; identify again"
+            "geometry has changed, and the parameters no longer fit it; identify again"
         )  # fmt: skip

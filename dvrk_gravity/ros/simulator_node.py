@@ -204,7 +204,9 @@ class Simulator(Node):
             )
         for _ in range(due):
             if not self._arm.step():
-                self.get_logger().error("the pushed arm left the range of numbers: it holds")
+                self.get_logger().error(
+                    "the pushed arm diverged beyond the range of numbers: it holds"
+                )
             self._steps += 1
             self._publish()
 
