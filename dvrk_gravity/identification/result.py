@@ -201,7 +201,7 @@ class Contradiction:
     level: str
     reason: str
     line: str
-    record: str = "efforts with gravity, in the unit that the arm's file says (docs/own_arm.md)"
+    record: str = "efforts with gravity, in the unit that the arm's file states (docs/own_arm.md)"
 
 
 @dataclass(frozen=True)

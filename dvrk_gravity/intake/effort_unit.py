@@ -184,11 +184,11 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
         if size is None or 1.0 / OFF < size < OFF:
             return arm, ()
         arm = arm.with_effort_unit(ANY_UNIT, size)
-        why = f"efforts are {size:.2g} of what the masses in the arm's file need, so not in N·m: "
+        why = f"efforts are {size:.2g} of what the arm's masses need, so they are not in N·m: "
     else:
         arm = arm.with_effort_unit(arm.read_in, arm.effort_size * (size or 1.0))
         why = f"efforts are in {arm.read_in}, and N·m per {arm.read_in} are not known: "
-    unit = "their own unit (a.u., the recordings')" if arm.read_in == ANY_UNIT else arm.read_in
+    unit = "the unit of the recordings (a.u.)" if arm.read_in == ANY_UNIT else arm.read_in
     return arm, (
         f"{why}torques, and masses computed from them, are in {unit}; --drive-gains (N·m/A), or "
         "--known-payload with a second recording, gives N·m and kg",

@@ -26,7 +26,7 @@ from dvrk_gravity.parameters import flatten
 from dvrk_gravity.recording import DataWarning
 
 _, USABLE, POOR = VERDICTS
-_INSTEAD = "states it; --effort-unit N·m (effort_unit in the arm's file): its masses are wrong"
+_INSTEAD = "(if its masses are wrong: --effort-unit N·m, or effort_unit in the arm's file)"
 READ_WITHOUT = "effort_has_gravity: {read: false} in the arm's file"
 
 
@@ -305,9 +305,11 @@ def _of_another_size(weights: Sequence[HeldWeight]) -> Iterator[Contradiction]:
         error = max(each.error for each in similar)
         names = ", ".join(each.joint for each in similar)
         times = f"{ratio:.2g} times what the masses in the arm's file weigh there (± {error:.1g})"
-        cause = f"a wrong unit, or torque constant? --drive-gains or --effort-unit A {_INSTEAD}"
+        cause = (
+            f"a wrong unit, or torque constant? Pass --drive-gains or --effort-unit A {_INSTEAD}"
+        )
         if ratio < 0.0:
-            cause = f"a wrong sign, or another mounting? base_rpy in a .yaml {_INSTEAD}"
+            cause = f"a wrong sign, or another mounting? Set base_rpy in a .yaml {_INSTEAD}"
         yield Contradiction(
             tuple(each.joint for each in similar),
             POOR,
