@@ -240,7 +240,7 @@ def test_efforts_in_amperes_give_a_model_in_amperes():
     posed, gain = ecm(), 4.0  # N·m/A and N/A
     recording = posed.record(1, 80)
     currents = replace(recording, effort=recording.effort / gain, arm=None)
-    fit = identify(currents, posed.arm.told_in("A", 1.0 / gain))
+    fit = identify(currents, posed.arm.with_effort_unit("A", 1.0 / gain))
     assert {parameter.unit for parameter in fit.parameters if parameter.name.startswith("m")} == {
         "kg·A/(N·m)", "kg·m·A/(N·m)",
     }  # fmt: skip

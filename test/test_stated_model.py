@@ -300,7 +300,7 @@ def test_efforts_that_are_insisted_on_are_taken(recording, tmp_path, capsys):
     halved.save(tmp_path / "motion.csv")
     words = ["evaluate", tmp_path / "motion.csv", "--model", UR5]
     assert main([str(word) for word in words]) == 2
-    assert "--effort-unit N·m insists" in capsys.readouterr().err
+    assert "--effort-unit N·m overrides them" in capsys.readouterr().err
     # Taken, and of that size not what the file's masses need.
     assert main([str(word) for word in (*words, "--effort-unit", "Nm")]) == 1
     assert "do not compensate with this" in capsys.readouterr().out

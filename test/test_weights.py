@@ -167,13 +167,13 @@ def test_masses_that_stand_in_for_some_do_not_veto_what_is_said_to_be_in_newton_
     assert doubted.verdict.level == POOR
     assert all("--effort-unit N·m" in line for line in doubted.verdict.findings)
 
-    believed = fitted(arm=Arm.load(file).told_in("N·m"))
+    believed = fitted(arm=Arm.load(file).with_effort_unit("N·m"))
 
     assert (believed.verdict.level, believed.verdict.findings) == ("good", ())
 
 
 def test_gravity_that_is_not_there_is_told_whatever_the_masses_are(tmp_path):
-    arm = Arm.load(placeholder(tmp_path, 1.0)).told_in("N·m")
+    arm = Arm.load(placeholder(tmp_path, 1.0)).with_effort_unit("N·m")
     weight = stated_weight(Arm.load(UR5), recorded().position)
     fit = fitted(recorded().effort - weight, arm=arm)
     assert fit.verdict.level != "good"
@@ -186,7 +186,7 @@ def test_no_masses_say_nothing_against_a_model(tmp_path):
 
 
 def test_a_unit_that_is_stated_is_no_contradiction():
-    fit = fitted(0.08 * recorded().effort, arm=Arm.load(UR5).told_in("A"))
+    fit = fitted(0.08 * recorded().effort, arm=Arm.load(UR5).with_effort_unit("A"))
     assert (fit.verdict.level, fit.verdict.findings) == ("good", ())
 
 

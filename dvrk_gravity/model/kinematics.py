@@ -1,7 +1,7 @@
 """Encoder offsets and tilt of the base: what torque is not linear in.
 
 Linearised about assumed kinematics, the torque is linear in their errors. The slopes are columns of
-a fit like all others; its coefficients correct the kinematics, and the slopes are computed anew
+a fit like all others; its coefficients correct the kinematics, and the slopes are computed again
 (Gauss-Newton, with everything that is linear solved for at every step).
 """
 

@@ -31,7 +31,7 @@ FEWEST = 20  # poses in any case. Chosen: four in each of the five blocks that a
 POSED = 0.1
 RARER = 0.1  # part of the poses that must have come from the rarer direction. Chosen
 N_BETA = 10
-# Prior size of links' parameters, in what the links of the arm's file weigh or are supposed to.
+# Prior size of links' parameters, in what the links of the arm's file weigh or are assumed to.
 # Chosen: 1 N·m is two to five times the RMS of MTMR-28002's beta. With one, what poses determine
 # poorly is shrunk too much: loads on a UR5 identified from 60 poses were 8 % too heavy
 # (benchmark/poses.py).
