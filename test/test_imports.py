@@ -139,16 +139,18 @@ def test_each_room_imports_only_those_above_it():
      "if TYPE_CHECKING:\n    from some.b import X"],
 )  # fmt: skip
 def test_a_cycle_of_any_kind_is_found(tmp_path, text):
-    folder = tmp_path / "some"
-    folder.mkdir()
-    for name, content in (("__init__", ""), ("a", text), ("b", "import sys, some.c"), ("c", "")):
-        (folder / f"{name}.py").write_text(content)
-    check_for_cycles(folder)
-    graph.cache_clear()
-    syntax.cache_clear()
-    (folder / "c.py").write_text("from some import a")
+
+    def package(beside: str, last: str) -> Path:
+        folder = tmp_path / beside / "some"
+        folder.mkdir(parents=True)
+        files = {"__init__": "", "a": text, "b": "import sys, some.c", "c": last}
+        for name, content in files.items():
+            (folder / f"{name}.py").write_text(content)
+        return folder
+
+    check_for_cycles(package("straight", ""))
     with pytest.raises(CycleError, match=r"some\.a"):
-        check_for_cycles(folder)
+        check_for_cycles(package("circular", "from some import a"))
 
 
 def test_only_nodes_import_ros_and_commands_where_they_begin_to_work():

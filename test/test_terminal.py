@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 
@@ -243,6 +244,11 @@ def test_a_recording_of_the_other_arm_has_status_1_from_every_verb_and_is_named_
         assert status == 1, verb
         assert words in shown.splitlines()[0], verb
         assert shown.count(words) == 1, verb
+    # Nor is such a recording diagnosed in depth, or advice given by what is found in it.
+    assert "next: " not in shown
+    diagnosed = json.loads((tmp_path / "diagnosis" / "findings.json").read_text())
+    assert any("effects were not looked for" in note for note in diagnosed["notes"])
+    assert {found["effect"] for found in diagnosed["findings"]} <= {"unknown"}
     assert TorqueModel.load(out).verdict == "do_not_compensate"
     assert words in TorqueModel.load(out).reason
     assert f'<p class="bad">{words}' in out.with_suffix(".html").read_text()
