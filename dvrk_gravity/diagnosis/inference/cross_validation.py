@@ -15,9 +15,13 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.inference.block_fit import CoherentError, OwnParameters, block_fit
+from dvrk_gravity.diagnosis.inference.regression import (
+    CoherentError,
+    OwnParameters,
+    WeightedSamples,
+    block_fit,
+)
 from dvrk_gravity.diagnosis.inference.significance import Significance
-from dvrk_gravity.diagnosis.inference.weighted import WeightedSamples
 from dvrk_gravity.effects import Effect
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.refinement import rebuilt
+from dvrk_gravity.diagnosis.inference.nonlinear import rebuilt
 from dvrk_gravity.effects import AbsorbedByModel, Estimate, Hypothesis, RequiresParts
 from dvrk_gravity.estimation import NORMAL_95, evidence
 

@@ -11,16 +11,18 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.loading import Loaded
-from dvrk_gravity.diagnosis.data.reference_error import changed_friction, changed_springs
+from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
+from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect, explained, spanned
 from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
-from dvrk_gravity.diagnosis.inference.baseline import baseline_effects
-from dvrk_gravity.diagnosis.inference.confirmed import at_the_fit, confirmed
+from dvrk_gravity.diagnosis.inference.confirmation import at_the_fit, confirmed
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
 from dvrk_gravity.diagnosis.inference.no_news import no_news
-from dvrk_gravity.diagnosis.inference.overlap import spanned
-from dvrk_gravity.diagnosis.inference.places import SelectedEffect, explained
-from dvrk_gravity.diagnosis.inference.readings import WrongReading, correct_readings
+from dvrk_gravity.diagnosis.inference.readings import (
+    WrongReading,
+    baseline_effects,
+    correct_readings,
+)
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.diagnosis.inference.unexplained import unexplained_structure
 from dvrk_gravity.effects import Kind

@@ -10,9 +10,9 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.places import SelectedEffect
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.diagnosis.inference.significance import Significance
 

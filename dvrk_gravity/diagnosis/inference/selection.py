@@ -9,11 +9,10 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, most_parsimonious, split
-from dvrk_gravity.diagnosis.inference.alike import Alike
 from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.other_day import OtherDay
-from dvrk_gravity.diagnosis.inference.refinement import refined
+from dvrk_gravity.diagnosis.inference.homogeneity import Alike, OtherDay
+from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.tried import Tried
 from dvrk_gravity.effects import MAX_REMOVED, Hypothesis, Residual
 from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select

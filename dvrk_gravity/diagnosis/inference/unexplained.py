@@ -9,9 +9,9 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
-from dvrk_gravity.diagnosis.inference.places import SelectedEffect
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.effects import unexplained_hypotheses
 

@@ -11,9 +11,9 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FloorFrom
 from dvrk_gravity.diagnosis.data.model_error import part_of_friction
-from dvrk_gravity.diagnosis.inference.alike import Alike
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut, estimates
+from dvrk_gravity.diagnosis.inference.homogeneity import Alike
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
