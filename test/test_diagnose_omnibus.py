@@ -44,10 +44,8 @@ def test_drag_that_differs_over_the_range_is_perhaps_viscous_friction(uneven):
     assert "an error of shoulder_pitch stays that depends on its direction" in finding.sentence
 
 
-def test_the_remedy_of_what_is_not_certain_is_a_motion_of_the_joint_alone(uneven):
-    assert uneven.findings[0].remedy == (
-        "record a motion that moves the joint alone, at several speeds, and diagnose that"
-    )
+def test_the_remedy_of_what_is_not_certain_is_another_motion(uneven):
+    assert uneven.findings[0].remedy.startswith("record a motion that moves")
 
 
 def test_drag_that_is_the_same_everywhere_is_certain(dragged):

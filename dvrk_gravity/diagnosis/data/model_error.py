@@ -17,16 +17,17 @@ from dvrk_gravity.model import CalibrationSamples, ModelUncertainty
 _EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction
 # Beside a reference, standard deviations. All are chosen.
 #
-# Of the part of the transmitted torque that is friction. Harmonic drives lose some per cent
-# (Taghirad and Bélanger 1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md), and no more than
-# twice the standard deviation.
+# Of the part of the transmitted torque that is friction, with a model as with a reference: harmonic
+# drives lose some per cent (Taghirad and Bélanger 1998); two joints of a UR10e 7 and 8 %
+# (docs/own_arm.md), and no more than twice the standard deviation.
 FRICTION_BY_LOAD = 0.04
 _BY_INERTIA = 0.1  # by which the inertia of a change reads larger or smaller: flexible drives swing
 # further than their motors (f / f0 squared, f0 their natural frequency). A PSM's weight, of which
-# only inertia shows the mass, reads a tenth light against a recording of another day (docs/psm.md)
+# only inertia shows the mass, reads a tenth light against a recording of a day before (docs/psm.md)
 _BY_CLOCK = 0.0005  # s, between the sampling of positions and efforts: half the interval at 1 kHz
 _BY_SITTING = 0.1  # of all friction, which falls with warmth, between two recordings of one
-# sitting; a third of FRICTION_PART, that of two days: with it, doubled friction would go unreported
+# sitting; a third of what it changes by from day to day: with that, doubled friction would go
+# unreported
 _BY_CABLE = 0.1  # of a joint's torque, that cables and springs change by at the ends of its travel.
 # A PSM's pitch differs by 0.1 to 0.25 of it between two days (docs/psm.md), which took the true
 # weight out of its interval. A constant is reported as an effort offset instead

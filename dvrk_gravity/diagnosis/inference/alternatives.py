@@ -29,13 +29,13 @@ class SelectedEffect:
         trial: How it did beside all other selected ones.
         alternatives: Others in its place, best first, that the data does not tell from it.
         rejected: Others in its place, best first, that are worse.
-        doubt: Why its name is not certain; ``""``: nothing speaks against it.
+        doubt: Why it is not certain, and what to record instead; empty: nothing speaks against it.
     """
 
     trial: EffectTrial
     alternatives: tuple[EffectTrial, ...]
     rejected: tuple[EffectTrial, ...]
-    doubt: str = ""
+    doubt: tuple[str, str] = ("", "")
 
 
 def explained(selection: Selection, selected: Sequence[Candidate]) -> list[SelectedEffect]:

@@ -39,19 +39,18 @@ def unexplained_structure(
     clean = validation.score(named).rms <= _AT_FLOOR * floor
     joints = np.flatnonzero(data.motion.present & ~clean).tolist()
     pool = list(data.candidates(unexplained_hypotheses(data.motion, joints)))
-    unknown, beside_effects = list[EffectTrial](), list[EffectTrial]()
+    unknown, beside_all = list[EffectTrial](), list[EffectTrial]()
     while len(unknown) < _MOST:
         beside = [*named, *(trial.candidate for trial in unknown)]
         validation.weigh(validation.out_of_fold(beside), final=True)
         best = selection.best(beside, validation.score(beside), pool)
-        if not unknown:
-            beside_effects = [trial for trial in best if trial.passes and not trial.other_day]
+        significant = [trial for trial in best if trial.passes and not trial.other_day]
+        beside_all = beside_all if unknown else significant
         strong = [
             trial
-            for trial in best
-            if trial.passes and not trial.other_day and trial.removed > _LEAST
-            and np.any(trial.size > data.day_to_day_error)
-        ]  # fmt: skip
+            for trial in significant
+            if trial.removed > _LEAST and np.any(trial.size > data.day_to_day_error)
+        ]
         if not strong:
             break
         unknown.append(strong[0])
@@ -64,42 +63,40 @@ def unexplained_structure(
     for trial in unknown:
         named = [each for each in named if not _refuted(validation, named, each, trial.candidate)]
     kept = {id(candidate) for candidate in named}
-    effects = [
-        replace(
-            effect, doubt=_doubt(selection, named, effect.trial.candidate, pool, beside_effects)
-        )
+    return [
+        replace(effect, doubt=_doubt(selection, named, effect.trial.candidate, pool, beside_all))
         for effect in selected
         if id(effect.trial.candidate) in kept
-    ]
-    return effects, unknown
+    ], unknown
 
 
 def _doubt(
     selection: Selection, named: Sequence[Candidate], candidate: Candidate,
-    pool: Sequence[Candidate], beside_effects: Sequence[EffectTrial],
-) -> str:  # fmt: skip
-    """Return why an effect is uncertain beside an omnibus alternative; ``""``: it is not.
+    pool: Sequence[Candidate], beside_all: Sequence[EffectTrial],
+) -> tuple[str, str]:  # fmt: skip
+    """Return why an effect is not certain, and what to record; empty if no alternative stands up.
 
-    The alternative is any smooth function of the state at one of its joints. It is significant
-    beside all effects, or explains more in this one's place, its many parameters paid for.
+    The omnibus alternative is any smooth function of the state. It stands up if it is significant
+    beside all effects at a joint of this one, or does better in its place, the cost of its
+    parameters included.
 
     Args:
         selection: The model selection.
         named: All effects.
-        candidate: The one in question.
+        candidate: The effect in question.
         pool: The functions.
-        beside_effects: Those that are significant beside all effects.
+        beside_all: Those of them that are significant beside all effects.
     """
-    joints = candidate.hypothesis.joints
-    for trial in beside_effects:
+    joints, validation = candidate.hypothesis.joints, selection.validation
+    for trial in beside_all:
         function = trial.candidate.hypothesis
         if function.joints[0] in joints:
-            of = function.words({})["what"]
-            return f"beside it an error of {function.names[0]} remains that depends on {of}"
-    validation = selection.validation
+            of, where = function.words({})["what"], function.names[0]
+            why = f"beside it an error of {where} stays that depends on {of}"
+            return why, function.remedy(carried=False)
     functions = [each for each in pool if each.hypothesis.joints[0] in joints]
     if selection.fixed(candidate) or not functions:
-        return ""
+        return "", ""
     rest = [other for other in named if other is not candidate]
     validation.weigh(validation.out_of_fold(named), final=True)
     without = validation.score(rest)
@@ -107,9 +104,11 @@ def _doubt(
     least = current.gain + selection.settings.equal_least * current.inflation
     better = [trial for trial in selection.best(rest, without, functions) if trial.gain > least]
     if not better:
-        return ""
-    of = better[0].candidate.hypothesis.words({})["what"]
-    return f"any smooth function of {of} explains unseen blocks better"
+        return "", ""
+    function = better[0].candidate.hypothesis
+    of = function.words({})["what"]
+    why = f"any smooth function of {of} explains unseen blocks better"
+    return why, function.remedy(carried=False)
 
 
 def _refuted(

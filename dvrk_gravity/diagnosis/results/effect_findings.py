@@ -25,7 +25,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Rejected,
 )
 from dvrk_gravity.diagnosis.results.identifiability import separation
-from dvrk_gravity.effects import Estimate, Hypothesis, Kind, Unknown, is_friction
+from dvrk_gravity.effects import Estimate, Hypothesis, Kind, is_friction
 from dvrk_gravity.estimation import squared_distance
 
 _BEYOND = 0.9  # of an effect's squared torque outside the identified range. Chosen: nearly all
@@ -73,7 +73,7 @@ def effect_finding(
             sentences.RECORD_ALONE,
         ),
         (held_out.shows_nothing_of(named, candidate, joints), remedy),
-        (effect.doubt, Unknown.REMEDY),
+        effect.doubt,
     )
     doubt, remedy = next((pair for pair in doubts if pair[0]), ("", remedy))
     return Finding(
