@@ -28,12 +28,10 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.diagnosis import (
-    CrossValidationSettings,
     Diagnosis,
     FilterSettings,
     JudgementSettings,
     LoadSettings,
-    NoNewsSettings,
     SelectionSettings,
     SignificanceSettings,
     diagnose,
@@ -249,9 +247,7 @@ READING = (read,)
 CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (SelectionSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
-    (CrossValidationSettings, DIAGNOSIS),
     (SignificanceSettings, DIAGNOSIS),
-    (NoNewsSettings, DIAGNOSIS),
     (FilterSettings, DIAGNOSIS),
     (BlockSettings, DIAGNOSIS),
     (LoadSettings, DIAGNOSIS),

@@ -38,7 +38,7 @@ from dvrk_gravity.units import quantity
 _BEGINNING = 60.0  # s of a recording that are looked at. Chosen: a stretch of a long one
 # Standard errors by which the model fits one clock better than the other. Chosen: one chance in a
 # thousand.
-_SURELY = 3.0
+_SIGNIFICANT = 3.0
 _BLOCKS = 24  # whose mean errors give that standard error
 # Standard errors by which a prediction must beat a constant. Chosen: of two predictions at each of
 # seven joints one in fifty does by chance.
@@ -89,7 +89,7 @@ def put_right(
 
     Args:
         recordings: Trajectories or static poses.
-        model: The model on trial.
+        model: The model under test.
         coordinates: Of recordings that do not state actuator coordinates; ``None``: not known, and
             a finding if they are not joint coordinates.
         still: Where joints stood that the recordings do not hold.
@@ -147,11 +147,11 @@ def _velocity_finding(
     alternatives: tuple[Alternative, ...] = ()
     if fault.clock:
         better = _clock_fits_better(fault.mend(recording), fault.factor.value, model, still)
-        if better < -_SURELY:
+        if better < -_SIGNIFICANT:
             fault = replace(fault, clock=False)
-        elif better <= _SURELY:
+        elif better <= _SIGNIFICANT:
             why = (
-                "velocities of all joints that are too large or too small alike would look the "
+                "velocities of all joints equally too large or too small would look the "
                 "same, and the model's torques do not separate the two: a stopwatch does"
             )
             alternatives = (Alternative(VelocityScale.NAME, fault.joints, why),)
@@ -209,7 +209,7 @@ def _coordinates_finding(arm: Arm, right: Coordinates, errors: CoordinateErrors)
     )
     gain = Gain(removed, low, high, float(norm.cdf(mean / max(error, 1e-9))))
     sentence = (
-        f"The recording is read wrongly: {reading.words}; read rightly, {100 * removed:.0f} % "
+        f"The recording is read wrongly: {reading.words}; read correctly, {100 * removed:.0f} % "
         "of the error that a plain model leaves on held-out blocks is gone"
     )
     return _finding(WrongCoordinates.NAME, (), reading.words, gain, sentence, reading.remedy)
@@ -223,12 +223,12 @@ def _clock_fits_better(
     Args:
         mended: The recording in what may be its true times.
         factor: Recorded over true time.
-        model: The model on trial.
+        model: The model under test.
         still: Where joints stood that the recording does not hold.
     """
     try:
         motion = load([mended], model, still, LoadSettings(shortest=0.0)).motion
-    except RecordingError:  # whoever reads it next says why
+    except RecordingError:  # the next to read it raises it, too
         return 0.0
     as_recorded = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)
     usable = ~motion.silent & motion.present
@@ -246,7 +246,7 @@ def require_predictable(
     """Refuse efforts that neither the model predicts, nor a plain one fitted to them.
 
     Args:
-        motion: The motion, with the model on trial.
+        motion: The motion, with the model under test.
         recordings: Its recordings, corrected.
 
     Raises:

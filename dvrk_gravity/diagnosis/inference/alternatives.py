@@ -27,7 +27,7 @@ class SelectedEffect:
 
     Attributes:
         trial: How it did beside all other selected ones.
-        alternatives: Others in its place, best first, that the data does not tell from it.
+        alternatives: Others in its place, best first, that the data cannot separate from it.
         rejected: Others in its place, best first, that are worse.
         doubt: Why it is not certain, and what to record instead; empty: nothing speaks against it.
     """
@@ -58,7 +58,7 @@ def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
             continue
         without = validation.score(rest)
         current = selection.evaluate(rest, selected[i], without)
-        if current.other_day:  # nothing more is to be said of it
+        if current.day_to_day:  # no other cause is looked for in its place
             continue
         alternatives = [trial for trial in selection.best(rest, without) if trial.passes]
         if alternatives:
@@ -66,7 +66,7 @@ def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
             standing = [current] if current.plausible else []
             preferred = selection.preferred([*standing, *alternatives])
             new, old = preferred.candidate, current.candidate
-            simpler = new.parameters < old.parameters or preferred.other_day
+            simpler = new.parameters < old.parameters or preferred.day_to_day
             better = simpler or preferred.gain > current.gain + settings.equal_least
             if (better or not current.plausible) and preferred is not current:
                 selection.report(f"{new.hypothesis} instead of {old.hypothesis}")
@@ -91,7 +91,7 @@ def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
         validation.weigh(validation.out_of_fold(selected))
         whole = validation.score(selected).likelihood
         without = validation.score(rest)
-        if selection.evaluate(rest, selected[i], without).other_day:
+        if selection.evaluate(rest, selected[i], without).day_to_day:
             continue
         key = selected[i].hypothesis.key
         alternatives = [
@@ -120,7 +120,7 @@ def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> S
     validation.weigh(validation.out_of_fold(selected))
     without = validation.score(rest)
     current = selection.evaluate(rest, selected[i], without)
-    if current.other_day or selection.fixed(selected[i]):
+    if current.day_to_day or selection.fixed(selected[i]):
         return SelectedEffect(current, (), ())
     key = selected[i].hypothesis.key
     # Needless parameters make no alternative at the same site, but those that white noise would
@@ -148,13 +148,13 @@ def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> S
 def contains(
     validation: CrossValidation, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]
 ) -> bool:
-    """Tell whether a larger hypothesis is a smaller one with more parameters."""
+    """Return whether a larger hypothesis is a smaller one with more parameters."""
     more = larger.size > smaller.size
     return more and overlap(validation, smaller, larger, rest) > 1.0 - _CONTAINED
 
 
 def spanned(validation: CrossValidation, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
-    """Tell whether all torques of a hypothesis are such as those of others together."""
+    """Return whether all torques of a hypothesis are such as those of others together."""
     columns = validation.design([candidate])
     left = validation.regression(rest).residual(columns)
     return float(np.sum(left**2)) <= _CONTAINED * float(np.sum(columns**2))

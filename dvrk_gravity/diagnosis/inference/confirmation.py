@@ -107,17 +107,17 @@ def _held_out_confirms(
     Args:
         validation: The validation.
         chosen: What was chosen.
-        sure: Tells of one of those kept, which acts in none of these blocks, whether it is sure
-            without them.
+        sure: Returns of one of those kept, which acts in none of these blocks, whether it is
+            significant without them.
         noise: (n,) RMS that noise alone leaves, N·m.
     """
     failed: list[Unconfirmed] = []
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         validation.weigh(validation.out_of_fold(kept))
-        on_trial = [candidate for candidate in kept if not candidate.hypothesis.refits_model]
+        tested = [candidate for candidate in kept if not candidate.hypothesis.refits_model]
         held_out = HeldOut(validation)
-        found = held_out.unconfirmed(kept, on_trial, lambda candidate: sure(kept, candidate))
+        found = held_out.unconfirmed(kept, tested, lambda candidate: sure(kept, candidate))
         found = found or worsening(held_out, kept, noise)
         failures.update({id(candidate): failure for failure, candidate in found})
         return [

@@ -23,14 +23,14 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 _MISSED = 0.5
 
 
-class OtherDay:
-    """Tells friction that changed, as at other joints, from causes that are news."""
+class FrictionChange:
+    """Separates friction that changed, as at other joints, from causes to be reported."""
 
     def __init__(self, validation: CrossValidation) -> None:
         """Look at the samples of choice of a validation."""
         self._validation = validation
         self._friction = validation.of_choice(validation.data.friction)
-        self._seen: tuple[list[Candidate], Array] | None = None  # beside which, how weighed
+        self._seen: tuple[list[Candidate], Array] | None = None  # beside which, and weights
         self._last = np.zeros(0), np.zeros(0)
 
     def explains(
@@ -54,7 +54,7 @@ class OtherDay:
 
         Friction that changed did not do so by just what one of them says: where one of them is that
         change, it may be off by as large a part as it changed by at any joint, and by no more than
-        it does from one day to another.
+        from day to day.
         """
         if not beside or not self._friction.any():
             return np.zeros(self._friction.shape[1])
@@ -94,11 +94,11 @@ class OtherDay:
 def _same(
     seen: tuple[list[Candidate], Array], selected: Sequence[Candidate], weight: Array
 ) -> bool:
-    """Tell whether candidates, and the weights of their fit, are those that were seen last."""
+    """Return whether candidates, and the weights of their fit, are those that were seen last."""
     return seen[1] is weight and list(map(id, seen[0])) == list(map(id, selected))
 
 
-class Alike:
+class Homogeneity:
     """Compares causes that stand for others at several joints with these, each of its own size."""
 
     def __init__(self, validation: CrossValidation) -> None:
@@ -137,7 +137,7 @@ class Alike:
         self, candidate: Candidate, theta: Array, beside: Sequence[Candidate], likelihood: float,
         least: Array,
     ) -> bool:  # fmt: skip
-        """Tell whether a cause is one for all of its joints.
+        """Return whether a cause is one for all of its joints.
 
         Not where the same in pieces, each with a size of its own, explains more, and it misses too
         much of these at some joint.
@@ -147,7 +147,7 @@ class Alike:
             theta: (k,) its parameters.
             beside: The others.
             likelihood: More than that is clearly more.
-            least: (n,) torque that is of consequence, RMS.
+            least: (n,) least torque that matters, RMS.
         """
         if self._validation.score([*beside, self._pieces(candidate)]).likelihood <= likelihood:
             return True

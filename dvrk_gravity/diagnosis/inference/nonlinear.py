@@ -49,7 +49,7 @@ _SLOPE_STEP = 0.02
 def begun(
     validation: CrossValidation, candidate: Candidate, beside: Sequence[Candidate]
 ) -> Candidate:
-    """Return a candidate at the setting that its own fit tells, if it fits better there."""
+    """Return a candidate at the setting that its own fit determines, if it fits better there."""
     if not candidate.hypothesis.refine_first:
         return candidate
     there = refined(validation, candidate, beside)
@@ -134,8 +134,7 @@ def _read(
 ) -> Candidate:
     """Return a reading of what the model says that acts, or of other causes' torque, too.
 
-    How large the others are, the fit beside the reading tells; the one is found from the other, by
-    turns.
+    The fit beside the reading determines how large the others are; the two alternate.
     """
     hypothesis = candidate.hypothesis
     motion = validation.data.motion
@@ -173,7 +172,7 @@ def plateau(
         [validation.misfit([*others, rebuilt(validation, hypothesis, name, t)]) for t in grid]
     )
     best = int(np.argmin(costs))
-    # Only what hangs together with the best.
+    # Only the interval that contains the best.
     outside = np.flatnonzero(costs > costs[best] + _PROFILE)
     low = int(outside[outside < best].max(initial=-1)) + 1
     high = int(outside[outside > best].min(initial=len(grid))) - 1

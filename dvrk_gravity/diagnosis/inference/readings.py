@@ -65,7 +65,7 @@ class CorrectedReading:
 
 
 def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedReading:
-    """Return the motion as it is to be read; two recordings of one motion were read alike."""
+    """Return the motion as it is to be read; two recordings of one motion were read equally."""
     wrong: list[WrongReading] = []
     while loaded.motion.reference is None and len(wrong) < _MOST:
         found = _wrong_reading(loaded, say)
