@@ -84,7 +84,7 @@ class CrossValidation:
 
     @property
     def known_error(self) -> Array:
-        """(n,) RMS error that the model is known to have; see ``FilteredData``."""
+        """(n,) RMS error that the model is known to have, N·m."""
         return self.data.known_error
 
     @property
@@ -105,10 +105,8 @@ class CrossValidation:
     def weigh(self, residual: Array, final: bool = False) -> None:
         """Weigh the joints by (R, n) residuals.
 
-        Args:
-            residual: What is not explained, N·m.
-            final: All causes are included, so that what recurs with the motion is misfit: copies of
-                it count once. While causes are missing, it is theirs.
+        They are final if all causes are included: what recurs with the motion is then misfit, and
+        copies of it count once. While causes are missing, it is theirs.
         """
         rms = np.sqrt(self._mean_square(residual))
         rms = np.where(rms > 0.0, np.maximum(rms, self.known_error), 0.0)
@@ -230,9 +228,6 @@ class CrossValidation:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 
         It is the best of so many comparisons; only a fraction of the gain may be of a change.
-        Blocks in which friction holds the joint decide nothing.
-
-        See :meth:`Significance.p_value`.
         """
         acts = self._acting(candidate)
         return self.significance.p_value(
@@ -259,16 +254,12 @@ class CrossValidation:
     def gain(self, before: Score, after: Score, inflation: Array) -> float:
         """Return the gain in log-likelihood that counts, of independent samples.
 
-        Args:
-            before: Score of the one set.
-            after: Score of the other.
-            inflation: (n,) samples that count as one, see :meth:`inflation`.
+        Of the (n,) inflations so many samples count as one, see :meth:`inflation`.
         """
         samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
         gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
-        return float(gained) + self.significance.of_model(
-            before.negative_log_prior - after.negative_log_prior
-        )
+        spared = before.negative_log_prior - after.negative_log_prior
+        return float(gained) + self.significance.of_model(spared)
 
     def inflation(self, error: Array, torque: Array) -> Array:
         """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""

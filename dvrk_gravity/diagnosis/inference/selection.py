@@ -71,12 +71,7 @@ class SelectionSettings:
     share: float = 0.003
 
     def least(self, validation: CrossValidation, changed: Array | float = 0.0) -> Array:
-        """Return (n,) the least torque, RMS, that matters, N·m.
-
-        Args:
-            validation: The validation.
-            changed: (n,) RMS by which changed friction may be off, which is expected, too, N·m.
-        """
+        """Return (n,) the least RMS torque that matters, where friction may be off by (n,), N·m."""
         known = validation.known_error
         share = np.where(known > 0.0, self.share * validation.data.torque_rms, 0.0)
         least = np.hypot(self.consequence * known, self.day_to_day * np.asarray(changed))
@@ -163,19 +158,15 @@ class Selection:
         self.report = report
 
     def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
-        """Take hypotheses out of the choice from now on."""
+        """Take hypotheses out of the choice."""
         self._excluded |= {hypothesis.key for hypothesis in hypotheses}
 
     def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
-        """Select until nothing more passes.
-
-        Args:
-            start: What is selected to begin with; by default what always moves along, and what is
-                expected.
-        """
+        """Select until nothing more passes; start by default at what is free or expected."""
         selected = [*self.always, *self.expected] if start is None else list(start)
-        joints = self.validation.weight.shape[-1]
-        most = self.settings.most_effects * joints + len(self.always) - len(selected)
+        most = (
+            self.settings.most_effects * self.validation.joints + len(self.always) - len(selected)
+        )
         return select(self, selected, SearchSettings(max(most, 0)))[0]
 
     def fixed(self, candidate: Candidate) -> bool:
@@ -195,9 +186,7 @@ class Selection:
     def choose(self, trials: Sequence[EffectTrial]) -> EffectTrial | None:
         """Return the most parsimonious of the passing trials that are as good as the best."""
         passing = [trial for trial in trials if trial.passes]
-        if not passing:
-            return None
-        return self.preferred(passing)
+        return self.preferred(passing) if passing else None
 
     def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
         """Return the set with a hypothesis, those left out that are no longer needed."""
@@ -205,11 +194,7 @@ class Selection:
         *state, newest = self._read([*state, trial.move])
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-            old = [
-                candidate
-                for candidate in kept
-                if candidate is not newest and candidate not in self.always
-            ]
+            old = [each for each in kept if each is not newest and each not in self.always]
             return [
                 (found.worth, found.move) for found in self._without(kept, old) if not found.passes
             ]
