@@ -76,7 +76,7 @@ def _hold_zero(
     significance.settings = told
     yield _holds_zero(*validation.fit([candidate]))
     theta, covariance = validation.fit([candidate])
-    back = then.comes_back(candidate) or Expected(0.0 * theta, 0.0 * covariance)
+    back = then.expected(candidate) or Expected(0.0 * theta, 0.0 * covariance)
     yield _holds_zero(theta - back.mean, covariance + back.variance)
     yield _holds_zero(theta, covariance + back.spread)
 

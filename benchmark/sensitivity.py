@@ -28,22 +28,12 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.diagnosis import (
-    AlikeSettings,
-    ConfirmationSettings,
-    CrossValidationSettings,
     Diagnosis,
     FilterSettings,
     JudgementSettings,
     LoadSettings,
-    NoNewsSettings,
-    OverlapSettings,
-    PlaceSettings,
-    RefinementSettings,
-    RelinearisationSettings,
     SelectionSettings,
     SignificanceSettings,
-    TangentSettings,
-    WorseningSettings,
     diagnose,
 )
 from dvrk_gravity.estimation import (
@@ -256,21 +246,11 @@ TRAJECTORY, POSES, CURRENTS = (identified,), (posed,), (in_amperes,)
 READING = (read,)
 CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (SelectionSettings, DIAGNOSIS),
-    (AlikeSettings, DIAGNOSIS),
-    (PlaceSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
-    (ConfirmationSettings, DIAGNOSIS),
-    (CrossValidationSettings, DIAGNOSIS),
     (SignificanceSettings, DIAGNOSIS),
-    (NoNewsSettings, DIAGNOSIS),
-    (OverlapSettings, DIAGNOSIS),
-    (RefinementSettings, DIAGNOSIS),
-    (RelinearisationSettings, DIAGNOSIS),
-    (TangentSettings, DIAGNOSIS),
     (FilterSettings, DIAGNOSIS),
     (BlockSettings, DIAGNOSIS),
     (LoadSettings, DIAGNOSIS),
-    (WorseningSettings, DIAGNOSIS),
     (FoldSettings, TRAJECTORY),
     (RobustSettings, TRAJECTORY),
     (TimingSettings, READING),

@@ -18,10 +18,10 @@ from dvrk_gravity.diagnosis import (
     Gain,
     HeldOut,
     JudgementSettings,
+    Multiplicity,
     Score,
     Selection,
     SelectionSettings,
-    Tried,
     Unconfirmed,
     friction_change,
     like_changed_friction,
@@ -79,8 +79,8 @@ class Scores:
     def inflation(self, error, torque) -> np.ndarray:
         return np.ones(7)
 
-    def p_value(self, before, after, candidate, inflation, tried) -> float:
-        return evidence.bonferroni(self._p_value, tried)
+    def p_value(self, before, after, candidate, inflation, n_comparisons) -> float:
+        return evidence.bonferroni(self._p_value, n_comparisons)
 
     def weigh(self, residual, final=False) -> None: ...
 
@@ -103,9 +103,9 @@ def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(searched, 
 
 def test_a_search_counts_once_whether_its_hypotheses_are_made_beforehand_or_found():
     first, second = claim(5), claim(form="another")
-    assert Tried.of([first]) == Tried.of([first] * 5) == Tried(0, 5)
-    both = Tried.of([first, second])
-    assert (both.beside(first), both.beside(second)) == (10, 2)
+    assert Multiplicity.of([first]) == Multiplicity.of([first] * 5) == Multiplicity(0, 5)
+    both = Multiplicity.of([first, second])
+    assert (both.n_comparisons(first), both.n_comparisons(second)) == (10, 2)
 
 
 def test_what_could_not_be_accepted_takes_no_place_from_what_could():

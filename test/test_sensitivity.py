@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import sys
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +14,8 @@ import dvrk_gravity.diagnosis
 import dvrk_gravity.estimation
 import dvrk_gravity.identification
 import dvrk_gravity.recording
-from dvrk_gravity.diagnosis.inference import places
+from dvrk_gravity.estimation import RobustSettings
+from dvrk_gravity.identification.poses.solver import ROBUST
 
 ROOMS = (
     dvrk_gravity.diagnosis, dvrk_gravity.estimation, dvrk_gravity.identification,
@@ -62,9 +63,10 @@ def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_
 
 
 def test_so_is_one_that_a_module_holds_as_a_constant(sensitivity):
-    with sensitivity.changed(places.PlaceSettings, "overlap", 2.0):
-        assert places._SETTINGS.overlap == 1.0
-    assert places._SETTINGS.overlap == 0.5
+    before, (first, *_) = replace(ROBUST), fields(RobustSettings)
+    with sensitivity.changed(RobustSettings, first.name, 3.0):
+        assert getattr(ROBUST, first.name) == 3.0 * first.default
+    assert before == ROBUST
 
 
 @pytest.mark.slow

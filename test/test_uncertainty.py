@@ -48,7 +48,7 @@ def test_it_lies_beside_the_model_which_names_it(model, saved):
     assert again.size == model.uncertainty.size > 50
     for name, change in model.uncertainty.deviations.items():
         np.testing.assert_array_equal(again.deviations[name], change)
-    for name in ("offset", "gravity", "error", "together", "lower", "upper", "speed"):
+    for name in ("offset", "gravity", "error", "correlation_time", "lower", "upper", "speed"):
         np.testing.assert_array_equal(getattr(again, name), getattr(model.uncertainty, name))
 
 
@@ -105,7 +105,7 @@ def test_arrays_of_another_arm_are_refused(saved, model):
         (lambda known: {"error": -known.error}, "error of at least 0"),
         (lambda known: {"speed": -known.speed}, "speed of at least 0"),
         (lambda known: {"error": np.inf + known.error}, "finite error"),
-        (lambda known: {"together": np.inf + known.together}, "finite together"),
+        (lambda known: {"correlation_time": np.inf + known.correlation_time}, "finite together"),
         (lambda known: {"speed": np.inf + known.speed}, "finite speed"),
         (lambda known: {"band": 0.0}, "finite band above 0"),
         (lambda known: {"band": -8.0}, "finite band above 0"),
@@ -182,7 +182,7 @@ def test_of_joints_that_slide_it_tells_millimetres_and_of_poses_no_speed():
     zeros, none = np.zeros(7), np.zeros((7, 0))
     of_poses = ModelUncertainty(
         coefficients={}, deviations={}, offset=none, gravity=np.zeros((3, 0)), error=zeros,
-        band=np.nan, together=zeros, lower=zeros - 0.1, upper=zeros + 0.2,
+        band=np.nan, correlation_time=zeros, lower=zeros - 0.1, upper=zeros + 0.2,
         speed=np.full(7, np.nan),
     )  # fmt: skip
     q = np.zeros((4, 7))

@@ -9,9 +9,8 @@ from pathlib import Path
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.data.loading import Loaded, load
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
-from dvrk_gravity.diagnosis.fit_to_judge import require_gravity, require_predictable
+from dvrk_gravity.diagnosis.faults import put_right, require_gravity, require_predictable
 from dvrk_gravity.diagnosis.inference.infer import infer, silent
-from dvrk_gravity.diagnosis.recording_faults import put_right
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.diagnosis.results.findings import Finding

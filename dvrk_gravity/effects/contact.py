@@ -219,7 +219,7 @@ def push_window(time: Array, residual: Array) -> tuple[float, float] | None:
     """Return begin and end of the while in which a residual is off its median most."""
     order = np.argsort(time, kind="stable")
     time, residual = time[order], residual[order]
-    # All pairs of bins are tried: of a long time without a sample there are to be few.
+    # All pairs of bins are compared: of a long time without a sample there are to be few.
     cut = np.cumsum(np.maximum(np.diff(time, prepend=time[0]) - _LONGEST_GAP, 0.0))
     time = time - cut
     start, end = float(time[0]), float(time[-1])

@@ -250,8 +250,8 @@ class CableHypothesis(Hypothesis):
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         if "lowest" not in parameters:
             return super().claim(parameters)
-        told = self._in_words(parameters)
+        words = self._in_words(parameters)
         return (
             f"{self.names[0]} has an elastic torque in addition to {self.against}'s, between "
-            f"{told['lowest']} and {told['highest']} over its range"
+            f"{words['lowest']} and {words['highest']} over its range"
         )

@@ -141,13 +141,13 @@ class BetaHypothesis(Hypothesis):
         return with_beta(values, float(theta[0]) * np.eye(_WHOLE)[self.entry])
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        name, told = gravity.BETA_NAMES[self.entry], self._in_words(parameters)["delta_beta"]
-        return f"{self.against}'s weight moment {name} of {self.site.words(self.arm)} is {told}"
+        name, change = gravity.BETA_NAMES[self.entry], self._in_words(parameters)["delta_beta"]
+        return f"{self.against}'s weight moment {name} of {self.site.words(self.arm)} is {change}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AllWeightsHypothesis(Hypothesis):
-    """All of beta is fitted anew."""
+    """All of beta is fitted again."""
 
     EFFECT = LinkCom
     CLAIM = "the links' weights as a whole differ from {model}'s"
@@ -167,7 +167,7 @@ class AllWeightsHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinkWeightsHypothesis(Hypothesis):
-    """All links' weights are fitted anew, of an arm that has no beta.
+    """All links' weights are fitted again, of an arm that has no beta.
 
     Attributes:
         directions: (4 bodies, k) combinations of masses and first moments that show, each of its

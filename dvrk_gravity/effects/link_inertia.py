@@ -148,10 +148,10 @@ class InertiaHypothesis(Hypothesis):
         return _with_change(values, self.arm.body_names[self.site.index], self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        told, joint = self._in_words(parameters), self.names[0]
+        words, joint = self._in_words(parameters), self.names[0]
         if self.isotropic:
-            return f"the link of {joint} has {told['inertia']} inertia than {self.against}'s"
-        about = ", ".join(f"{value} about {name[-1]}" for name, value in told.items())
+            return f"the link of {joint} has {words['inertia']} inertia than {self.against}'s"
+        about = ", ".join(f"{value} about {name[-1]}" for name, value in words.items())
         return f"the inertia of {joint}'s link differs from {self.against}'s: {about}"
 
 

@@ -74,9 +74,9 @@ class LinkWeight(LinearTerm):
     def nominal(cls, arm: Arm) -> LinkWeight | None:
         if is_mtm(arm):
             return None
-        supposed, nothing = assumed_inertias(arm), pin.Inertia.Zero()
+        assumed, nothing = assumed_inertias(arm), pin.Inertia.Zero()
         rows = [
-            body.frame.act(supposed.get(body.name, nothing)).toDynamicParameters()[:OF_WEIGHT]
+            body.frame.act(assumed.get(body.name, nothing)).toDynamicParameters()[:OF_WEIGHT]
             for body in arm.bodies
         ]
         return cls(arm, np.array(rows), arm.gravity)

@@ -31,10 +31,10 @@ from dvrk_gravity.parameters import Parameter, Value
 _WEIGHTLESS = np.zeros(3)
 
 
-_LEAST = 1e-4  # kg, of which the place can be told
+_LEAST = 1e-4  # kg, of which the place can be found
 _HEAVY, _AWAY = 5.0, 1.0  # kg and m. Chosen
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
-_PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling, ...
+_PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is reported, ...
 _PART_OF_WAY = 0.5  # ... or this part of its distance
 _UNSEEN = 1e-6  # m, of an interval about 0 along a joint's axis, where a mass makes no torque
 
@@ -192,7 +192,7 @@ class PayloadHypothesis(Hypothesis):
         mass = float(theta[0])
         moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
         # Of a mass that is not known yet (about the axis it turns about, say) the moment still
-        # tells which way it is: the search comes in from afar.
+        # shows which way it is: the search comes in from afar.
         com = theta[1:] / max(abs(mass), _LEAST)
         if self.against_reference and mass < 0.0:
             com = -com

@@ -32,7 +32,7 @@ class TorqueOffset(LinearTerm):
 
     It is a fault of the reading and pushes nothing: predictions of measured efforts have it, the
     simulator's sensors add it, the compensator leaves it out. A constant torque that the arm does
-    feel is the constant of a cable's; efforts alone cannot tell one from the other.
+    feel is the constant of a cable's; efforts alone do not distinguish them.
 
     Attributes:
         offset: (n,) N·m.

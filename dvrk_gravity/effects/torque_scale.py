@@ -31,7 +31,7 @@ class TorqueScale(Effect):
         """Of a joint, of all together, of a motor.
 
         None in an arbitrary unit: drives have gains of their own there, and a load that is heavier
-        on one joint than on another tells of those, not of a reading that changed.
+        on one joint than on another shows their ratio, not a reading that changed.
         """
         arm = motion.arm
         if arm.read_in == ANY_UNIT:

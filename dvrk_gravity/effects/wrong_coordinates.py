@@ -28,7 +28,7 @@ class Reading:
     """Another way to read a recording.
 
     Attributes:
-        words: What it supposes.
+        words: What it assumes.
         joints: Indices of the joints concerned; empty if all are.
         motion: (n, n) read position, velocity and acceleration -> the true ones.
         effort: (n, n) read effort -> the true one.
@@ -50,7 +50,7 @@ class Reading:
 
     @property
     def effect(self) -> type[Effect]:
-        """The effect that it supposes."""
+        """The effect that it assumes."""
         if self.scale is not None:
             return TorqueScale
         return WrongCoordinates if self.clock is None else TimeScale

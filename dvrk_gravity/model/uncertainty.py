@@ -25,7 +25,14 @@ from dvrk_gravity.model.calibration_samples import CalibrationSamples
 
 SUFFIX = ".uncertainty.npz"
 _SAME = 1e-6  # relative, by which a number that went through a text file may differ
-_BY_JOINT = ("error", "together", "lower", "upper", "speed")
+# In the file, and here.
+_BY_JOINT = {
+    "error": "error",
+    "together": "correlation_time",
+    "lower": "lower",
+    "upper": "upper",
+    "speed": "speed",
+}
 _MAY_BE_UNKNOWN = ("error", "together", "speed")  # of what was not measured, or of poses
 _TURN = 1e-4  # m/s^2, of differences by the direction of gravity, in which weight is linear
 
@@ -55,7 +62,7 @@ class ModelUncertainty:
         error: (n,) RMS of the error on data that the fit had not seen, in joint space, N·m; NaN
             where it is not known.
         band: Hz; that error is what is left below this; NaN of static poses.
-        together: (n,) s, the residual's correlation time; NaN likewise, as speed.
+        correlation_time: (n,) s, the residual's correlation time; NaN likewise, as speed.
         lower: (n,) least true position that it was identified on.
         upper: (n,) greatest one.
         speed: (n,) greatest speed.
@@ -69,7 +76,7 @@ class ModelUncertainty:
     gravity: Array
     error: Array
     band: float
-    together: Array
+    correlation_time: Array
     lower: Array
     upper: Array
     speed: Array
@@ -184,7 +191,7 @@ class ModelUncertainty:
         """
         arrays: dict[str, Any] = {
             "offset": self.offset, "gravity": self.gravity, "error": self.error,
-            "band": np.array(self.band), "together": self.together, "lower": self.lower,
+            "band": np.array(self.band), "together": self.correlation_time, "lower": self.lower,
             "upper": self.upper, "speed": self.speed,
         }  # fmt: skip
         for name, theta in self.coefficients.items():
@@ -247,7 +254,7 @@ class ModelUncertainty:
             **{f"deviations of {n}": self.deviations.get(n) for n in self.coefficients},
             "gravity": self.gravity,
             "offset": self.offset,
-            **{name: getattr(self, name) for name in _BY_JOINT},
+            **{name: getattr(self, field) for name, field in _BY_JOINT.items()},
         }
         alone = set(self.deviations) - set(self.coefficients)
         if alone:

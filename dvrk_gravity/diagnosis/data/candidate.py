@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.effects import MAX_REMOVED, Hypothesis
 from dvrk_gravity.errors import EffectError
 
 T = TypeVar("T")
@@ -105,14 +105,14 @@ class Score:
         loss: (blocks,) squared error of each block in units of the weights.
         likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
         error: (R, n) the errors, N·m.
-        improbable: Minus the log-density of the model's own parameters, taken off, too.
+        negative_log_prior: Minus the log-density of the model's own parameters, taken off, too.
     """
 
     error: Array
     rms: Array
     loss: Array
     likelihood: float
-    improbable: float
+    negative_log_prior: float
 
 
 def most_parsimonious(
@@ -145,6 +145,23 @@ def slices_of(candidates: Sequence[Candidate]) -> list[slice]:
 def split(candidates: Sequence[Candidate], theta: Array) -> list[tuple[Candidate, Array]]:
     """Return each candidate with its own of the (k,) parameters that all have together."""
     return [(c, theta[rows]) for c, rows in zip(candidates, slices_of(candidates), strict=True)]
+
+
+def are_possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]) -> bool:
+    """Return whether the parameters of a candidate are possible beside those of others.
+
+    Dry and viscous friction may each be less than a model has; both together do not drive.
+    """
+    theta = next(values for other, values in fitted if other is candidate)
+    hypothesis = candidate.hypothesis
+    if hypothesis.removed_fraction(theta) == 0.0:
+        return hypothesis.plausible(theta)
+    less = sum(
+        other.hypothesis.removed_fraction(values)
+        for other, values in fitted
+        if other.hypothesis.joints == hypothesis.joints
+    )
+    return hypothesis.plausible(theta) and less <= MAX_REMOVED
 
 
 def in_batches(items: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:

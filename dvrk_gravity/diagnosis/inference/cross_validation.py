@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -15,9 +14,13 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.inference.block_fit import CoherentError, OwnParameters, block_fit
+from dvrk_gravity.diagnosis.inference.regression import (
+    CoherentError,
+    OwnParameters,
+    WeightedSamples,
+    block_fit,
+)
 from dvrk_gravity.diagnosis.inference.significance import Significance
-from dvrk_gravity.diagnosis.inference.weighted import WeightedSamples
 from dvrk_gravity.effects import Effect
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,
@@ -28,28 +31,16 @@ from dvrk_gravity.estimation import (
     solve,
 )
 
-
-@dataclass(frozen=True)
-class CrossValidationSettings:
-    """How hypotheses are compared.
-
-    Attributes:
-        trace: Added to normal equations of unit diagonal: ten times the square root of a double's
-            precision, so that columns that repeat others share their coefficient.
-        active: Part of the most active block's energy from which on a candidate acts in a block.
-            Chosen; see `make sensitivity`.
-        least_usable: Part of the samples that a joint must have to be judged at all. Chosen.
-        together: Columns of hypotheses that are screened at a time, on which no result depends:
-            this many take a fraction of the time that they take singly.
-        cluster: Correlation times of the model's known error in a block of the jackknife: of an
-            exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
-    """
-
-    trace: float = 1e-9
-    active: float = 0.03
-    least_usable: float = 0.05
-    together: int = 32
-    cluster: float = 4.0
+# Added to normal equations of unit diagonal: ten times the square root of a double's precision, so
+# that columns that repeat others share their coefficient.
+_TRACE = 1e-9
+# Part of the most active block's energy from which on a candidate acts in a block. Chosen.
+_ACTIVE = 0.03
+_LEAST_USABLE = 0.05  # of the samples, that a joint must have to be judged at all. Chosen
+_SCREENED = 32  # columns screened at a time, on which no result depends: faster than one by one
+# Correlation times of the model's known error in a block of the jackknife: of an exponential
+# correlation four leave an eighth of the variance unseen (Künsch 1989).
+_CLUSTER = 4.0
 
 
 class CrossValidation:
@@ -58,14 +49,12 @@ class CrossValidation:
     Attributes:
         data: Residuals, blocks and folds.
         weight: (n,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
-        settings: How hypotheses are compared.
-        significance: How sure a gain is.
+        significance: p-values of gains.
     """
 
-    def __init__(self, data: FilteredData, settings: CrossValidationSettings | None = None) -> None:
+    def __init__(self, data: FilteredData) -> None:
         """Set up the folds."""
         self.data = data
-        self.settings = settings or CrossValidationSettings()
         self.significance = Significance(data)
         order = np.argsort(data.fold, kind="stable")  # in time within a fold
         self._rows = order[np.searchsorted(data.fold[order], 0) :]
@@ -95,13 +84,13 @@ class CrossValidation:
 
     @property
     def known_error(self) -> Array:
-        """(n,) RMS error that the model is known to have; see ``FilteredData``."""
+        """(n,) RMS error that the model is known to have, N·m."""
         return self.data.known_error
 
     @property
     def samples(self) -> Array:
         """(n,) independent samples of each joint, about."""
-        # Of what comes back with the motion, the copies are no news.
+        # Copies of a misfit that recurs with the motion add no evidence.
         return self._counts / self.redundancy
 
     @property
@@ -116,19 +105,17 @@ class CrossValidation:
     def weigh(self, residual: Array, final: bool = False) -> None:
         """Weigh the joints by (R, n) residuals.
 
-        Args:
-            residual: What is not explained, N·m.
-            final: All causes are in, so that what comes back with the motion is there to stay:
-                copies of it count once. While causes are missing, it is theirs.
+        They are final if all causes are included: what recurs with the motion is then misfit, and
+        copies of it count once. While causes are missing, it is theirs.
         """
         rms = np.sqrt(self._mean_square(residual))
         rms = np.where(rms > 0.0, np.maximum(rms, self.known_error), 0.0)
-        enough = self._usable.sum(axis=0) > self.settings.least_usable * len(self._rows)
+        enough = self._usable.sum(axis=0) > _LEAST_USABLE * len(self._rows)
         present = self.data.motion.present & (rms > 0.0) & enough
         self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
         self._weighted = WeightedSamples(
             self._usable * self.weight, self._residual, self._model, self._rows, self._folds,
-            self._ridge([], self.model_size), self.settings.trace,
+            self._ridge([], self.model_size), _TRACE,
         )  # fmt: skip
         self._intraclass = np.zeros(self.joints)
         if final:
@@ -148,11 +135,11 @@ class CrossValidation:
 
     @property
     def _clustered(self) -> int:
-        """Blocks that count as one: as long as errors hang together, but ten of them at least."""
+        """Blocks that count as one: as long as errors are correlated, but ten of them at least."""
         uncertainty = self.data.motion.model.uncertainty
         if uncertainty is None or self.data.band is None:
             return 1
-        span = self.settings.cluster * float(np.max(np.nan_to_num(uncertainty.together)))
+        span = _CLUSTER * float(np.max(np.nan_to_num(uncertainty.correlation_time)))
         most = self.data.count // FEWEST_BLOCKS
         return max(1, min(round(span / self.data.blocks.settings.duration), most))
 
@@ -189,20 +176,20 @@ class CrossValidation:
         return self._cross_validated(candidates)[0]
 
     def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
-        """Return :meth:`out_of_fold` and how improbable the model's parameters have to be."""
+        """Return :meth:`out_of_fold` and minus the log prior of the model's parameters."""
         model, columns = self._weighted.of_model, self.design(candidates)
         error = self._weighted.target.copy()
         folds = self._weighted.by_fold(columns)
         whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
         for rows, fold in zip(self._folds, folds, strict=True):
             rest = whole - fold
-            theta = solve(rest.gram[0] + ridge, rest.cross[0], self.settings.trace)
+            theta = solve(rest.gram[0] + ridge, rest.cross[0], _TRACE)
             own, further = np.split(theta, [self.model_size])
             error[rows] -= model.design[rows] @ own + columns[rows] @ further
-        theta = solve(whole.gram[0] + ridge, whole.cross[0], self.settings.trace)
-        return self._unweighted(error), self._improbable(theta)
+        theta = solve(whole.gram[0] + ridge, whole.cross[0], _TRACE)
+        return self._unweighted(error), self._negative_log_prior(theta)
 
-    def _improbable(self, theta: Array) -> Any:
+    def _negative_log_prior(self, theta: Array) -> Any:
         """Return (…,) minus the log-density of the model's (d, …) parameters, but for a constant.
 
         Each is in units of its standard deviation.
@@ -211,13 +198,13 @@ class CrossValidation:
 
     def score(self, candidates: Sequence[Candidate]) -> Score:
         """Return the out-of-fold score of a set."""
-        error, improbable = self._cross_validated(candidates)
+        error, negative_log_prior = self._cross_validated(candidates)
         mean = self._mean_square(error)
         likelihood = float(self._log_likelihood(mean).sum())
-        likelihood -= improbable + sum(candidate.cost for candidate in candidates)
+        likelihood -= negative_log_prior + sum(candidate.cost for candidate in candidates)
         square = ((error * self._weighted.weights) ** 2).sum(axis=1)
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
-        return Score(error, np.sqrt(mean), loss, likelihood, improbable)
+        return Score(error, np.sqrt(mean), loss, likelihood, negative_log_prior)
 
     def _log_likelihood(self, mean: Array) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squared errors, but for a constant."""
@@ -235,20 +222,17 @@ class CrossValidation:
         return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
 
     def p_value(
-        self, before: Score, after: Score, candidate: Candidate, inflation: Array, tried: int,
-        news: float = 1.0,
+        self, before: Score, after: Score, candidate: Candidate, inflation: Array,
+        n_comparisons: int, changed: float = 1.0,
     ) -> float:  # fmt: skip
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 
-        It is the best of as many as were tried; of the gain only a part may be news. Blocks in
-        which friction holds the joint decide nothing.
-
-        See :meth:`Significance.p_value`.
+        It is the best of so many comparisons; only a fraction of the gain may be of a change.
         """
         acts = self._acting(candidate)
         return self.significance.p_value(
-            (before.loss - after.loss)[acts], news * self.gain(before, after, inflation),
-            candidate.size, tried, candidate.hypothesis.transient,
+            (before.loss - after.loss)[acts], changed * self.gain(before, after, inflation),
+            candidate.size, n_comparisons, candidate.hypothesis.transient,
         )  # fmt: skip
 
     def _acting(self, candidate: Candidate) -> NDArray[np.bool_]:
@@ -256,12 +240,12 @@ class CrossValidation:
         weight = self.weight[candidate.joints] ** 2
         square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self._block, square, minlength=self.data.count)
-        return np.asarray(energy > self.settings.active * energy.max())
+        return np.asarray(energy > _ACTIVE * energy.max())
 
     def _lasts(self, candidate: Candidate) -> float:
         """Return which part of the samples of choice a candidate is there for.
 
-        What comes back with the state is there all the time, whether or not it acts.
+        What depends on the state is there all the time, whether or not it acts.
         """
         if not candidate.hypothesis.transient:
             return 1.0
@@ -270,14 +254,12 @@ class CrossValidation:
     def gain(self, before: Score, after: Score, inflation: Array) -> float:
         """Return the gain in log-likelihood that counts, of independent samples.
 
-        Args:
-            before: Score of the one set.
-            after: Score of the other.
-            inflation: (n,) samples that count as one, see :meth:`inflation`.
+        Of the (n,) inflations so many samples count as one, see :meth:`inflation`.
         """
         samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
         gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
-        return float(gained) + self.significance.of_model(before.improbable - after.improbable)
+        spared = before.negative_log_prior - after.negative_log_prior
+        return float(gained) + self.significance.of_model(spared)
 
     def inflation(self, error: Array, torque: Array) -> Array:
         """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""
@@ -305,7 +287,7 @@ class CrossValidation:
         target = self._weighted.target - base.design @ theta
         before = self._likelihood_of(target)
         found = []
-        for batch in in_batches(pool, lambda candidate: candidate.size, self.settings.together):
+        for batch in in_batches(pool, lambda candidate: candidate.size, _SCREENED):
             raws = self.design(batch)
             besides = base.coefficients(raws)
             all_columns = raws - base.design @ besides if len(theta) else raws
@@ -313,10 +295,10 @@ class CrossValidation:
             coefficients = np.zeros((len(cross), len(batch)))  # of each candidate alone
             for index, span in enumerate(map(slice, edges, edges[1:])):
                 gram = raws[:, span].T @ all_columns[:, span] + self._ridge([batch[index]])
-                coefficients[span, index] = solve(gram, cross[span], self.settings.trace)
+                coefficients[span, index] = solve(gram, cross[span], _TRACE)
             error = target[:, None] - all_columns @ coefficients
             adjusted = theta[:, None] - besides @ coefficients
-            spared = self._improbable(theta) - self._improbable(adjusted)
+            spared = self._negative_log_prior(theta) - self._negative_log_prior(adjusted)
             gains = self._likelihood_of(error) - before + spared
             lasts = np.sqrt([[self._lasts(candidate)] for candidate in batch])
             large = np.any(self._rms(raws @ coefficients) / lasts > least, axis=1)
@@ -343,9 +325,7 @@ class CrossValidation:
         if beside is not None:
             own_parameters = theta[: self.model_size]
             model = self._weighted.of_model.design @ own_parameters
-            found = Regression(
-                self.design(candidates), self._ridge(candidates), self.settings.trace
-            )
+            found = Regression(self.design(candidates), self._ridge(candidates), _TRACE)
             rest = found.coefficients(self._weighted.target - model)
             theta = np.concatenate([own_parameters, rest])
         columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
@@ -379,7 +359,7 @@ class CrossValidation:
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
 
-        See :func:`block_fit.block_fit`; as many blocks together as errors hang together.
+        See :func:`block_fit`; blocks are joined over four correlation times of the errors.
         """
         coherent = CoherentError(
             self.significance.settings.coherent * self.known_error * self.weight,
@@ -399,7 +379,7 @@ class CrossValidation:
         regression = self.regression(candidates)
         theta = regression.coefficients(self._weighted.target)
         error = self._weighted.target - regression.design @ theta
-        return self._improbable(theta) - self._likelihood_of(error)
+        return self._negative_log_prior(theta) - self._likelihood_of(error)
 
     def of_choice(self, values: Array) -> Array:
         """Return the (R, n) rows of (T, n) values that the choice may see, zero where unusable."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.refinement import rebuilt
+from dvrk_gravity.diagnosis.inference.nonlinear import rebuilt
 from dvrk_gravity.effects import AbsorbedByModel, Estimate, Hypothesis, RequiresParts
 from dvrk_gravity.estimation import NORMAL_95, evidence
 
@@ -112,7 +112,7 @@ class HeldOut:
 
     @property
     def known_error(self) -> Array:
-        """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
+        """(n,) RMS error that the model is known to have, N·m; zero if unknown."""
         return self._validation.known_error
 
     @property
@@ -177,27 +177,28 @@ class HeldOut:
     def unconfirmed(
         self,
         chosen: Sequence[Candidate],
-        on_trial: Sequence[Candidate] | None = None,
+        tested: Sequence[Candidate] | None = None,
         sure: Callable[[Candidate], bool] = lambda candidate: False,
     ) -> list[tuple[Unconfirmed, Candidate]]:
         """Return the chosen candidates that the held-out blocks do not confirm.
 
         One fails if it removes next to nothing in the blocks in which it acts, or no more than
         chance would, by the tests of the choice and at its level, Holm's correction for the number
-        of those on trial included; or if it acts in no held-out block, and is not sure without.
+        of those under test included; or if it acts in no held-out block, and is not
+        significant without.
 
         Args:
             chosen: All of them, as they are fitted together.
-            on_trial: Those that are looked at; by default all.
-            sure: Tells of what acts in no held-out block whether it is sure without; by default
-                nothing is.
+            tested: Those that are tested; by default all.
+            sure: Returns of what acts in no held-out block whether it is significant without; by
+                default nothing is.
         """
         trials = [
             (self._in_active_blocks(chosen, candidate), candidate)
-            for candidate in (chosen if on_trial is None else on_trial)
+            for candidate in (chosen if tested is None else tested)
         ]
-        told = [found.gain for found, _ in trials if found.gain is not None]
-        corrected = iter(evidence.holm([gain.p_value for gain in told]))
+        gains = [found.gain for found, _ in trials if found.gain is not None]
+        corrected = iter(evidence.holm([gain.p_value for gain in gains]))
         settings = self.settings
 
         def fails(gain: Gain | None, candidate: Candidate) -> bool:
@@ -220,7 +221,7 @@ class HeldOut:
         return "" if len(blocks) else "it acts in no held-out block that could confirm it"
 
     def _shows(self, chosen: Sequence[Candidate], candidate: Candidate) -> bool:
-        """Tell whether the part of a claim of one parameter shows that must."""
+        """Return whether the part of a claim of one parameter shows that must."""
         validation = self._validation
         claim = candidate.hypothesis
         parts = (
@@ -280,7 +281,7 @@ class HeldOut:
         """Return what is gained on some joints, with interval over the blocks, and p-value.
 
         The p-value is of all joints that a candidate acts on: what it does to one of them, however
-        little is gained there, tells whether it is there.
+        little is gained there, is evidence of it.
 
         Args:
             before: (H, n) errors.

@@ -11,18 +11,19 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.loading import Loaded
-from dvrk_gravity.diagnosis.data.reference_error import changed_friction, changed_springs
-from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
-from dvrk_gravity.diagnosis.inference.baseline import baseline_effects
-from dvrk_gravity.diagnosis.inference.confirmed import at_the_fit, confirmed
+from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
+from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect, explained, spanned
+from dvrk_gravity.diagnosis.inference.confirmation import at_the_fit, confirmed
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
-from dvrk_gravity.diagnosis.inference.no_news import no_news
-from dvrk_gravity.diagnosis.inference.overlap import spanned
-from dvrk_gravity.diagnosis.inference.places import SelectedEffect, explained
-from dvrk_gravity.diagnosis.inference.readings import WrongReading, correct_readings
+from dvrk_gravity.diagnosis.inference.readings import (
+    WrongReading,
+    baseline_effects,
+    correct_readings,
+)
+from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
+from dvrk_gravity.diagnosis.inference.remaining import minor_effects, unexplained_structure
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
-from dvrk_gravity.diagnosis.inference.unexplained import unexplained_structure
 from dvrk_gravity.effects import Kind
 from dvrk_gravity.intake import contradiction
 
@@ -172,9 +173,9 @@ def _confirmed(search: _Search) -> Posterior:
     validation, selected, unexplained, failed = at_the_fit(
         search.selection, search.selected, search.unexplained, search.floor
     )
-    day_to_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
-    selected = [effect for effect in selected if not effect.trial.other_day]
-    minor = no_news(validation, search.sparse, selected, unexplained, search.at_calibration)
+    day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
+    selected = [effect for effect in selected if not effect.trial.day_to_day]
+    minor = minor_effects(validation, search.sparse, selected, unexplained, search.at_calibration)
     return Posterior(
         search.loaded, search.wrong, validation, tuple(selected), tuple(unexplained),
         (*search.unconfirmed, *failed), tuple(minor), tuple(day_to_day), tuple(search.pool),

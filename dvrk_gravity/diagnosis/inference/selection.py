@@ -8,14 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, most_parsimonious, split
-from dvrk_gravity.diagnosis.inference.alike import Alike
-from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
+from dvrk_gravity.diagnosis.data.candidate import (
+    Candidate,
+    Score,
+    are_possible,
+    most_parsimonious,
+    split,
+)
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.other_day import OtherDay
-from dvrk_gravity.diagnosis.inference.refinement import refined
-from dvrk_gravity.diagnosis.inference.tried import Tried
-from dvrk_gravity.effects import MAX_REMOVED, Hypothesis, Residual
+from dvrk_gravity.diagnosis.inference.homogeneity import FrictionChange, Homogeneity
+from dvrk_gravity.diagnosis.inference.nonlinear import refined
+from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
+from dvrk_gravity.diagnosis.inference.significance import Multiplicity
+from dvrk_gravity.effects import Hypothesis, Residual
 from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select
 
 Report = Callable[[str], None]
@@ -28,7 +33,7 @@ class SelectionSettings:
     Attributes:
         alpha: Chance that a step selects anything where nothing is, corrected for the number of
             hypotheses. A convention; a tenth of it would need longer recordings.
-        unseen: ... where it acts in no held-out block that could confirm it: as improbable as to
+        unseen: ... where it acts in no held-out block that could confirm it: as unlikely as to
             pass the test of the choice and theirs.
         least_gain: Part of a joint's error that a finding must remove. Chosen: what is worth a
             finding; see `make sensitivity`.
@@ -44,9 +49,9 @@ class SelectionSettings:
         consequence: Times a joint's known error that a finding's torque must be, RMS: as large
             as its error is in one motion of twenty where nothing is there. The square of
             that over the known one's is Fisher's F of 30 degrees of freedom each
-            (``SignificanceSettings.freedom``), of which 1.84 is the 95 % point. Chosen: with the
+            (``SignificanceSettings.dof``), of which 1.84 is the 95 % point. Chosen: with the
             99 % point, 1.55, causes of twice what the model leaves are lost.
-        another_day: Times what changed friction may be off by, added in squares. One: that is a
+        day_to_day: Times what changed friction may be off by, added in squares. One: that is a
             standard deviation by itself.
         share: Part of a joint's torque, RMS, that it must be as well, of a model that was
             identified. Chosen: no torque constant is known as well.
@@ -62,19 +67,14 @@ class SelectionSettings:
     equal: float = 0.02
     equal_least: float = 3.0
     consequence: float = 1.36
-    another_day: float = 1.0
+    day_to_day: float = 1.0
     share: float = 0.003
 
     def least(self, validation: CrossValidation, changed: Array | float = 0.0) -> Array:
-        """Return (n,) the least torque, RMS, that is of consequence, N·m.
-
-        Args:
-            validation: The validation.
-            changed: (n,) RMS by which changed friction may be off, which is expected, too, N·m.
-        """
+        """Return (n,) the least RMS torque that matters, where friction may be off by (n,), N·m."""
         known = validation.known_error
         share = np.where(known > 0.0, self.share * validation.data.torque_rms, 0.0)
-        least = np.hypot(self.consequence * known, self.another_day * np.asarray(changed))
+        least = np.hypot(self.consequence * known, self.day_to_day * np.asarray(changed))
         return np.maximum(least, share)
 
 
@@ -92,10 +92,10 @@ class EffectTrial(Trial[Candidate]):
         plausible: Whether its parameters are such as it can have.
         size: (n,) RMS of its torque at the joints that are judged, N·m; zero where friction may
             change by as much.
-        inflation: Log-likelihood that counts as one unit, for errors hang together; see
+        inflation: Log-likelihood that counts as one unit, for errors are correlated; see
             ``CrossValidation.inflation``.
-        other_day: Where it is of consequence, friction changed by as much at other joints: that is
-            to be expected on another day, and no finding.
+        day_to_day: Where it matters, friction changed by as much at other joints: day-to-day
+            variation, and no finding.
         seen_before: It would pass, had what the model was identified on not shown as much of it.
     """
 
@@ -105,7 +105,7 @@ class EffectTrial(Trial[Candidate]):
     plausible: bool
     size: Array
     inflation: float
-    other_day: bool
+    day_to_day: bool
     seen_before: bool
 
     @property
@@ -126,12 +126,12 @@ class Selection:
         validation: Scores.
         pool: The candidates that need no search.
         report: Called with a line about every choice.
-        always: Parameters of the model itself that are fitted anew beside every hypothesis.
+        always: Parameters of the model itself that are fitted again beside every hypothesis.
         expected: What is likely there before anything is seen: it needs not be found, and nothing
             is looked for in its place.
-        at_calibration: What was there when the model was identified, and is no news.
+        at_calibration: What the calibration recording shows of the hypotheses.
         settings: When a hypothesis is selected.
-        tried: How many torques are tried at each step.
+        multiplicity: How many torques are compared at each step.
     """
 
     def __init__(
@@ -144,47 +144,33 @@ class Selection:
         expected: Sequence[Candidate] = (),
         at_calibration: AtCalibration | None = None,
     ) -> None:
-        """Start with nothing selected but what always moves along, and what is expected.
-
-        Args:
-            validation: Scores.
-            pool: The candidates that need no search.
-            report: Called with a line about every choice.
-            always: Parameters of the model itself that are fitted anew beside every hypothesis.
-            settings: When a hypothesis is selected.
-            expected: What is likely there before anything is seen.
-            at_calibration: What was there when the model was identified.
-        """
+        """Start with nothing selected but what always moves along, and what is expected."""
         self.validation = validation
         self.settings = settings or SelectionSettings()
-        self._other_day = OtherDay(validation)
+        self._friction_change = FrictionChange(validation)
         self.always = list(always)
         self.expected = list(expected)
         self.at_calibration = at_calibration
         self.pool = list(pool)
-        self.tried = Tried.of(self.pool)
+        self.multiplicity = Multiplicity.of(self.pool)
         self._excluded: set[tuple[object, ...]] = set()
-        self._for_all = Alike(validation)
+        self._for_all = Homogeneity(validation)
         self.report = report
 
     def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
-        """Take hypotheses out of the choice from now on."""
+        """Take hypotheses out of the choice."""
         self._excluded |= {hypothesis.key for hypothesis in hypotheses}
 
     def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
-        """Select until nothing more passes.
-
-        Args:
-            start: What is selected to begin with; by default what always moves along, and what is
-                expected.
-        """
+        """Select until nothing more passes; start by default at what is free or expected."""
         selected = [*self.always, *self.expected] if start is None else list(start)
-        joints = self.validation.weight.shape[-1]
-        most = self.settings.most_effects * joints + len(self.always) - len(selected)
+        most = (
+            self.settings.most_effects * self.validation.joints + len(self.always) - len(selected)
+        )
         return select(self, selected, SearchSettings(max(most, 0)))[0]
 
     def fixed(self, candidate: Candidate) -> bool:
-        """Tell whether nothing is looked for in the place of one that is selected."""
+        """Return whether nothing is looked for in the place of one that is selected."""
         keys = {other.hypothesis.key for other in self.expected}
         return candidate in self.always or candidate.hypothesis.key in keys
 
@@ -200,9 +186,7 @@ class Selection:
     def choose(self, trials: Sequence[EffectTrial]) -> EffectTrial | None:
         """Return the most parsimonious of the passing trials that are as good as the best."""
         passing = [trial for trial in trials if trial.passes]
-        if not passing:
-            return None
-        return self.preferred(passing)
+        return self.preferred(passing) if passing else None
 
     def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
         """Return the set with a hypothesis, those left out that are no longer needed."""
@@ -210,11 +194,7 @@ class Selection:
         *state, newest = self._read([*state, trial.move])
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-            old = [
-                candidate
-                for candidate in kept
-                if candidate is not newest and candidate not in self.always
-            ]
+            old = [each for each in kept if each is not newest and each not in self.always]
             return [
                 (found.worth, found.move) for found in self._without(kept, old) if not found.passes
             ]
@@ -244,7 +224,7 @@ class Selection:
         if pool is None:
             pool = [*self.pool, *self._searched(selected)]
         # Whatever was looked at counts: that most did not get past the screen is chance, too.
-        self.tried = self.tried.with_those_of(pool)
+        self.multiplicity = self.multiplicity.with_those_of(pool)
         known = {candidate.hypothesis.key for candidate in selected} | self._excluded
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
         least = settings.least(validation)
@@ -275,7 +255,7 @@ class Selection:
         """Return how a candidate does beside the selected ones."""
         after = self.validation.score([*selected, candidate])
         fitted = split([*selected, candidate], self.validation.parameters([*selected, candidate]))
-        possible = _possible(candidate, fitted)
+        possible = are_possible(candidate, fitted)
         return self._trial(candidate, selected, before, after, fitted[-1][1], possible)
 
     def _trial(
@@ -284,11 +264,11 @@ class Selection:
     ) -> EffectTrial:  # fmt: skip
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
-        Bonferroni's correction is for all torques that were tried (:class:`Tried`).
+        Bonferroni's correction is for all torques that were compared (:class:`Multiplicity`).
         """
         inflation = self.validation.inflation(after.error, before.error - after.error)
-        tried = self.tried.beside(candidate)
-        p_value = self.validation.p_value(before, after, candidate, inflation, tried)
+        comparisons = self.multiplicity.n_comparisons(candidate)
+        p_value = self.validation.p_value(before, after, candidate, inflation, comparisons)
         used = (self.validation.weight > 0.0) & candidate.acts
         removed = 1.0 - after.rms / np.maximum(before.rms, 1e-300)
         size = np.where(used, self.validation.size(candidate, theta), 0.0)
@@ -298,53 +278,53 @@ class Selection:
             removed = np.fmax(removed, 1.0 - after.rms / with_torque)
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
-        expected = self._other_day.explains(candidate, theta, beside)
-        least = settings.least(self.validation, self._other_day.changed(beside))
+        expected = self._friction_change.explains(candidate, theta, beside)
+        least = settings.least(self.validation, self._friction_change.changed(beside))
         matters = used & (size >= least)
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and possible and bool(matters.any())
-        news = self._news(candidate, beside) if passes else 1.0
-        if news < 1.0:
-            p_value = self.validation.p_value(before, after, candidate, inflation, tried, news)
+        changed = self._change_fraction(candidate, beside) if passes else 1.0
+        if changed < 1.0:
+            p_value = self.validation.p_value(
+                before, after, candidate, inflation, comparisons, changed
+            )
         seen_before = passes and p_value >= settings.alpha
-        other_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
+        day_to_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
         if passes and candidate.hypothesis.common_cause:
-            passes = self._alike(candidate, beside, after, theta, inflation, other_day)
+            passes = self._homogeneous(candidate, beside, after, theta, inflation, day_to_day)
         return EffectTrial(
             candidate, gain, passes and not seen_before, after, p_value, most, possible,
-            np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])), other_day,
+            np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])), day_to_day,
             seen_before,
         )  # fmt: skip
 
-    def _alike(
+    def _homogeneous(
         self, candidate: Candidate, beside: Sequence[Candidate], after: Score, theta: Array,
-        inflation: Array, other_day: bool,
+        inflation: Array, day_to_day: bool,
     ) -> bool:  # fmt: skip
-        """Tell whether what a candidate takes to be alike at several joints is.
+        """Return whether what a candidate takes to be equal at several joints is.
 
-        What a day does to all friction it need not do to all alike: there what is common has to be
-        more, in squares, than what differs.
+        Friction varies from day to day at all joints, but not equally: there what is common has to
+        be more, in squares, than what differs.
         """
-        if other_day:
+        if day_to_day:
             return self._for_all.differ(candidate, theta, beside) < 1.0
         settings, validation = self.settings, self.validation
         clearly = settings.equal_least * float(np.max(inflation[candidate.acts]))
         least = settings.least(validation)
         return self._for_all.hold(candidate, theta, beside, after.likelihood + clearly, least)
 
-    def _news(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
-        """Return which part of the evidence of a candidate the calibration did not show."""
-        expected = (
-            None if self.at_calibration is None else self.at_calibration.comes_back(candidate)
-        )
+    def _change_fraction(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
+        """Return the fraction of a candidate's evidence not already present at calibration."""
+        expected = None if self.at_calibration is None else self.at_calibration.expected(candidate)
         if expected is None:
             return 1.0
         theta, covariance = self.validation.fit([*beside, candidate])
         own = slice(len(theta) - candidate.size, len(theta))
-        return expected.news(theta[own], covariance[own, own])
+        return expected.changed_fraction(theta[own], covariance[own, own])
 
     def sure_of(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
-        """Tell whether one of those selected is sure without a look at held-out blocks.
+        """Return whether one of those selected is significant without held-out blocks.
 
         What comes once, and is over before one of them, is not: a joint that slips once looks so.
         """
@@ -364,7 +344,7 @@ class Selection:
             rest = [other for other in selected if other is not candidate]
             before = self.validation.score(rest)
             fitted = next(values for other, values in parameters if other is candidate)
-            possible = _possible(candidate, parameters)
+            possible = are_possible(candidate, parameters)
             trials.append(self._trial(candidate, rest, before, whole, fitted, possible))
         return trials
 
@@ -410,29 +390,12 @@ class Selection:
         )
 
     def preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
-        """Return, of those that are as good as the best, what is no news, or most parsimonious."""
+        """Return the day-to-day variation or the most parsimonious of those as good as the best."""
         margin = self.margin(trials)
         least = max(trial.gain for trial in trials) - margin
-        no_news = [trial for trial in trials if trial.other_day and trial.gain >= least]
-        if no_news:
-            return max(no_news, key=lambda trial: trial.gain)
-        told = [(trial.gain, trial.candidate) for trial in trials]
-        chosen = most_parsimonious(told, margin, self.settings.equal_least)
+        expected = [trial for trial in trials if trial.day_to_day and trial.gain >= least]
+        if expected:
+            return max(expected, key=lambda trial: trial.gain)
+        gains = [(trial.gain, trial.candidate) for trial in trials]
+        chosen = most_parsimonious(gains, margin, self.settings.equal_least)
         return next(trial for trial in trials if trial.candidate is chosen)
-
-
-def _possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]) -> bool:
-    """Tell whether the parameters of a candidate are possible beside those of others.
-
-    Dry and viscous friction may each be less than a model has; both together do not drive.
-    """
-    theta = next(values for other, values in fitted if other is candidate)
-    hypothesis = candidate.hypothesis
-    if hypothesis.removed_fraction(theta) == 0.0:
-        return hypothesis.plausible(theta)
-    less = sum(
-        other.hypothesis.removed_fraction(values)
-        for other, values in fitted
-        if other.hypothesis.joints == hypothesis.joints
-    )
-    return hypothesis.plausible(theta) and less <= MAX_REMOVED

@@ -1,12 +1,15 @@
-"""How sure a gain is where errors hang together and the model knows how large they are."""
+"""Significance of a gain where errors are correlated and the model knows how large they are."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.estimation import correlation_time, evidence
 
@@ -17,19 +20,19 @@ class SignificanceSettings:
 
     Attributes:
         coherent: Part of the model's known error that may look like any one cause in all of another
-            motion, as a standard deviation: what a state shows comes back with it, and blocks of
-            one motion do not tell. Regions of causes that are not there then hold zero in 96 %,
+            motion, as a standard deviation: what a state shows recurs with it, and blocks of
+            one motion do not show it. Regions of causes that are not there then hold zero in 96 %,
             without it in 83 % (`benchmark/parameter_intervals.py --seeds 401 411`).
         least: Part of the known error, and what becomes smaller than that is no evidence: that an
             error is known to be there does not say that it must be. One, by that.
-        freedom: Degrees of freedom of the posterior covariance of the model's parameters, and of
+        dof: Degrees of freedom of the posterior covariance of the model's parameters, and of
             its known error: so many stretches of half a minute's motion are independent where
-            errors hang together for a second. Chosen; see `make sensitivity`.
+            errors are correlated for a second. Chosen; see `make sensitivity`.
     """
 
     coherent: float = 0.15
     least: float = 1.0
-    freedom: float = 30.0
+    dof: float = 30.0
 
 
 class Significance:
@@ -47,7 +50,7 @@ class Significance:
     def log_likelihood(self, mean: Array, samples: Array) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squares of (n,) independent errors."""
         known = self._data.known_error**2
-        return evidence.log_likelihood(mean, known, samples, self.settings.freedom)
+        return evidence.log_likelihood(mean, known, samples, self.settings.dof)
 
     def gain(self, before: Array, after: Array, samples: Array) -> Array:
         """Return (n,) gains in log-likelihood that are evidence of a cause.
@@ -67,7 +70,7 @@ class Significance:
 
     def of_model(self, likelihood: float) -> float:
         """Return what a gain counts that is one in the log-density of the model's parameters."""
-        return evidence.of_student(likelihood, self.settings.freedom)
+        return evidence.of_student(likelihood, self.settings.dof)
 
     def p_value(
         self,
@@ -80,7 +83,7 @@ class Significance:
         """Return the one-sided p-value of the best gain on samples that the fit had not seen.
 
         Where the model knows an error, blocks of one motion, which share a part of that, are no
-        test, and of what comes back with the state the variance is known from as few stretches as
+        test, and of what depends on the state the variance is known from as few stretches as
         the error is; else see :func:`evidence.of_gain`.
 
         Args:
@@ -92,7 +95,7 @@ class Significance:
         """
         if self._data.known_error.any():
             if not transient:
-                return evidence.variance_ratio(ratio, parameters, self.settings.freedom, trials)
+                return evidence.variance_ratio(ratio, parameters, self.settings.dof, trials)
             return evidence.bonferroni(evidence.likelihood_ratio(ratio, parameters), trials)
         return evidence.bonferroni(evidence.of_gain(by_block, ratio, parameters), trials)
 
@@ -126,3 +129,40 @@ class Significance:
         length = correlation_time(error[:, looked], part, len(error) // 4)
         longer[looked] = np.fmax(1.0, length / self._data.samples_per_independent)
         return longer
+
+
+@dataclass(frozen=True)
+class Multiplicity:
+    """The number of torques compared, for Bonferroni's correction.
+
+    A search compares hundreds for one cause. Half of the chance of an error is theirs, half that of
+    hypotheses that need no search, so that neither kind pays for the other.
+
+    Attributes:
+        alone: Hypotheses without a search.
+        searched: Torques of those that are searched for.
+    """
+
+    alone: int
+    searched: int
+
+    @classmethod
+    def of(cls, pool: Sequence[Candidate]) -> Multiplicity:
+        """Return how many hypotheses stand for, whether or not their search is over."""
+        found = Counter(candidate.hypothesis.key for candidate in pool)
+        stands_for = {each.hypothesis.key: each.hypothesis.n_comparisons for each in pool}
+        alone = sum(count for key, count in found.items() if stands_for[key] == 1)
+        searched = sum(
+            max(count, stands_for[key]) for key, count in found.items() if stands_for[key] > 1
+        )
+        return cls(alone, searched)
+
+    def with_those_of(self, pool: Sequence[Candidate]) -> Multiplicity:
+        """Return the greater of these and those of another pool."""
+        other = Multiplicity.of(pool)
+        return Multiplicity(max(self.alone, other.alone), max(self.searched, other.searched))
+
+    def n_comparisons(self, candidate: Candidate) -> int:
+        """Return of how many torques one is the best, of either kind."""
+        of_its_kind = self.searched if candidate.hypothesis.n_comparisons > 1 else self.alone
+        return 2 * max(of_its_kind, candidate.hypothesis.n_comparisons)

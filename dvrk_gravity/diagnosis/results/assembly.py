@@ -10,14 +10,16 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
-from dvrk_gravity.diagnosis.inference.baseline import poorly_stated
+from dvrk_gravity.diagnosis.inference.confirmation import worse
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates, setting_columns
 from dvrk_gravity.diagnosis.inference.infer import Posterior
-from dvrk_gravity.diagnosis.inference.readings import error_as_read, error_beside_baseline
-from dvrk_gravity.diagnosis.inference.refinement import RefinementSettings, plateau
-from dvrk_gravity.diagnosis.inference.tangent import tangents
-from dvrk_gravity.diagnosis.inference.worse_joints import worse
+from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, tangents
+from dvrk_gravity.diagnosis.inference.readings import (
+    error_as_read,
+    error_beside_baseline,
+    poorly_stated,
+)
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.results.effect_findings import (
@@ -259,7 +261,7 @@ def _fit(
         rest = [other for other in named if other is not candidate]
         for name in set(candidate.hypothesis.edges) & set(candidate.hypothesis.refine):
             low, high = plateau(validation, candidate, rest, name)
-            spread[name] = max(high - low, RefinementSettings().edge_step) / (2.0 * NORMAL_95)
+            spread[name] = max(high - low, EDGE_STEP) / (2.0 * NORMAL_95)
         spreads.append(spread)
     return theta, covariance[: len(theta), : len(theta)], spreads
 

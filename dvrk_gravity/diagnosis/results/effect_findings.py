@@ -11,10 +11,10 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of, split
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.inference.baseline import poorly_stated
+from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates
-from dvrk_gravity.diagnosis.inference.places import SelectedEffect
+from dvrk_gravity.diagnosis.inference.readings import poorly_stated
 from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (

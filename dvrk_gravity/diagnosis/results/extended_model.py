@@ -187,7 +187,7 @@ def updated(
         gravity=before.gravity @ spread[: before.size],
         error=error,
         band=validation.data.band or before.band,
-        together=before.together,
+        correlation_time=before.correlation_time,
         lower=np.where(right, np.minimum(before.lower, lower), before.lower),
         upper=np.where(right, np.maximum(before.upper, upper), before.upper),
         speed=np.where(right, np.maximum(before.speed, fastest), before.speed),

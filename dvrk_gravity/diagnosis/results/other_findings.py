@@ -11,9 +11,9 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FloorFrom
 from dvrk_gravity.diagnosis.data.model_error import part_of_friction
-from dvrk_gravity.diagnosis.inference.alike import Alike
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut, estimates
+from dvrk_gravity.diagnosis.inference.homogeneity import Homogeneity
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
@@ -218,19 +218,19 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     rows = slice(len(theta) - candidate.size, len(theta))
     theta, covariance = theta[rows], covariance[rows, rows]
     if hypothesis.common_cause:
-        differ = Alike(validation).differ(candidate, theta, named)
+        differ = Homogeneity(validation).differ(candidate, theta, named)
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
     claim, of_friction = hypothesis.claim(parameters), is_friction(hypothesis.effect)
     negligible = np.any(trial.size > SelectionSettings().consequence * validation.known_error)
     friction = "" if of_friction else _like_friction(validation, candidate, theta)
-    of_all = trial.other_day and hypothesis.common_cause and of_friction
+    of_all = trial.day_to_day and hypothesis.common_cause and of_friction
     return Known(
         hypothesis.effect,
         hypothesis.names,
         parameters,
         sentences.minor_effect(
-            claim, bool(negligible), trial.seen_before, trial.other_day, friction,
+            claim, bool(negligible), trial.seen_before, trial.day_to_day, friction,
             elsewhere=hypothesis.site.kind is not Kind.ARM,
         ),
         claim if of_all else "",

@@ -120,7 +120,7 @@ class Hypothesis(ABC):
         directed: Its picture separates the directions of motion.
         n_comparisons: Number of hypotheses that it stands for (the grid of a search), at least 1.
         prior_std: (k,) prior standard deviations of the parameters; empty: no prior.
-        refits_model: Its parameters are the model's own, fitted anew beside other hypotheses; as a
+        refits_model: Its parameters are the model's own, fitted again beside other hypotheses; as a
             finding it is the last resort.
         alignment: It concerns zeros of joints or the base, which few motions separate.
         extrapolates: Its columns are right at any single state, not only along what was recorded.
@@ -177,7 +177,7 @@ class Hypothesis(ABC):
         from functions of a joint's or motor's motion.
 
         Args:
-            motion: N samples of the arm, with the model on trial.
+            motion: N samples of the arm, with the model under test.
         """
 
     @abstractmethod
@@ -321,7 +321,7 @@ class Hypothesis(ABC):
 
     def correction(self) -> str:
         """Return the subject of `… removes 40 % of the error`."""
-        return "fitting them anew with all findings" if self.refits_model else "correcting that"
+        return "fitting them again with all findings" if self.refits_model else "correcting that"
 
     def remedy(self, carried: bool) -> str:
         """Return what to do about it, in one line; ``carried``: the extended model has it."""

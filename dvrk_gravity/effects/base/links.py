@@ -75,7 +75,7 @@ def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
     """Return (10 bodies, b): the b combinations of link parameters that torque can show at all.
 
     Columns are scaled so that a Gaussian of unit variance on each is, as far as torque can
-    tell, the prior of independent link parameters of the plausible sizes above: what the
+    show, the prior of independent link parameters of the plausible sizes above: what the
     data leave open stays near "no mass" and in proportion to those sizes. The number b comes
     from a rank-revealing QR with column pivoting (Gautier 1991) of the regressor at random motion.
 
@@ -110,7 +110,7 @@ def _that_act(regressor: Array, scale: Array) -> Array:
 def rotors_beside_links(arm: Arm) -> tuple[int, ...]:
     """Return the motors whose rotors' torque is none that links could have.
 
-    The others' inertia is a part of a link's, as far as torque can tell.
+    The others' inertia is a part of a link's, as far as torque can show.
     """
     q, qd, qdd = samples(arm)
     links = rigid_body.regressor(arm, q, qd, qdd, arm.gravity) @ base_directions(arm)
@@ -137,10 +137,10 @@ def beta_map(arm: Arm) -> Array:
 
 @lru_cache(maxsize=8)
 def identifiable_links(arm: Arm) -> tuple[int, ...]:
-    """Return the bodies that can be weighed, of those whose weights look alike only one.
+    """Return the bodies whose weight can be estimated, of those whose weights look equal only one.
 
-    A joint's own link goes before those that follow it: of a parallelogram's sides that turn alike
-    about parallel axes, torque tells the mass and how it turns, and not on which side it is.
+    A joint's own link goes before those that follow it: of a parallelogram's sides that turn
+    equally about parallel axes, torque shows the mass and how it turns, not on which side it is.
     """
     own_links = [links_of_joints(arm)[joint] for joint in joints_with_weight(arm)]
     following_links = [body for body in range(len(arm.bodies)) if body not in links_of_joints(arm)]

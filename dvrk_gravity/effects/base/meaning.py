@@ -10,7 +10,7 @@ from types import MappingProxyType
 from dvrk_gravity.units import interval, quantity
 
 _TURN = 2.0 * math.pi  # an interval as wide says nothing of an angle
-# Part of half an interval by which its middle may miss the value, and it is still told as ±: less
+# Part of half an interval by which its middle may miss the value, and it is still shown as ±: less
 # than is seen of half an interval of two digits.
 _MIDDLE = 0.1
 
@@ -76,8 +76,8 @@ class Meaning:
         least: Smallest plausible value: beyond, the effect is a name for something else. From zero
             on, the interval of a setting that is searched for is even in its logarithm.
         greatest: Largest plausible value.
-        percent: It is a factor, and told as a change in percent.
-        reported: It is told at all, and not only used.
+        percent: It is a factor, and shown as a change in percent.
+        reported: It is shown at all, and not only used.
         listed: It has a line in tables.
         certain: Its sign is never in doubt, since it describes a curve and no size.
     """

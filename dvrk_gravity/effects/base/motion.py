@@ -69,10 +69,10 @@ class State:
 
 
 class Motion(Protocol):
-    """N samples of an arm with the model on trial; see ``dvrk_gravity.diagnosis.motion``.
+    """N samples of an arm with the model under test; see ``dvrk_gravity.diagnosis.motion``.
 
     Attributes:
-        model: The model on trial, a :class:`dvrk_gravity.model.TorqueModel`.
+        model: The model under test, a :class:`dvrk_gravity.model.TorqueModel`.
         arm: The arm.
         q: (N, n) measured positions.
         qd: (N, n) velocities.

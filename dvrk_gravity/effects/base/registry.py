@@ -78,7 +78,7 @@ def rank(name: str) -> int:
 
 
 def is_friction(name: str) -> bool:
-    """Tell whether an effect dissipates: see :attr:`Term.FRICTION`."""
+    """Return whether an effect dissipates: see :attr:`Term.FRICTION`."""
     return any(term.FRICTION for term in terms() if name == term.NAME)
 
 

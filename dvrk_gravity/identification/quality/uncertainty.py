@@ -177,7 +177,7 @@ def model_uncertainty(
         ),
         error=error.rms,
         band=error.band,
-        together=error.correlation,
+        correlation_time=error.correlation,
         lower=columns.valid.lower,
         upper=columns.valid.upper,
         speed=error.speed,
@@ -219,7 +219,8 @@ def uncertainty_of_poses(
         coefficients={name: own[name] for name in here},
         deviations=_deviations(here, there),
         offset=np.zeros((model.arm.n, size)), gravity=np.zeros((3, size)), error=error,
-        band=np.nan, together=unknown, lower=q.min(axis=0), upper=q.max(axis=0), speed=unknown,
+        band=np.nan, correlation_time=unknown, lower=q.min(axis=0), upper=q.max(axis=0),
+        speed=unknown,
     )  # fmt: skip
 
 

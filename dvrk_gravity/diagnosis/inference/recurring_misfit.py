@@ -1,9 +1,8 @@
-"""What a model's error looked like when it was identified: what comes back of it is no news.
+"""Recurring misfit: how much of each cause the calibration recording shows already.
 
-A model never explains everything, and what it leaves hangs on the arm's state: friction of another
-law than the model's looks like a little presliding in every motion. The samples that it was
-identified on show how much of each cause that is; another recording brings news as far as it shows
-more of it, or less.
+Unmodelled torque depends on the arm's state: friction of another law than the model's looks like a
+little presliding in every motion. The samples that the model was identified on show how much of
+each cause that is. Another recording is evidence of a change as far as it shows more, or less.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import setting_columns
 from dvrk_gravity.estimation import squared_distance
 
-_PARTS = np.linspace(0.0, 1.0, 21)  # of what is expected, that are tried; the first: nothing
+_PARTS = np.linspace(0.0, 1.0, 21)  # of what is expected, that are compared; the first: nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +36,16 @@ class Expected:
     mean: Array
     variance: Array
 
-    def news(self, theta: Array, covariance: Array) -> float:
-        """Return which part of the evidence of a cause is of a change.
+    def changed_fraction(self, theta: Array, covariance: Array) -> float:
+        """Return the fraction of a cause's evidence not already present at calibration.
 
         By squared distances in units of the covariance (Mahalanobis): of the parameters from the
         nearest between nothing and all that is expected, over that from nothing. Another motion
-        may show less of it, and that is no news either. How uncertain it is what comes back widens
-        intervals only: a calibration that hardly tells must not swallow what another motion shows.
+        may show less of it, which is expected, too. How uncertain the recurring misfit is widens
+        intervals only: a short calibration must not absorb what another motion shows.
 
         Args:
-            theta: (k,) parameters in the recording on trial.
+            theta: (k,) parameters in the recording under test.
             covariance: (k, k) of them.
         """
         whole = squared_distance(theta, covariance)
@@ -57,10 +56,10 @@ class Expected:
 
     @property
     def spread(self) -> Array:
-        """(k, k) by how much parameters may differ for what comes back.
+        """(k, k) by how much parameters may differ for the recurring misfit.
 
-        Its second moment: whether it is this cause or another error of the model, the samples of
-        its calibration do not tell.
+        Its second moment: the samples of calibration do not show whether it is this cause or
+        another error of the model.
         """
         return np.asarray(self.variance + np.outer(self.mean, self.mean))
 
@@ -96,15 +95,15 @@ class AtCalibration:
         validation = CrossValidation(replace(data, residual=left))
         return cls(validation)
 
-    def comes_back(self, candidate: Candidate) -> Expected | None:
+    def expected(self, candidate: Candidate) -> Expected | None:
         """Return what of a cause is expected where nothing has changed; ``None``: nothing.
 
         A part of the known error may look like any cause, in one motion and not in another
-        (``SignificanceSettings.coherent``). What was left at calibration is expected to come back
+        (``SignificanceSettings.coherent``). What was left at calibration is expected to recur
         as far as it is more than that: of parameters phi with covariance F there,
         (1 - 1/s) phi ± (1 - 1/s) F, with s = phi' F^-1 phi / k where that is above 1, after James
-        and Stein (1961) with the variance as Efron and Morris (1973) have it. What does not come
-        back with the arm's state, or was not felt there, is not expected.
+        and Stein (1961) with the variance as Efron and Morris (1973) have it. What does not depend
+        on the arm's state, or was not felt there, is not expected.
         """
         hypothesis = candidate.hypothesis
         key = (*hypothesis.key, candidate.size, *sorted(hypothesis.setting.items()))
@@ -113,21 +112,21 @@ class AtCalibration:
             self._found[key] = None if felt is None else self._expected([felt])
         return self._found[key]
 
-    def spread(self, on_trial: Candidate, theta: Array) -> tuple[Array, dict[str, float]]:
-        """Return by how much a cause's parameters may differ for what comes back of the error.
+    def spread(self, tested: Candidate, theta: Array) -> tuple[Array, dict[str, float]]:
+        """Return by how much a cause's parameters may differ for the recurring misfit.
 
         Settings that were searched for, too: what looked like the slope of its torque by one of
         them at calibration shifts that one.
 
         Args:
-            on_trial: The cause.
-            theta: (k,) its parameters in the recording on trial.
+            tested: The cause.
+            theta: (k,) its parameters in the recording under test.
 
         Returns:
             (k, k) second moments of its parameters, and standard deviations of its settings.
         """
-        k = on_trial.size
-        candidate = self._felt(on_trial)
+        k = tested.size
+        candidate = self._felt(tested)
         if candidate is None:
             return np.zeros((k, k)), {}
         names, slopes = setting_columns(self._validation, candidate, theta)
@@ -137,9 +136,9 @@ class AtCalibration:
         settings = np.sqrt(np.diag(back.spread)[k:])
         return back.spread[:k, :k], dict(zip(names, settings.tolist(), strict=True))
 
-    def _felt(self, on_trial: Candidate) -> Candidate | None:
+    def _felt(self, tested: Candidate) -> Candidate | None:
         """Return a cause in the calibration's samples; ``None`` where it comes with no state."""
-        hypothesis, validation = on_trial.hypothesis, self._validation
+        hypothesis, validation = tested.hypothesis, self._validation
         if hypothesis.transient or hypothesis.refits_model:
             return None
         candidate = validation.data.candidate(hypothesis)

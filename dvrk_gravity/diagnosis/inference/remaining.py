@@ -1,25 +1,36 @@
-"""Structure that no effect explains: smooth functions of the state, and effects they refute."""
+"""What remains beside selected effects: structure that none explains, and minor effects.
+
+Structure is any smooth function of the state; effects that it refutes are dropped. Minor effects
+are significant, and expected: smaller than the model's known error, of which they may be a part, or
+present at calibration.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
-from dvrk_gravity.diagnosis.inference.places import SelectedEffect
+from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
+from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.effects import unexplained_hypotheses
 
 _AT_FLOOR = 1.05  # times the noise: nothing worth finding is left. Chosen
+_MOST_FUNCTIONS = 3  # functions: a bound on time
+_REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
+_MOST_MINOR = 3  # effects, one a joint. Chosen
+
+
 # Part of a joint's error that such a function must remove: half as much again as an effect. Chosen.
 _LEAST = 1.5 * SelectionSettings().least_gain
-_MOST = 3  # functions: a bound on time
-_REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
 
 
 def unexplained_structure(
@@ -40,11 +51,11 @@ def unexplained_structure(
     joints = np.flatnonzero(data.motion.present & ~clean).tolist()
     pool = list(data.candidates(unexplained_hypotheses(data.motion, joints)))
     unknown, beside_all = list[EffectTrial](), list[EffectTrial]()
-    while len(unknown) < _MOST:
+    while len(unknown) < _MOST_FUNCTIONS:
         beside = [*named, *(trial.candidate for trial in unknown)]
         validation.weigh(validation.out_of_fold(beside), final=True)
         best = selection.best(beside, validation.score(beside), pool)
-        significant = [trial for trial in best if trial.passes and not trial.other_day]
+        significant = [trial for trial in best if trial.passes and not trial.day_to_day]
         beside_all = beside_all if unknown else significant
         strong = [
             trial
@@ -125,3 +136,58 @@ def _refuted(
     gain = validation.score([*rest, candidate]).likelihood - without
     function_gain = validation.score([*rest, function]).likelihood - without
     return gain < _REFUTED * function_gain
+
+
+def minor_effects(
+    validation: CrossValidation,
+    pool: Sequence[Candidate],
+    selected: Sequence[SelectedEffect],
+    unknown: Sequence[EffectTrial],
+    at_calibration: AtCalibration | None,
+) -> list[EffectTrial]:
+    """Return what is significant beside the findings, and expected: not reported as a finding.
+
+    It is less than the model's known error, of which, too, it may be a part: what the model is
+    known to miss has causes as well; or there was as much of it when the model was identified.
+
+    Args:
+        validation: What compares hypotheses.
+        pool: Those that need no search.
+        selected: Named findings.
+        unknown: Structure without a name.
+        at_calibration: What was there when the model was identified.
+    """
+    if not validation.known_error.any():
+        return []
+    validation = copy(validation)
+    lenient = replace(validation.significance.settings, least=0.0)
+    validation.significance = Significance(validation.data, lenient)
+    chosen = [effect.trial.candidate for effect in selected]
+    chosen += [trial.candidate for trial in unknown]
+    settings = replace(SelectionSettings(), consequence=0.0, day_to_day=0.0, share=0.0)
+    selection = Selection(
+        validation, pool, lambda line: None, settings=settings, at_calibration=at_calibration
+    )
+    validation.weigh(validation.out_of_fold(chosen))
+    # What is more was a finding, had held-out blocks confirmed it.
+    most = SelectionSettings().least(validation)
+    minor: list[EffectTrial] = []
+    trials = selection.best(chosen, validation.score(chosen))
+    for_all = [trial for trial in trials if _is_minor(trial, most)][:1]
+    if for_all and for_all[0].candidate.hypothesis.common_cause:
+        # One for all joints: others are listed as far as they differ from it.
+        beside = [*chosen, for_all[0].candidate]
+        trials = selection.best(beside, validation.score(beside))
+        minor += for_all
+    joints: set[int] = set()
+    for trial in trials:
+        own = trial.candidate.hypothesis.joints
+        if _is_minor(trial, most) and joints.isdisjoint(own):
+            minor.append(trial)
+            joints.update(own)
+    return minor[:_MOST_MINOR]
+
+
+def _is_minor(trial: EffectTrial, most: Array) -> bool:
+    """Return whether a trial is of something, and no finding."""
+    return (trial.passes and not np.any(trial.size > most)) or trial.seen_before

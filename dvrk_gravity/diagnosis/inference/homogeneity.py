@@ -1,4 +1,4 @@
-"""What of an error is friction that is another one since the model was identified."""
+"""Whether a cause is equal at all joints, and whether it is friction that changed."""
 
 from __future__ import annotations
 
@@ -18,15 +18,19 @@ from dvrk_gravity.diagnosis.data.model_error import (
 )
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 
+# Part of the square of a cause's torque that one for all joints may miss. Chosen: half, as of
+# day-to-day friction variation.
+_MISSED = 0.5
 
-class OtherDay:
-    """Tells friction that changed, as at other joints, from causes that are news."""
+
+class FrictionChange:
+    """Separates friction that changed, as at other joints, from causes to be reported."""
 
     def __init__(self, validation: CrossValidation) -> None:
         """Look at the samples of choice of a validation."""
         self._validation = validation
         self._friction = validation.of_choice(validation.data.friction)
-        self._seen: tuple[list[Candidate], Array] | None = None  # beside which, how weighed
+        self._seen: tuple[list[Candidate], Array] | None = None  # beside which, and weights
         self._last = np.zeros(0), np.zeros(0)
 
     def explains(
@@ -50,7 +54,7 @@ class OtherDay:
 
         Friction that changed did not do so by just what one of them says: where one of them is that
         change, it may be off by as large a part as it changed by at any joint, and by no more than
-        it does from one day to another.
+        from day to day.
         """
         if not beside or not self._friction.any():
             return np.zeros(self._friction.shape[1])
@@ -90,5 +94,63 @@ class OtherDay:
 def _same(
     seen: tuple[list[Candidate], Array], selected: Sequence[Candidate], weight: Array
 ) -> bool:
-    """Tell whether candidates, and the weights of their fit, are those that were seen last."""
+    """Return whether candidates, and the weights of their fit, are those that were seen last."""
     return seen[1] is weight and list(map(id, seen[0])) == list(map(id, selected))
+
+
+class Homogeneity:
+    """Compares causes that stand for others at several joints with these, each of its own size."""
+
+    def __init__(self, validation: CrossValidation) -> None:
+        """Take what compares hypotheses."""
+        self._validation = validation
+        self._known: dict[tuple[object, ...], Candidate] = {}
+
+    def _pieces(self, candidate: Candidate) -> Candidate:
+        free = candidate.hypothesis.unrestricted
+        assert free is not None
+        if free.key not in self._known:
+            self._known[free.key] = self._validation.data.candidate(free)
+        return self._known[free.key]
+
+    def _torques(
+        self, candidate: Candidate, theta: Array, beside: Sequence[Candidate]
+    ) -> tuple[Array, Array]:
+        """Return (R, n) torque of the pieces, fitted beside others, and of what is common."""
+        together = [*beside, self._pieces(candidate)]
+        pieces, own = split(together, self._validation.parameters(together))[-1]
+        return self._validation.torque(pieces, own), self._validation.torque(candidate, theta)
+
+    def differ(self, candidate: Candidate, theta: Array, beside: Sequence[Candidate]) -> float:
+        """Return what differs from joint to joint over what is common, of squared torques.
+
+        Args:
+            candidate: The cause.
+            theta: (k,) its parameters.
+            beside: The others.
+        """
+        each, common = self._torques(candidate, theta, beside)
+        square = float((common**2).sum())
+        return float(((each - common) ** 2).sum()) / square if square > 0.0 else np.inf
+
+    def hold(
+        self, candidate: Candidate, theta: Array, beside: Sequence[Candidate], likelihood: float,
+        least: Array,
+    ) -> bool:  # fmt: skip
+        """Return whether a cause is one for all of its joints.
+
+        Not where the same in pieces, each with a size of its own, explains more, and it misses too
+        much of these at some joint.
+
+        Args:
+            candidate: The cause.
+            theta: (k,) its parameters.
+            beside: The others.
+            likelihood: More than that is clearly more.
+            least: (n,) least torque that matters, RMS.
+        """
+        if self._validation.score([*beside, self._pieces(candidate)]).likelihood <= likelihood:
+            return True
+        each, common = self._torques(candidate, theta, beside)
+        square, missed = (np.mean(torque**2, axis=0) for torque in (each, each - common))
+        return not np.any((missed > least**2) & (missed > _MISSED * square))

@@ -1,32 +1,24 @@
-"""What could stand in the places of selected effects, once all of them are known."""
+"""Which hypotheses could take the places of selected effects, once all of them are known."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.inference.overlap import contains, overlap
-from dvrk_gravity.diagnosis.inference.refinement import refined
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
+from dvrk_gravity.estimation import Regression
 
+_FEW = 4  # effects, up to which one is looked for that takes the places of two: a bound on time
+_OVERLAP = 0.5  # of a torque, that another must reproduce to stand in its place. Chosen
+_REJECTED = 8  # alternatives that are shown though they are worse
 
-@dataclass(frozen=True)
-class PlaceSettings:
-    """When one effect stands in the place of another.
-
-    Attributes:
-        few: Up to so many effects one is looked for that takes the places of two: a bound on time.
-        overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
-        rejected: Alternatives that are shown though they are worse.
-    """
-
-    few: int = 4
-    overlap: float = 0.5
-    rejected: int = 8
-
-
-_SETTINGS = PlaceSettings()
+_CONTAINED = 1e-3  # of a torque, that may lie outside another's columns. Chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +27,7 @@ class SelectedEffect:
 
     Attributes:
         trial: How it did beside all other selected ones.
-        alternatives: Others in its place, best first, that the data does not tell from it.
+        alternatives: Others in its place, best first, that the data cannot separate from it.
         rejected: Others in its place, best first, that are worse.
         doubt: Why it is not certain, and what to record instead; empty: nothing speaks against it.
     """
@@ -66,7 +58,7 @@ def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
             continue
         without = validation.score(rest)
         current = selection.evaluate(rest, selected[i], without)
-        if current.other_day:  # nothing more is to be said of it
+        if current.day_to_day:  # no other cause is looked for in its place
             continue
         alternatives = [trial for trial in selection.best(rest, without) if trial.passes]
         if alternatives:
@@ -74,7 +66,7 @@ def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
             standing = [current] if current.plausible else []
             preferred = selection.preferred([*standing, *alternatives])
             new, old = preferred.candidate, current.candidate
-            simpler = new.parameters < old.parameters or preferred.other_day
+            simpler = new.parameters < old.parameters or preferred.day_to_day
             better = simpler or preferred.gain > current.gain + settings.equal_least
             if (better or not current.plausible) and preferred is not current:
                 selection.report(f"{new.hypothesis} instead of {old.hypothesis}")
@@ -90,7 +82,7 @@ def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
     """
     validation, settings = selection.validation, selection.settings
     found = sum(not selection.fixed(candidate) for candidate in selected)
-    if not 2 <= found <= _SETTINGS.few:
+    if not 2 <= found <= _FEW:
         return selected
     for i in range(len(selected)):
         if selection.fixed(selected[i]):
@@ -99,7 +91,7 @@ def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
         validation.weigh(validation.out_of_fold(selected))
         whole = validation.score(selected).likelihood
         without = validation.score(rest)
-        if selection.evaluate(rest, selected[i], without).other_day:
+        if selection.evaluate(rest, selected[i], without).day_to_day:
             continue
         key = selected[i].hypothesis.key
         alternatives = [
@@ -128,7 +120,7 @@ def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> S
     validation.weigh(validation.out_of_fold(selected))
     without = validation.score(rest)
     current = selection.evaluate(rest, selected[i], without)
-    if current.other_day or selection.fixed(selected[i]):
+    if current.day_to_day or selection.fixed(selected[i]):
         return SelectedEffect(current, (), ())
     key = selected[i].hypothesis.key
     # Needless parameters make no alternative at the same site, but those that white noise would
@@ -145,9 +137,60 @@ def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> S
             or trial.candidate.hypothesis.site != here
             or not contains(validation, trial.candidate, selected[i], rest)
         )
-        and overlap(validation, selected[i], trial.candidate, rest) > _SETTINGS.overlap
+        and overlap(validation, selected[i], trial.candidate, rest) > _OVERLAP
     ]
     least = current.gain - selection.margin([current])
     equal = tuple(trial for trial in alternatives if trial.gain > least)
     worse = tuple(trial for trial in alternatives if trial.gain <= least)
-    return SelectedEffect(current, equal, worse[: _SETTINGS.rejected])
+    return SelectedEffect(current, equal, worse[:_REJECTED])
+
+
+def contains(
+    validation: CrossValidation, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]
+) -> bool:
+    """Return whether a larger hypothesis is a smaller one with more parameters."""
+    more = larger.size > smaller.size
+    return more and overlap(validation, smaller, larger, rest) > 1.0 - _CONTAINED
+
+
+def spanned(validation: CrossValidation, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
+    """Return whether all torques of a hypothesis are such as those of others together."""
+    columns = validation.design([candidate])
+    left = validation.regression(rest).residual(columns)
+    return float(np.sum(left**2)) <= _CONTAINED * float(np.sum(columns**2))
+
+
+def overlap(
+    validation: CrossValidation, candidate: Candidate, other: Candidate, rest: Sequence[Candidate]
+) -> float:
+    """Return the part of a hypothesis' torque that another one's columns reproduce.
+
+    Both are taken beside the rest: what that reproduces anyway does not count.
+    """
+    theta = validation.parameters([*rest, candidate])
+    return reproduced(validation, candidate, theta[-candidate.size :], other, rest)[0]
+
+
+def reproduced(
+    validation: CrossValidation,
+    candidate: Candidate,
+    theta: Array,
+    other: Candidate,
+    rest: Sequence[Candidate],
+) -> tuple[float, Array]:
+    """Return which part of a torque another's columns reproduce, and its (k,) parameters there.
+
+    Args:
+        validation: The samples.
+        candidate: The hypothesis.
+        theta: Its parameters.
+        other: Another one.
+        rest: What both are taken beside.
+    """
+    base = validation.regression(rest)
+    torque = base.residual(validation.design([candidate]) @ theta)
+    columns = base.residual(validation.design([other]))
+    free = Regression(columns, np.zeros((other.size, other.size)), base.trace)
+    found = free.coefficients(torque)
+    residual = torque - columns @ found
+    return 1.0 - float(residual @ residual) / max(float(torque @ torque), 1e-300), found

@@ -1,8 +1,8 @@
-"""Faults that a recording shows by itself, corrected before a model is judged, as findings.
+"""Faults that recordings show by themselves, corrected, and efforts that no model can be judged by.
 
 A velocity column that is a multiple of the differentiated positions has another unit, or the clock
-runs wrong; a plain model of the arm separates joint from actuator coordinates. None of it needs the
-model on trial, which may be too poor; it is asked only whether a clock or all velocities are wrong.
+runs wrong; a plain model of the arm separates joint from actuator coordinates. The model under test
+may be too poor for that: it decides only whether a clock or all velocities are wrong.
 """
 
 from __future__ import annotations
@@ -15,21 +15,39 @@ import numpy as np
 from scipy.stats import norm
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.loading import LoadSettings, load
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.held_out import Gain
 from dvrk_gravity.diagnosis.results.findings import NO_TERM, Alternative, Finding
-from dvrk_gravity.effects import TimeScale, VelocityScale, WrongCoordinates, readings
+from dvrk_gravity.effects import State, TimeScale, VelocityScale, WrongCoordinates, readings
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation import NORMAL_95
-from dvrk_gravity.intake import CoordinateErrors, VelocityFault, decide_coordinates, velocity_fault
+from dvrk_gravity.estimation import NORMAL_95, beats
+from dvrk_gravity.identification import GONE, READ_WITHOUT, bears_weight
+from dvrk_gravity.intake import (
+    CoordinateErrors,
+    VelocityFault,
+    decide_coordinates,
+    predictable,
+    velocity_fault,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Coordinates, DataWarning, Recording, RecordingFile, join
+from dvrk_gravity.units import quantity
 
 _BEGINNING = 60.0  # s of a recording that are looked at. Chosen: a stretch of a long one
 # Standard errors by which the model fits one clock better than the other. Chosen: one chance in a
 # thousand.
-_SURELY = 3.0
+_SIGNIFICANT = 3.0
 _BLOCKS = 24  # whose mean errors give that standard error
+# Standard errors by which a prediction must beat a constant. Chosen: of two predictions at each of
+# seven joints one in fifty does by chance.
+_DEVIATIONS = 3.0
+# Part of what inertia and friction leave of a joint's effort, squared, that the weights of all
+# joints explain, below which they are not in it. Chosen: smooth functions of the positions explain
+# some of any error.
+_EXPLAINED = 0.25
+_SAMPLES = 4000  # that are looked at: a bound on time
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +89,7 @@ def put_right(
 
     Args:
         recordings: Trajectories or static poses.
-        model: The model on trial.
+        model: The model under test.
         coordinates: Of recordings that do not state actuator coordinates; ``None``: not known, and
             a finding if they are not joint coordinates.
         still: Where joints stood that the recordings do not hold.
@@ -129,11 +147,11 @@ def _velocity_finding(
     alternatives: tuple[Alternative, ...] = ()
     if fault.clock:
         better = _clock_fits_better(fault.mend(recording), fault.factor.value, model, still)
-        if better < -_SURELY:
+        if better < -_SIGNIFICANT:
             fault = replace(fault, clock=False)
-        elif better <= _SURELY:
+        elif better <= _SIGNIFICANT:
             why = (
-                "velocities of all joints that are too large or too small alike would look the "
+                "velocities of all joints equally too large or too small would look the "
                 "same, and the model's torques do not separate the two: a stopwatch does"
             )
             alternatives = (Alternative(VelocityScale.NAME, fault.joints, why),)
@@ -191,7 +209,7 @@ def _coordinates_finding(arm: Arm, right: Coordinates, errors: CoordinateErrors)
     )
     gain = Gain(removed, low, high, float(norm.cdf(mean / max(error, 1e-9))))
     sentence = (
-        f"The recording is read wrongly: {reading.words}; read rightly, {100 * removed:.0f} % "
+        f"The recording is read wrongly: {reading.words}; read correctly, {100 * removed:.0f} % "
         "of the error that a plain model leaves on held-out blocks is gone"
     )
     return _finding(WrongCoordinates.NAME, (), reading.words, gain, sentence, reading.remedy)
@@ -205,12 +223,12 @@ def _clock_fits_better(
     Args:
         mended: The recording in what may be its true times.
         factor: Recorded over true time.
-        model: The model on trial.
+        model: The model under test.
         still: Where joints stood that the recording does not hold.
     """
     try:
         motion = load([mended], model, still, LoadSettings(shortest=0.0)).motion
-    except RecordingError:  # whoever reads it next says why
+    except RecordingError:  # the next to read it raises it, too
         return 0.0
     as_recorded = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)
     usable = ~motion.silent & motion.present
@@ -220,3 +238,99 @@ def _clock_fits_better(
     blocks = np.array([part.mean() for part in np.array_split(difference, _BLOCKS)])
     error = float(np.std(blocks, ddof=1)) / np.sqrt(len(blocks))
     return float(blocks.mean()) / error if error > 0.0 else 0.0
+
+
+def require_predictable(
+    motion: MeasuredMotion, recordings: Sequence[Recording | RecordingFile]
+) -> None:
+    """Refuse efforts that neither the model predicts, nor a plain one fitted to them.
+
+    Args:
+        motion: The motion, with the model under test.
+        recordings: Its recordings, corrected.
+
+    Raises:
+        RecordingError: Efforts of which those of no joint are predicted better than by a constant.
+    """
+    if motion.static or not motion.present.all():
+        return  # no plain model is determined there
+    usable = ~motion.silent
+    error, off = (np.where(usable, each, 0.0) for each in (motion.residual, _centred(motion)))
+    if beats(error**2, off**2, _DEVIATIONS).any():
+        return
+    for recording in recordings:
+        try:
+            if predictable(beginning(recording), motion.arm, _DEVIATIONS):
+                return
+        except RecordingError:  # too short a one for a plain model
+            return
+    raise RecordingError(
+        recordings[0].head.source,
+        "efforts of no joint are predicted better than by a constant, by the model or by one that "
+        "is fitted to them: noise, or those of another motion?",
+    )
+
+
+def _centred(motion: MeasuredMotion) -> Array:
+    """Return (N, n) efforts less their means over usable samples."""
+    usable = ~motion.silent
+    count = np.maximum(usable.sum(axis=0), 1)
+    return motion.effort - np.where(usable, motion.effort, 0.0).sum(axis=0) / count
+
+
+def require_gravity(motion: MeasuredMotion, source: str) -> None:
+    """Refuse efforts without the model's gravity.
+
+    Most joints that bear weight must lack it; a single one may be balanced, or broken. Efforts of
+    another sign or scale, or exchanged, are explained by the weights of the joints.
+
+    Raises:
+        RecordingError: Naming the joints, and the option for efforts read without gravity.
+    """
+    arm = motion.arm
+    if not arm.gravity_in_reading:
+        return
+    terms = tuple(term for term in motion.model.terms if term.WEIGHT_OF_ARM)
+    rows = slice(None, None, max(1, len(motion.q) // _SAMPLES))
+    weight = sum(
+        (term.torque(State.of(motion.true_q[rows])) for term in terms),
+        np.zeros_like(motion.q[rows]),
+    )
+    size = np.sqrt(np.mean(weight**2, axis=0))
+    bearing = np.flatnonzero(bears_weight(size, arm) & motion.moves & (size > 0.0))
+    held = {joint: _held(motion, rows, weight, joint) for joint in bearing.tolist()}
+    gone = {
+        joint: found
+        for joint, (found, share) in held.items()
+        if share < _EXPLAINED and found < GONE * size[joint]
+    }
+    if 2 * len(gone) <= len(held):
+        return
+    shown = ", ".join(
+        f"{arm.joint_names[joint]} ({found:.2g} of {quantity(size[joint], unit)})"
+        for joint, found in gone.items()
+        for unit in [arm.joints[joint].effort_unit]
+    )
+    raise RecordingError(
+        source,
+        f"gravity is not in the efforts of {shown}, RMS, that the model holds there: does the "
+        f"driver subtract it? {READ_WITHOUT} says so",
+    )
+
+
+def _held(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> tuple[float, float]:
+    """Return the RMS of a joint's effort that the (N, n) weights explain, and their share of it.
+
+    Beside the rest of the model, a constant, friction and a rotor.
+    """
+    usable = ~motion.silent[rows, joint]
+    speed = motion.qd[rows, joint]
+    rest = motion.modelled[rows, joint] - weight[:, joint]
+    beside = [np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint], rest]
+    columns = np.stack(beside, axis=1)[usable]
+    both = np.column_stack([motion.effort[rows, joint][usable], weight[usable]])
+    both = both - columns @ np.linalg.lstsq(columns, both, rcond=None)[0]
+    effort, weights = both[:, 0], both[:, 1:]
+    explained = weights @ np.linalg.lstsq(weights, effort, rcond=1e-6)[0]
+    left = max(float(np.sum(effort**2)), 1e-300)
+    return float(np.sqrt(np.mean(explained**2))), float(np.sum(explained**2)) / left
