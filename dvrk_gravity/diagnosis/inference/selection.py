@@ -164,9 +164,8 @@ class Selection:
     def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
         """Select until nothing more passes; start by default at what is free or expected."""
         selected = [*self.always, *self.expected] if start is None else list(start)
-        most = (
-            self.settings.most_effects * self.validation.joints + len(self.always) - len(selected)
-        )
+        most = self.settings.most_effects * len(self.validation.weight) + len(self.always)
+        most -= len(selected)
         return select(self, selected, SearchSettings(max(most, 0)))[0]
 
     def fixed(self, candidate: Candidate) -> bool:
