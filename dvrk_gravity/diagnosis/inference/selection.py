@@ -322,7 +322,7 @@ class Selection:
         own = slice(len(theta) - candidate.size, len(theta))
         return expected.changed_fraction(theta[own], covariance[own, own])
 
-    def sure_of(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
+    def is_significant(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
         """Return whether one of those selected is significant without held-out blocks.
 
         What comes once, and is over before one of them, is not: a joint that slips once looks so.
