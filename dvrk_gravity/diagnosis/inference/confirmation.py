@@ -47,7 +47,8 @@ def confirmed(
         selection.report("comparing alternatives")
         chosen = merge(selection, refine(selection, chosen))
         chosen = selection.eliminate_backward(chosen)
-        chosen, failed = _held_out_confirms(selection.validation, chosen, selection.sure_of, noise)
+        validation, significant = selection.validation, selection.is_significant
+        chosen, failed = _held_out_confirms(validation, chosen, significant, noise)
         unconfirmed += failed
         if not failed or attempt == _ATTEMPTS - 1:
             break
@@ -71,7 +72,7 @@ def at_the_fit(
     acting, chosen = relinearised(validation, _named(selected))
     if acting is validation:
         return validation, list(selected), list(unknown), []
-    kept, failed = _held_out_confirms(acting, chosen, selection.sure_of, noise)
+    kept, failed = _held_out_confirms(acting, chosen, selection.is_significant, noise)
     if failed:
         left = {id(candidate) for candidate in kept}
         selected = [e for e, c in zip(selected, chosen, strict=True) if id(c) in left]
@@ -99,7 +100,7 @@ def _named(selected: Sequence[SelectedEffect]) -> list[Candidate]:
 def _held_out_confirms(
     validation: CrossValidation,
     chosen: Sequence[Candidate],
-    sure: Callable[[Sequence[Candidate], Candidate], bool],
+    significant: Callable[[Sequence[Candidate], Candidate], bool],
     noise: Array,
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that blocks show which no choice had seen, and those that they do not.
@@ -107,8 +108,7 @@ def _held_out_confirms(
     Args:
         validation: The validation.
         chosen: What was chosen.
-        sure: Returns of one of those kept, which acts in none of these blocks, whether it is
-            significant without them.
+        significant: Whether one of those kept that acts in no held-out block is significant.
         noise: (n,) RMS that noise alone leaves, N·m.
     """
     failed: list[Unconfirmed] = []
@@ -117,7 +117,7 @@ def _held_out_confirms(
         validation.weigh(validation.out_of_fold(kept))
         tested = [candidate for candidate in kept if not candidate.hypothesis.refits_model]
         held_out = HeldOut(validation)
-        found = held_out.unconfirmed(kept, tested, lambda candidate: sure(kept, candidate))
+        found = held_out.unconfirmed(kept, tested, lambda candidate: significant(kept, candidate))
         found = found or worsening(held_out, kept, noise)
         failures.update({id(candidate): failure for failure, candidate in found})
         return [

@@ -178,7 +178,7 @@ class HeldOut:
         self,
         chosen: Sequence[Candidate],
         tested: Sequence[Candidate] | None = None,
-        sure: Callable[[Candidate], bool] = lambda candidate: False,
+        significant: Callable[[Candidate], bool] = lambda candidate: False,
     ) -> list[tuple[Unconfirmed, Candidate]]:
         """Return the chosen candidates that the held-out blocks do not confirm.
 
@@ -190,8 +190,7 @@ class HeldOut:
         Args:
             chosen: All of them, as they are fitted together.
             tested: Those that are tested; by default all.
-            sure: Returns of what acts in no held-out block whether it is significant without; by
-                default nothing is.
+            significant: Whether one that acts in no held-out block is significant without any.
         """
         trials = [
             (self._in_active_blocks(chosen, candidate), candidate)
@@ -203,7 +202,7 @@ class HeldOut:
 
         def fails(gain: Gain | None, candidate: Candidate) -> bool:
             if gain is None:
-                return not sure(candidate)
+                return not significant(candidate)
             return next(corrected) >= settings.alpha or gain.relative <= settings.least_removed
 
         failed = [(found, candidate) for found, candidate in trials if fails(found.gain, candidate)]

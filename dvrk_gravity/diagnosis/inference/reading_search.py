@@ -151,7 +151,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
 def _clocks(few: MeasuredMotion, usable: Mask) -> list[Reading]:
     """Return the clock with which the model's torques fit best, if the recorded one is wrong.
 
-    Where velocities were measured they show the clock (``recording_faults``); here only torques do,
+    Where velocities were measured they show the clock (``faults``); here only torques do,
     inertia by its square and viscous friction.
     """
     from scipy.optimize import minimize_scalar

@@ -164,9 +164,8 @@ class Selection:
     def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
         """Select until nothing more passes; start by default at what is free or expected."""
         selected = [*self.always, *self.expected] if start is None else list(start)
-        most = (
-            self.settings.most_effects * self.validation.joints + len(self.always) - len(selected)
-        )
+        most = self.settings.most_effects * len(self.validation.weight) + len(self.always)
+        most -= len(selected)
         return select(self, selected, SearchSettings(max(most, 0)))[0]
 
     def fixed(self, candidate: Candidate) -> bool:
@@ -323,7 +322,7 @@ class Selection:
         own = slice(len(theta) - candidate.size, len(theta))
         return expected.changed_fraction(theta[own], covariance[own, own])
 
-    def sure_of(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
+    def is_significant(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
         """Return whether one of those selected is significant without held-out blocks.
 
         What comes once, and is over before one of them, is not: a joint that slips once looks so.
