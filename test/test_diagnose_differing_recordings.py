@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,16 +24,21 @@ def world() -> MujocoWorld:
 
 
 @pytest.fixture(scope="module")
-def model(world):
+def model(world, four_folds):
     return identify(world.record(world.truth(draw_calibration(world.arm, 5)), 5), world.arm).model
 
 
 def recorded(world: MujocoWorld, seed: int, mass: float, name: str):
+    return replace(_recorded(world, seed, mass), source=f"/somewhere/{name}")
+
+
+@cache
+def _recorded(world: MujocoWorld, seed: int, mass: float):
     truth = world.truth(draw_other(world.arm, seed, draw_calibration(world.arm, 5)))
     if mass:
         setting = world.setting(truth, np.ones(world.arm.n))
         truth = payload(setting, world.arm.n - 1, mass, CENTRE).truth
-    return replace(world.record(truth, seed), source=f"/somewhere/{name}")
+    return world.record(truth, seed)
 
 
 def test_a_load_in_one_of_two_recordings_is_not_said_to_be_half_of_it_in_both(world, model):
