@@ -67,6 +67,9 @@ setup(
     description="Gravity compensation of the dVRK's master arms, and why it is not perfect",
     license="BSD-3-Clause",
     entry_points={
-        "console_scripts": [f"{verb} = {NAME}.command_line:main" for verb in EXECUTABLES],
+        "console_scripts": [
+            f"{verb} = {NAME}.command_line:executables.{verb.replace('-', '_')}"
+            for verb in EXECUTABLES
+        ],
     },
 )

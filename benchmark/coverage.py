@@ -34,7 +34,7 @@ from dvrk_gravity.identification import (
     choose,
     estimate,
     pose,
-    reweighed,
+    with_motor_weights,
 )
 from dvrk_gravity.intake import read_motions
 from dvrk_gravity.model import Columns, starts
@@ -202,11 +202,11 @@ def repeated(
     for title in titles:
         if title == "true terms":
             chosen = true_columns(columns, world)
-            weighed = reweighed(problem, chosen)
+            weighted = with_motor_weights(problem, chosen)
         else:
-            weighed, chosen = choose(problem, starts(columns), lambda share: None)
+            weighted, chosen = choose(problem, starts(columns), lambda share: None)
         truth = true_values(world, columns, chosen)
-        results.append((estimate(weighed, chosen).parameters, truth))
+        results.append((estimate(weighted, chosen).parameters, truth))
     return results
 
 

@@ -15,7 +15,8 @@ import sys
 import time
 import traceback
 from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
+from types import SimpleNamespace
 from typing import Self
 
 # Matrices are small: threads of one product wait for each other for longer than they work, the more
@@ -48,15 +49,6 @@ VERBS: dict[str, tuple[str, str]] = {
 VERSION = f"dvrk_gravity {__version__}"
 
 _INTERRUPTED = 128 + signal.SIGINT
-
-
-def main() -> int:
-    """Entry point of ``ros2 run dvrk_gravity VERB``: the executable is named as its verb."""
-    name = Path(sys.argv[0]).name
-    if name not in VERBS:
-        print(f"dvrk_gravity: executable {name!r}, expected a name of a verb", file=sys.stderr)
-        return 2
-    return run(VERBS[name][0])
 
 
 def run(name: str, argv: Sequence[str] | None = None) -> int:
@@ -106,6 +98,13 @@ def run(name: str, argv: Sequence[str] | None = None) -> int:
             raise
         print(f"dvrk_gravity {verb.NAME}: {slip}", file=sys.stderr)
         return 2
+
+
+# Entry points of ``ros2 run dvrk_gravity VERB``, with _ for -: an executable that was renamed, or
+# that a link of another name leads to, still runs its verb.
+executables = SimpleNamespace(
+    **{verb.replace("-", "_"): partial(run, name) for verb, (name, _) in VERBS.items()}
+)
 
 
 def _status_of_signal(error: BaseException) -> int | None:

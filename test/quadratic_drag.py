@@ -64,13 +64,13 @@ class QuadraticDrag(LinearTerm):
         return self.regressor(state) @ self.drag
 
     def scaled(self, part: Array) -> Self:
-        """What the compensator applies of it."""
+        """The part that the compensator applies."""
         return replace(self, drag=part * self.drag)
 
     # Identified.
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> QuadraticDrag:
-        """The prior of what a fit looks for."""
+        """Prior sizes for a fit."""
         return cls(PRIOR_FRACTION * arm.actuator_effort_limit)
 
     @property
@@ -94,7 +94,7 @@ class QuadraticDrag(LinearTerm):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DragHypothesis(Hypothesis):
-    """A joint stirs a fluid that the model does not know."""
+    """A joint stirs a fluid that the model leaves out."""
 
     EFFECT = QuadraticDrag
     CLAIM = "{where} stirs a fluid: {coefficient} drag than {model}"

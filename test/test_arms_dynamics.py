@@ -11,8 +11,7 @@ import pytest
 from made_up_arm import FILE, made_up_arm, random_inertias, random_motion
 from scipy.spatial.transform import Rotation
 
-from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
-from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.arms import Arm, build_tree, nominal_inertias, rigid_body
 
 TILTED = np.array([1.3, -2.1, -9.4])
 ROBOTS = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"

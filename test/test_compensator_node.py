@@ -240,7 +240,7 @@ def test_gravity_flag_switches_at_run_time(arm, start):
     start(*PATIENT, *AT_ONCE)
     with_gravity = arm.answer()
     assert arm.client.set_parameters({"gravity_enabled": False})[0]
-    arm.run_until(lambda: bool(arm.holds), "the hold, before it is measured anew")
+    arm.run_until(lambda: bool(arm.holds), "the hold, before it is measured again")
     arm.run_until(lambda: arm.state.startswith("commanding"), "the end of the ramp")
     without = arm.answer()
     gravity = MODEL.term("gravity")

@@ -203,7 +203,7 @@ def test_parameters_that_no_edit_makes_right_are_not_to_be_used(tmp_path):
     limits(1, 0.5, -0.5)(cancelling)  # a repair of the limits would not be enough
     for document, reason in (
         (two, "two gravities in one file"),
-        (cancelling, "beyond shoulder_pitch's calibrated range off by up to "),
+        (cancelling, "wrong by up to "),
     ):
         answer = check_file(write(tmp_path, document)).answer
         assert answer.use is Use.NOT

@@ -277,5 +277,5 @@ def test_the_table_says_what_is_lost_and_what_was_left_out(tmp_path, capsys):
         1e3 * told["joints"]["shoulder_pitch"]["moving_rms"], abs=6e-3
     )
     _, below = out.split("the file differs from the model in:")
-    assert "a compensator does not apply it: rotor_inertia" in below
+    assert "left out, as by the compensator: rotor_inertia" in below
     assert "viscous_friction, stribeck_friction" in below

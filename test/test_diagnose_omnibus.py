@@ -41,7 +41,7 @@ def test_drag_that_differs_over_the_range_is_perhaps_viscous_friction(uneven):
     assert (finding.effect, finding.joints) == ("viscous_friction", ("shoulder_pitch",))
     assert not finding.certain
     assert finding.sentence.startswith("perhaps ")
-    assert "an error of shoulder_pitch stays that depends on its direction" in finding.sentence
+    assert "an error of shoulder_pitch remains that depends on its direction" in finding.sentence
 
 
 def test_the_remedy_of_what_is_not_certain_is_another_motion(uneven):

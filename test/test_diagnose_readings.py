@@ -54,17 +54,35 @@ def test_no_reading_takes_an_arm_beyond_its_limits():
     assert said_of_insertion(model(along=0.4), 1.0) == []
 
 
-@pytest.mark.usefixtures("four_folds")
+@pytest.fixture(scope="module")
+def world() -> PlainWorld:
+    arm = Arm.load(UR5)
+    return PlainWorld.of(arm, nominal_inertias(arm))
+
+
+@pytest.fixture(scope="module")
+def calibration(world) -> Recording:
+    return world.record(1, 20.0)
+
+
+@pytest.fixture(scope="module")
+def identified(world, calibration, four_folds):
+    """Return an arm's recording, and a model that was identified from another motion of it."""
+    return world.record(2, 20.0), identify(calibration, world.arm).model
+
+
 @pytest.mark.parametrize("seen_before", [True, False])
-def test_an_effort_of_the_wrong_sign_is_no_friction_that_drives(seen_before):
+def test_an_effort_of_the_wrong_sign_is_no_friction_that_drives(
+    calibration, identified, seen_before
+):
     """On a wrist that bears next to nothing, friction is nearly all that the effort is.
 
     Where the model has not seen the wrist's positions, it does not say enough to tell a sign.
     """
-    arm = Arm.load(UR5)
-    world = PlainWorld.of(arm, nominal_inertias(arm))
-    recording = world.record(2, 20.0)
-    model = identify([world.record(1, 20.0), *([recording] if seen_before else [])], arm).model
+    recording, model = identified
+    arm = model.arm
+    if seen_before:
+        model = identify([calibration, recording], arm).model
     wrist = arm.joint_names.index("wrist_2_joint")
     sign = np.where(np.arange(arm.n) == wrist, -1.0, 1.0)
 
@@ -77,6 +95,7 @@ def test_an_effort_of_the_wrong_sign_is_no_friction_that_drives(seen_before):
     assert not {finding.effect for finding in found} & {"coulomb_friction", "viscous_friction"}
 
 
+@pytest.mark.usefixtures("four_folds")
 def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
     """All of the motion is beyond the calibration's at wrist_roll; with its signs turned it is not.
 
@@ -86,19 +105,10 @@ def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
     calibration = draw_calibration(world.arm, 1800)
     model = identify(world.record(world.truth(calibration), 1800), world.arm).model
     motion, noise = np.random.default_rng([1800, 0]).integers(1 << 30, size=2).tolist()
-    other = world.record(world.truth(draw_other(world.arm, motion, calibration)), noise)
-    other = other.between(0.0, 15.0)
+    other = world.record(world.truth(draw_other(world.arm, motion, calibration), 15.0), noise)
     loaded = load([other], model)
     assert try_readings(loaded.motion)[0].passes, "or there is nothing to tell apart"
     assert correct_readings(loaded, lambda line: None).wrong == ()
-
-
-@pytest.fixture(scope="module")
-def identified(four_folds):
-    """Return an arm's recording, and a model that was identified from another motion of it."""
-    arm = Arm.load(UR5)
-    world = PlainWorld.of(arm, nominal_inertias(arm))
-    return world.record(2, 20.0), identify(world.record(1, 20.0), arm).model
 
 
 @pytest.mark.parametrize("pair", [(4, 5), (3, 4), (0, 2)])

@@ -314,7 +314,7 @@ def files(bare, loaded, tmp_path_factory) -> Path:
         (["--reference", "bare.csv", "--arm", "mtmr"], "expected time, direction or"),
         (["--reference", "none.csv", "--arm", UR5], "no such file"),
         (["--reference", "bare.csv", "--arm", UR5, "--at", "others=0, elbow_joint=2deg"],
-         "expected no joint that is recorded, as elbow_joint is"),
+         "expected a joint that is not recorded: elbow_joint is"),
     ],
 )  # fmt: skip
 def test_contradictions_are_refused_in_a_line(files, tmp_path, capsys, words, said):

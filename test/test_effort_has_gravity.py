@@ -110,7 +110,7 @@ def test_joints_that_were_not_recorded_leave_open_what_efforts_lack(tmp_path):
         whole, joints=whole.joints[1:2], position=whole.position[:, 1:2],
         velocity=whole.velocity[:, 1:2], effort=whole.effort[:, 1:2],
     )  # fmt: skip
-    with pytest.raises(RecordingError, match="holds shoulder_lift_joint only: expected all joints"):
+    with pytest.raises(RecordingError, match="has shoulder_lift_joint only: expected all joints"):
         identify([whole, some], arm, effects=FEW, still=dict.fromkeys(whole.joints, 0.0))
 
 

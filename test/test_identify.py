@@ -322,7 +322,7 @@ def test_command_lines_write_model_report_and_json(tmp_path, capsys):
                  "--terms", "coulomb_friction,elastic_cable", "--verbose"]  # fmt: skip
     assert command_line.run("dvrk_gravity.cli.identify", arguments) == 0
     shown = capsys.readouterr().out
-    assert "taken as joint coordinates" in shown
+    assert "read as joint coordinates" in shown
     assert "Butterworth" in shown
     content = json.loads((tmp_path / "fit.json").read_text())
     assert set(content["joints"]) == set(JOINT_NAMES)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.effects import State, base_directions, beta_map
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.estimation import NormalEquations, autocorrelated_scores, fit, sandwich
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.identification import Weighting, base_parameters, joint_errors

@@ -186,7 +186,9 @@ def test_coordinates_may_be_given_for_each():
 
 def test_a_joint_alone_cannot_tell_gravity():
     held, still = frozen(truth(3, 6.0), WRIST)
-    with pytest.raises(RecordingError, match="wrist_platform only: expected beside it a recording"):
+    with pytest.raises(
+        RecordingError, match="wrist_platform only: expected a recording of all joints as well"
+    ):
         identify([only(held, [WRIST])], ARM, still=still)
 
 
@@ -263,7 +265,7 @@ def test_bad_files_give_one_clear_line(kind, says, tmp_path, capsys):
         (["--at", "wrist_roll=0,wrist_roll=0"], "wrist_roll once"),
         (["--at", "wrist_roll=0", "--coordinates", "motor"], "--coordinates: got 'motor'"),
         (["--at", "wrist_roll=0", "--coordinates", "joint,joint"], "one for all recordings, or 1"),
-        (["--at", "others=0deg"], "expected beside it a recording of all joints"),
+        (["--at", "others=0deg"], "expected a recording of all joints as well"),
     ],
 )
 def test_where_joints_stood_must_be_said_in_full(options, says, tmp_path, capsys):

@@ -139,16 +139,18 @@ def test_each_room_imports_only_those_above_it():
      "if TYPE_CHECKING:\n    from some.b import X"],
 )  # fmt: skip
 def test_a_cycle_of_any_kind_is_found(tmp_path, text):
-    folder = tmp_path / "some"
-    folder.mkdir()
-    for name, content in (("__init__", ""), ("a", text), ("b", "import sys, some.c"), ("c", "")):
-        (folder / f"{name}.py").write_text(content)
-    check_for_cycles(folder)
-    graph.cache_clear()
-    syntax.cache_clear()
-    (folder / "c.py").write_text("from some import a")
+
+    def package(beside: str, last: str) -> Path:
+        folder = tmp_path / beside / "some"
+        folder.mkdir(parents=True)
+        files = {"__init__": "", "a": text, "b": "import sys, some.c", "c": last}
+        for name, content in files.items():
+            (folder / f"{name}.py").write_text(content)
+        return folder
+
+    check_for_cycles(package("straight", ""))
     with pytest.raises(CycleError, match=r"some\.a"):
-        check_for_cycles(folder)
+        check_for_cycles(package("circular", "from some import a"))
 
 
 def test_only_nodes_import_ros_and_commands_where_they_begin_to_work():
@@ -205,3 +207,23 @@ def test_a_layer_of_diagnosis_imports_only_layers_below():
                 assert not [
                     name for name in imported if name.startswith(tuple(layers[below + 1 :]))
                 ]
+
+
+def test_others_import_a_room_s_names_from_its_face():
+    """A module as such may be deeper: to patch it, or to call its functions by its name."""
+    known = modules(PACKAGE)
+    users = [
+        path
+        for folder in ("test", "testing", "benchmark", "docs", "dvrk_gravity")
+        for path in (REPOSITORY / folder).rglob("*.py")
+    ]
+    deep = []
+    for path in users:
+        own = path.relative_to(REPOSITORY).parts[:2] if PACKAGE in path.parents else ()
+        for source, name in names(syntax(path)):
+            parts = source.split(".")
+            room = PACKAGE / parts[1] if len(parts) > 1 else PACKAGE
+            inside = tuple(parts[:2]) == own or not (room / "__init__.pyi").exists()
+            if len(parts) > 2 and parts[0] == PACKAGE.name and not inside:
+                deep += [(path.name, source, name)] * (f"{source}.{name}" not in known)
+    assert deep == []

@@ -9,8 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
-from dvrk_gravity.effects import effects, links_of_joints, named
-from dvrk_gravity.effects.base import meaning
+from dvrk_gravity.effects import Meaning, effects, links_of_joints, named
 from dvrk_gravity.planning import MotionLimits
 from testing import lab_effects, mujoco_arms
 from testing.hidden_parts import Hidden
@@ -167,7 +166,7 @@ def test_what_was_hidden_is_told_in_the_words_of_findings(setting):
         hiding = hide(setting, effect, np.random.default_rng(5))
         assert hiding.hidden.effect == effect
         for name in hiding.hidden.parameters:
-            assert isinstance(named(effect).meaning(name), meaning.Meaning), (effect, name)
+            assert isinstance(named(effect).meaning(name), Meaning), (effect, name)
 
 
 def test_a_seed_says_everything(world):

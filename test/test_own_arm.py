@@ -159,7 +159,7 @@ def test_a_yaml_names_a_urdf_beside_it_and_adds_what_that_does_not_say(tmp_path)
             {"drive_gains": [1, 2, 3, 1], "drive_gain_error": [0, 0, 0, 1e300]},
             "drive_gain_error of roll: got 1e+300, expected a number from -1e+06",
         ),
-        ({"drive_gains": [1, 2, 3, 1], "effort_unit": "A"}, "none beside drive gains"),
+        ({"drive_gains": [1, 2, 3, 1], "effort_unit": "A"}, "none with drive gains"),
         ({"drive_gain_error": [1, 2, 3, 1]}, "expected drive_gains beside it"),
         (
             {"effort_unit": "mN.m"},
@@ -179,7 +179,7 @@ def test_what_an_arm_cannot_be_read_in_is_refused_in_a_line(tmp_path, changes, s
 
 @pytest.mark.parametrize("written", ["N·m", "Nm", "N.m", "N*m", "n m", "newton-metres"])
 def test_newton_metres_are_taken_for_themselves_however_they_are_written(written):
-    arm = Arm.load(UR5).told_in(written)
+    arm = Arm.load(UR5).with_effort_unit(written)
     assert set(arm.effort_units) == {"N·m"}
     assert arm.drive_gains.tolist() == [1.0] * arm.n
 
@@ -234,7 +234,7 @@ def test_identify_with_a_known_load_writes_a_model_of_the_arm_without_it(lab, tm
         "--known-payload", MASS, "--out", out, "--terms", "viscous_friction,coulomb_friction",
     )  # fmt: skip
     assert status == 0
-    assert "drive gains by the known load" in text
+    assert "drive gains from the known load" in text
     model = TorqueModel.load(out)
     bare = evaluate(model, [lab.folder / "currents.csv"], "joint").joints
     assert max(error.nrmse for error in bare.values()) < 0.15
@@ -248,17 +248,17 @@ def test_identify_with_a_known_load_writes_a_model_of_the_arm_without_it(lab, tm
         (["currents.csv", "--drive-gains", "1,2,3,4,5,-6"], "wrist_3_joint: got -6.0, expected"),
         (["currents.csv", "--drive-gains", "1e-300,2,3,4,5,6"], "got 1e-300, expected 0.001 to 1"),
         (["currents.csv", "--drive-gains", ".012,.014,.011,.009,.0105,.0085"],
-         "expected N·m/A: by them torques are 0.001 times what the masses"),
+         "expected N·m/A: with these gains, torques are 0.001 times what the masses"),
         (["currents.csv", "loaded.csv", "--known-payload", "0.002"],
-         "expected N·m/A: by them torques are 0.0"),
+         "expected N·m/A: with these gains, torques are 0.0"),
         (["loaded.csv", "currents.csv", "--known-payload", "2"], "with that load last"),
-        (["currents.csv", "--known-payload", "2"], "one is too few for a known load"),
+        (["currents.csv", "--known-payload", "2"], "one recording is too few for a known load"),
         (["currents.csv", "loaded.csv", "--known-payload", "-2"], "more than 0 kg"),
         (["currents.csv", "--payload-link", "tool0"], "expected --known-payload beside it"),
         (["currents.csv", "loaded.csv", "--known-payload", "2", "--payload-centre", "1,2"],
          "--payload-centre: got '2 numbers', expected 3"),
         (["currents.csv", "loaded.csv", "--known-payload", "2", "--drive-gains", "1,2,3,4,5,6"],
-         "no drive gains beside it"),
+         "no drive gains with it"),
     ],
 )  # fmt: skip
 def test_what_no_gain_can_be_told_by_is_refused_in_a_line(lab, tmp_path, capsys, words, said):

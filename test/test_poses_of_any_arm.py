@@ -14,12 +14,11 @@ import pytest
 from test_report import Page
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.diagnosis.results import simulation_check
 from dvrk_gravity.effects import State
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import Fit, base_weights, evaluate, gravity_of, identify
 from dvrk_gravity.model import TorqueModel
@@ -241,7 +240,7 @@ def test_efforts_in_amperes_give_a_model_in_amperes():
     posed, gain = ecm(), 4.0  # N·m/A and N/A
     recording = posed.record(1, 80)
     currents = replace(recording, effort=recording.effort / gain, arm=None)
-    fit = identify(currents, posed.arm.told_in("A", 1.0 / gain))
+    fit = identify(currents, posed.arm.with_effort_unit("A", 1.0 / gain))
     assert {parameter.unit for parameter in fit.parameters if parameter.name.startswith("m")} == {
         "kg·A/(N·m)", "kg·m·A/(N·m)",
     }  # fmt: skip

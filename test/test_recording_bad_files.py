@@ -140,7 +140,7 @@ def bag_folders(tmp_path):
     folder = tmp_path / "fileless"
     wave(10).save(folder)
     (folder / "fileless.db3").unlink()
-    yield folder, "no file of it is there"
+    yield folder, "none of its files exists"
     (tmp_path / "text.mcap").write_text("hello")
     yield tmp_path / "text.mcap", "cut off or damaged"
     (tmp_path / "text.db3").write_text("hello")

@@ -575,7 +575,7 @@ def test_a_terminal_says_what_is_alike_at_several_joints_of_the_first():
     first, *others = JOINT_NAMES
     assert len(lines) == 2
     assert lines[0].startswith(f"{first}: encoder resolution is coarse (0.02 rad)")
-    assert lines[0].endswith(f"; likewise {', '.join(others)}")
+    assert lines[0].endswith(f"; also {', '.join(others)}")
     assert lines[1] == "one gap of 0.8 s"
 
 

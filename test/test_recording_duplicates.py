@@ -1,4 +1,4 @@
-"""The same data given twice counts once: what was read before is recognised, left out and told."""
+"""The same data given twice counts once: duplicate samples are recognised and left out."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_files_are_recognised_under_any_name_and_read_in_parts(measured, tmp_pat
     kept, lines, warnings = without_duplicates([RecordingFile(first), RecordingFile(second)])
     assert [len(file.load()) for file in kept] == [2400]
     assert lines == (
-        f"{second}: 2400 of 2400 samples are exact duplicates of samples read before, and count "
+        f"{second}: 2400 of 2400 samples are exact duplicates of earlier samples, and count "
         "once; it is skipped",
     )
     assert [(warning.kind, warning.numbers["samples"]) for warning in warnings] == [
@@ -158,10 +158,8 @@ def test_identifying_from_the_same_recording_twice_is_identifying_once(measured)
     assert [p.value for p in twice.parameters] == [p.value for p in once.parameters]
     assert [p.ci95 for p in twice.parameters] == [p.ci95 for p in once.parameters]
     assert twice.held_out == once.held_out
-    (line,) = [line for line in twice.handling if "read before" in line]
-    assert line.startswith(
-        "one.csv: 1200 of 1200 samples are exact duplicates of samples read before"
-    )
+    (line,) = [line for line in twice.handling if "earlier samples" in line]
+    assert line.startswith("one.csv: 1200 of 1200 samples are exact duplicates of earlier samples")
     assert [warning.kind for warning in twice.warnings].count("duplicate_samples") == 1
     assert not [warning for warning in once.warnings if warning.kind == "duplicate_samples"]
 
@@ -178,7 +176,7 @@ def test_a_recording_appended_to_itself_is_identified_as_it_is_once(measured, tm
 
 def test_a_rest_too_short_for_the_filter_is_told_and_left_out(measured):
     fit = identify([measured, appended(measured, truth(2, 0.3))], ARM, "joint", FEW)
-    (line,) = [line for line in fit.handling if "read before" in line]
+    (line,) = [line for line in fit.handling if "earlier samples" in line]
     assert "1200 of 1230 samples" in line
     assert "the other 0.3 s are too short to be used" in line
 

@@ -413,7 +413,7 @@ def test_a_recording_names_its_own_joints_and_an_arm_takes_its_own_from_it(tmp_p
 
 
 def test_long_recordings_stream_through_in_little_memory(tmp_path):
-    """Once 20 s at 1 kHz went through, 80 s take no more; whole, those are 13 MB of numbers."""
+    """Once 20 s at 1 kHz went through, 60 s take no more; whole, those are 10 MB of numbers."""
     script = """
         import resource, sys
         from recording_samples import *
@@ -429,7 +429,7 @@ def test_long_recordings_stream_through_in_little_memory(tmp_path):
             assert sum(len(part) for part in iterate_recording(name + "m")) == count * 10_000
             return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         few = there_and_back(sys.argv[1] + "/few", 2)
-        print(there_and_back(sys.argv[1] + "/many", 8) - few)
+        print(there_and_back(sys.argv[1] + "/many", 6) - few)
     """
     env = {"PYTHONPATH": ":".join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", textwrap.dedent(script), tmp_path]

@@ -18,11 +18,12 @@ from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, nominal_inertias
-from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.report import diagnosis_text
 from testing.plain_world import PlainWorld
 
 URDF = Path(UR5).read_text()
@@ -39,6 +40,11 @@ def world() -> PlainWorld:
 @pytest.fixture(scope="module")
 def recording(world) -> Recording:
     return world.record(1, 15.0)
+
+
+@pytest.fixture(scope="module")
+def diagnosed(recording) -> Diagnosis:
+    return diagnose(recording, UR5)
 
 
 @pytest.mark.parametrize("path", [UR5, f"{PANDA}#panda_hand"])
@@ -77,12 +83,9 @@ def test_friction_that_drives_is_refused(tmp_path):
         Arm.load(tmp_path / "robot.urdf")
 
 
-@pytest.mark.usefixtures("four_folds")
-def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, recording):
+def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, diagnosed):
     """A load, and friction of six joints of which the file says nothing."""
-    diagnosis = diagnose(recording, UR5)
-
-    found = {(finding.effect, finding.joints): finding for finding in diagnosis.findings}
+    found = {(finding.effect, finding.joints): finding for finding in diagnosed.findings}
     load = found["payload", world.arm.joint_names[-1:]].parameters
     assert load["mass"].value == pytest.approx(MASS, rel=0.05)
     for axis, place in zip("xyz", COM, strict=True):
@@ -96,7 +99,7 @@ def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, r
         assert viscous.value == pytest.approx(slope, rel=0.05)
     assert len(found) == 13
     # What a file says little of is no surprise, and no headline.
-    assert diagnosis.findings[0].effect == "payload"
+    assert diagnosed.findings[0].effect == "payload"
 
 
 def test_a_load_is_found_though_the_file_states_more_damping_than_there_is(
@@ -165,18 +168,13 @@ def test_poses_of_an_arm_as_its_file_says_are_nothing_to_explain():
     assert found.verdict == "nothing_to_explain"
 
 
-@pytest.mark.usefixtures("four_folds", "brief_simulation")
-def test_what_is_done_alike_at_several_joints_is_told_once(recording, tmp_path, capsys):
+def test_what_is_done_alike_at_several_joints_is_told_once(diagnosed):
     """Twelve findings of friction are no twelve things to do."""
-    recording.save(tmp_path / "motion.csv")
-    words = ["diagnose", tmp_path / "motion.csv", "--model", UR5, "--out", tmp_path / "out"]
+    told = list(diagnosis_text(diagnosed, verbose=True))
 
-    assert main([str(word) for word in [*words, "--verbose"]]) == 0
-
-    told = capsys.readouterr().out
-    assert told.startswith("explained: 13 findings, certain\n")
-    assert told.count("removes") > 13  # each with its sizes
-    done = [line for line in told.splitlines() if "what to do: " in line]
+    assert told[0] == "explained: 13 findings, certain"
+    assert "\n".join(told).count("removes") > 13  # each with its sizes
+    done = [line for line in told if "what to do: " in line]
     assert len(done) == 3
     assert "an arm's file states little of it: use the extended model, which has it" in done[1]
 
@@ -300,7 +298,7 @@ def test_efforts_that_are_insisted_on_are_taken(recording, tmp_path, capsys):
     halved.save(tmp_path / "motion.csv")
     words = ["evaluate", tmp_path / "motion.csv", "--model", UR5]
     assert main([str(word) for word in words]) == 2
-    assert "--effort-unit N·m insists" in capsys.readouterr().err
+    assert "--effort-unit N·m overrides them" in capsys.readouterr().err
     # Taken, and of that size not what the file's masses need.
     assert main([str(word) for word in (*words, "--effort-unit", "Nm")]) == 1
     assert "do not compensate with this" in capsys.readouterr().out

@@ -260,7 +260,8 @@ def test_actuator_coordinates_give_the_same_model(fitted):
 
 
 def test_one_direction_gives_no_friction_and_says_so():
-    fit = fit_static(record(truth(), grid(3))[:1], ARM)
+    with first_slab():
+        fit = fit_static(record(truth(), grid(3))[:1], ARM)
     q = between(100)
     up = fit.model.torque(q, direction=np.ones(q.shape))
     down = fit.model.torque(q, direction=-np.ones(q.shape))
@@ -272,7 +273,8 @@ def test_directions_that_are_exchanged_are_warned_of_and_right_ones_are_not(fitt
     exchanged = [
         replace(recording, direction=-recording.direction) for recording in record(truth(), grid(3))
     ]
-    found = [w for w in fit_static(exchanged, ARM).warnings if w.kind == "effort_sign"]
+    with first_slab():
+        found = [w for w in fit_static(exchanged, ARM).warnings if w.kind == "effort_sign"]
     assert "shoulder_pitch" in [warning.joint for warning in found]
     assert "as if it drove the joint" in str(found[0])
     assert "effort_sign" not in [warning.kind for warning in fitted.warnings]

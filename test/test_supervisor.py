@@ -917,7 +917,7 @@ def test_a_change_that_asks_for_what_no_start_would_accept_holds_the_arm(case):
     loop.first()
     loop.configure(**AT_ONCE, **BEYOND[case])
     assert (loop.status, loop.holds) == (Status.WAITING, 1)
-    assert "measured anew" in loop.reason
+    assert "measured again" in loop.reason
     assert not loop.supervisor.active
     held = {"effort": settings_of().at_rest(Q)}
     assert loop.send(**held) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 
@@ -48,7 +49,7 @@ def of_two_minds() -> Fit:
     errors["wrist_roll"] = JointError(0.0005, 0.6, 0.4)
     errors["outer_yaw"] = JointError(0.01, 0.013, 0.99)
     joints = dict.fromkeys(JOINT_NAMES, JointVerdict("good", "held-out error 5 % of its torque"))
-    joints["wrist_roll"] = JointVerdict("good", "held-out error 0.5 mN·m, which moves no joint")
+    joints["wrist_roll"] = JointVerdict("good", "held-out error 0.5 mN·m, less than dry friction")
     joints["outer_yaw"] = JointVerdict("usable", EXTRAPOLATED, "elsewhere")
     verdict = Verdict("usable", "outer_yaw", "elsewhere", joints)
     return replace(fit_of(None), held_out=errors, verdict=verdict)
@@ -62,7 +63,7 @@ def row_of(lines: list[str], joint: str) -> str:
 def test_beside_a_verdict_that_the_error_alone_does_not_explain_stands_its_reason():
     lines = list(fit_text(of_two_minds()))
     assert row_of(lines, "wrist_roll").endswith(
-        "  0.600    0.400   0.340  good: held-out error 0.5 mN·m, which moves no joint"
+        "  0.600    0.400   0.340  good: held-out error 0.5 mN·m, less than dry friction"
     )
     assert row_of(lines, "outer_yaw").endswith(f"  0.013    0.990   0.082  usable: {EXTRAPOLATED}")
     assert row_of(lines, "elbow_pitch").endswith("  0.050    0.990   0.191  good")
@@ -76,7 +77,7 @@ def test_the_verdict_on_a_recording_has_its_reason_too():
     errors["outer_yaw"] = JointError(1.0, 0.9, 0.0)
     judged = by_errors(ARM, errors, "joint")
     assert (judged["wrist_roll"].level, judged["wrist_roll"].reason) == (
-        "good", "0.1 mN·m moves no joint",
+        "good", "0.1 mN·m is less than dry friction",
     )  # fmt: skip
     assert (judged["outer_yaw"].level, judged["outer_yaw"].reason) == ("do_not_compensate", "")
     of_poses = by_errors(
@@ -243,6 +244,11 @@ def test_a_recording_of_the_other_arm_has_status_1_from_every_verb_and_is_named_
         assert status == 1, verb
         assert words in shown.splitlines()[0], verb
         assert shown.count(words) == 1, verb
+    # Nor is such a recording diagnosed in depth, or advice given by what is found in it.
+    assert "next: " not in shown
+    diagnosed = json.loads((tmp_path / "diagnosis" / "findings.json").read_text())
+    assert any("effects were not looked for" in note for note in diagnosed["notes"])
+    assert {found["effect"] for found in diagnosed["findings"]} <= {"unknown"}
     assert TorqueModel.load(out).verdict == "do_not_compensate"
     assert words in TorqueModel.load(out).reason
     assert f'<p class="bad">{words}' in out.with_suffix(".html").read_text()

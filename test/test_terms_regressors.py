@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import BODIES as TREE_LINKS
-from dvrk_gravity.arms import Arm, build_tree, link_frames
+from dvrk_gravity.arms import Arm, build_tree, link_frames, rigid_body
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import (
     CoulombFriction,
@@ -21,7 +21,6 @@ from dvrk_gravity.effects import (
     TorqueOffset,
     ViscousFriction,
 )
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.model import TorqueModel

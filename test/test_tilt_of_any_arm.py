@@ -49,12 +49,12 @@ def test_a_tilt_is_told_alone_though_nothing_showed_what_weighs_on_the_upright_j
 
 @pytest.mark.usefixtures("four_folds")
 def test_a_large_tilt_is_told_as_exactly(world, model):
-    tilt = {"roll": 0.5, "pitch": 0.3}
+    tilt = {"roll": 0.8, "pitch": 0.7}
 
     diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 15.0), arm=None), model)
 
     (found,) = diagnosis.findings
-    assert found.effect == "base_tilt"
+    assert (found.effect, found.in_model) == ("base_tilt", True)
     for name, angle in tilt.items():
         estimate = found.parameters[name]
         assert estimate.value == pytest.approx(angle, abs=0.005)
@@ -62,11 +62,10 @@ def test_a_large_tilt_is_told_as_exactly(world, model):
 
 
 @pytest.mark.usefixtures("four_folds")
-@pytest.mark.parametrize(
-    "tilt",
-    [{"roll": np.pi / 2, "pitch": 0.0}, {"roll": np.pi, "pitch": 0.0}, {"roll": 0.8, "pitch": 0.7}],
-)
-def test_an_arm_that_hangs_from_a_wall_or_a_ceiling_is_told_so(world, model, tilt):
+@pytest.mark.parametrize("roll", [np.pi / 2, np.pi], ids=["wall", "ceiling"])
+def test_an_arm_that_hangs_from_a_wall_or_a_ceiling_is_told_so(world, model, roll):
+    tilt = {"roll": roll, "pitch": 0.0}
+
     diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 15.0), arm=None), model)
 
     (found,) = diagnosis.findings

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import few_folds
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State
@@ -223,7 +224,8 @@ def test_friction_that_a_motion_cannot_place_is_uncertain_at_joint_and_motor_ali
         world.arm.joint_names, time, q, qd, world.model().torque(q, qd, qdd) + noise
     )
 
-    fitted = identify(recording, world.arm).model
+    with few_folds():
+        fitted = identify(recording, world.arm).model
 
     level = fitted.term("coulomb_friction").theta.reshape(4, 7)[[0, 2], 2].sum()
     changes = fitted.uncertainty.deviations["coulomb_friction"].reshape(4, 7, -1)[:, 2]
@@ -237,7 +239,9 @@ def test_another_motion_lies_within_what_the_model_expects_of_itself(model):
     """Its prediction's error, in units of its own standard deviation, is about one."""
     ratios = []
     other = World.draw(6, step=COARSE)
-    for seed, fitted in ((5, model), (6, identify(recorded(6), other.arm).model)):
+    with few_folds():
+        second = identify(recorded(6), other.arm).model
+    for seed, fitted in ((5, model), (6, second)):
         exact = World.draw(seed).model()
         random = np.random.default_rng(seed)
         low, high = fitted.uncertainty.lower, fitted.uncertainty.upper

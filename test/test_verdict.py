@@ -126,7 +126,7 @@ def test_a_range_that_was_not_recorded_costs_no_more_than_good():
     beyond = of("elbow_pitch", error_anywhere=10.0)
     assert beyond.level == "usable"
     assert "outside the recorded poses" in beyond.reason
-    assert "elsewhere in the joints' ranges" in beyond.record
+    assert "other parts of the joints' ranges" in beyond.record
     unmoved = of("elbow_pitch", lower=0.0, upper=0.1)
     assert unmoved.level == "usable"
     assert "elbow_pitch: hardly moved (by 5.7 deg)" in unmoved.reason

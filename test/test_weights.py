@@ -74,9 +74,8 @@ def test_the_weight_that_a_file_states_is_what_pinocchio_makes_of_it(name):
 
 @pytest.mark.parametrize(
     ("name", "masses", "load"),
-    [("ur5", (1.0, 1.0), 0.0), ("ur5", (0.6, 0.8), 0.0), ("ur5", (1.2, 1.4), 0.0),
-     ("ur5", (0.6, 1.4), 0.0), ("ur5", (1.0, 1.0), 4.0), ("panda", (0.6, 1.4), 0.0),
-     ("panda", (1.0, 1.0), 3.0)],
+    [("ur5", (0.6, 0.8), 0.0), ("ur5", (1.2, 1.4), 0.0), ("ur5", (0.6, 1.4), 0.0),
+     ("ur5", (1.0, 1.0), 4.0), ("panda", (0.6, 1.4), 0.0), ("panda", (1.0, 1.0), 3.0)],
 )  # fmt: skip
 def test_masses_that_are_rough_and_a_load_keep_a_good_model(name, masses, load):
     fit = fitted(None, recorded(name, masses, load), FILES[name])
@@ -84,7 +83,7 @@ def test_masses_that_are_rough_and_a_load_keep_a_good_model(name, masses, load):
     assert fit.verdict.findings == ()
 
 
-@pytest.mark.parametrize("factor", [0.001, 0.01, 0.1, 0.3, 3.0, 10.0])
+@pytest.mark.parametrize("factor", [0.001, 0.3, 3.0, 10.0])
 def test_efforts_of_another_scale_are_named_by_their_factor(factor):
     fit = fitted(factor * recorded().effort)
     assert fit.model.verdict == POOR
@@ -167,13 +166,13 @@ def test_masses_that_stand_in_for_some_do_not_veto_what_is_said_to_be_in_newton_
     assert doubted.verdict.level == POOR
     assert all("--effort-unit N·m" in line for line in doubted.verdict.findings)
 
-    believed = fitted(arm=Arm.load(file).told_in("N·m"))
+    believed = fitted(arm=Arm.load(file).with_effort_unit("N·m"))
 
     assert (believed.verdict.level, believed.verdict.findings) == ("good", ())
 
 
 def test_gravity_that_is_not_there_is_told_whatever_the_masses_are(tmp_path):
-    arm = Arm.load(placeholder(tmp_path, 1.0)).told_in("N·m")
+    arm = Arm.load(placeholder(tmp_path, 1.0)).with_effort_unit("N·m")
     weight = stated_weight(Arm.load(UR5), recorded().position)
     fit = fitted(recorded().effort - weight, arm=arm)
     assert fit.verdict.level != "good"
@@ -186,7 +185,7 @@ def test_no_masses_say_nothing_against_a_model(tmp_path):
 
 
 def test_a_unit_that_is_stated_is_no_contradiction():
-    fit = fitted(0.08 * recorded().effort, arm=Arm.load(UR5).told_in("A"))
+    fit = fitted(0.08 * recorded().effort, arm=Arm.load(UR5).with_effort_unit("A"))
     assert (fit.verdict.level, fit.verdict.findings) == ("good", ())
 
 

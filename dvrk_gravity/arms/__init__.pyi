@@ -33,6 +33,9 @@ from .mtm.gravity import beta_from_links as beta_from_links
 from .mtm.gravity import beta_from_pinocchio as beta_from_pinocchio
 from .mtm.gravity import regressor as regressor
 from .mtm.gravity import torque as torque
+from .rigid_body import OF_WEIGHT as OF_WEIGHT
+from .rigid_body import PER_LINK as PER_LINK
+from .rigid_body import weight_regressor as weight_regressor
 from .shipped import PLANTS as PLANTS
 from .shipped import larger_arm as larger_arm
 from .shipped import plausible_plant as plausible_plant

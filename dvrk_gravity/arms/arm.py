@@ -20,7 +20,7 @@ from dvrk_gravity.validation import PATH, is_urdf, path_of, split_link
 
 SUPPORTED = (
     "mtml, mtmr, psm, ecm, or the path of an arm's .yaml file (written like config/arms/mtmr.yaml) "
-    "or .urdf (robot.urdf#LINK: what is between the base and that link)"
+    "or .urdf (robot.urdf#LINK: the chain from the base to that link)"
 )
 
 
@@ -175,7 +175,7 @@ class Arm(Description):
         """Whether efforts are stated, not only assumed, to be in N·m."""
         return self.drive_gains is not None and bool((self.drive_gains == 1.0).all())
 
-    def told_in(self, unit: str, size: float = 1.0) -> Arm:
+    def with_effort_unit(self, unit: str, size: float = 1.0) -> Arm:
         """Return the arm with its efforts in a unit that is not N·m, as its recordings have them.
 
         Args:

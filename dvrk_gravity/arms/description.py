@@ -230,14 +230,14 @@ class Description:
                 raise ConfigError("frictionless", name, f"some of {', '.join(self.joint_names)}")
         unit = self.joints[0].read_in
         if any(letter.isspace() for letter in unit):
-            raise ConfigError("effort_unit", unit, "a unit as A or N·m")
+            raise ConfigError("effort_unit", unit, "a unit such as A or N·m")
         factor = _OF_NEWTON_METRES.get(_letters(unit))
         if factor:
             raise ConfigError("effort_unit", unit, f"drive gains instead, of {factor:g} N·m each")
         if gains is None:
             return
         if unit:
-            raise ConfigError("effort_unit", unit, "none beside drive gains: they give N·m")
+            raise ConfigError("effort_unit", unit, "none with drive gains: they give N·m")
         if gains.shape != (n,):
             each = ", ".join(self.joint_names)
             raise ConfigError(

@@ -33,7 +33,7 @@ def holding(arm: Description, where: Mapping[str, float]) -> Description:
     keep = [i for i, name in enumerate(names) if name not in where]
     gone = [i for i in range(len(names)) if i not in keep]
     if not keep:
-        raise ConfigError("held_joints", ", ".join(where), "a joint at least that moves")
+        raise ConfigError("held_joints", ", ".join(where), "at least one joint that moves")
     matrix = arm.actuator_to_joint
     if matrix[np.ix_(keep, gone)].any() or matrix[np.ix_(gone, keep)].any():
         raise ConfigError(

@@ -153,7 +153,7 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
         raise ConfigError("drive_gain_error", content["drive_gain_error"], "drive_gains beside it")
     unit, frictionless = content.get("effort_unit", ""), content.get("frictionless", [])
     if not isinstance(unit, str):
-        raise ConfigError("effort_unit", unit, "a unit as A or N·m")
+        raise ConfigError("effort_unit", unit, "a unit such as A or N·m")
     if not isinstance(frictionless, list) or not all(
         isinstance(name, str) for name in frictionless
     ):

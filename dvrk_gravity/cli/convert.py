@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "console's .json",
     )
     parser.add_argument(
-        "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="of a written bag"
+        "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="format of a new bag"
     )
     options.add_reading(parser)
 
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     source, target = arguments.input, arguments.output
     if arguments.check is not None:
         if source is not None:
-            raise ConfigError("--check", str(source), "no IN or OUT beside it")
+            raise ConfigError("--check", str(source), "no IN or OUT with it")
         return convert_console.check(arguments.check, arguments.json)
     if target is None:
         raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _refuse_report(report: Path | None) -> None:
     if report is not None:
-        raise ConfigError("--json", str(report), "--check or a model beside it")
+        raise ConfigError("--json", str(report), "--check, or a model, with it")
 
 
 def _convert_recording(arguments: argparse.Namespace) -> int:

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", type=Path, help="the compensator's model (default: the one in "
                         "config/ for the arm, or else the plant's own terms)")  # fmt: skip
     parser.add_argument("--output", choices=("servo_jf", "array"), default="servo_jf",
-                        help="of the compensator: JointState (default), or ros2_control's "
+                        help="type of the commands: JointState (default), or ros2_control's "
                         "array")  # fmt: skip
     parser.add_argument(
         "--friction-scale", type=float, default=1.0, help="factor on the simulated arm's friction"

@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--coordinates", choices=("joint", "actuator"),
-        help="of the recordings (default: those that a plain model fits better; others than joint "
-        "are a finding)",
+        help="coordinates of the recordings (default: those that a plain model fits better; "
+        "actuator coordinates are then reported as a finding)",
     )  # fmt: skip
     options.add_at(parser)
     options.add_reading(parser)

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", type=Path, help="file for the result")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
-                        help="of the recordings (default: detected)")  # fmt: skip
+                        help="coordinates of the recordings (default: detected)")  # fmt: skip
     options.add_drive_gains(parser)
     options.add_reading(parser)
     parser.add_argument("--verbose", action="store_true", help="print every finding and note")

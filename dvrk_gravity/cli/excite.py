@@ -41,18 +41,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--arm", required=True, help=options.arms())
     parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
-    parser.add_argument("--namespace", help="of the arm's topics (default: its name, as /MTMR)")
+    parser.add_argument(
+        "--namespace", help="namespace of the arm's topics (default: its name: /MTMR)"
+    )
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",
-                        help="of the motion, s (default: 60)")  # fmt: skip
+                        help="duration of a motion, s (default: 60)")  # fmt: skip
     parser.add_argument("--rate", type=float, default=200.0, metavar="HZ",
                         help="positions per second (default: 200); every measured_js is "
                         "recorded")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=1, help="of the first motion (default: 1)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the first motion (default: 1)")
     parser.add_argument("--motions", type=int, default=1, metavar="N",
-                        help="record so many, of as many seeds (default: 1); each covers the "
-                        "joints' range")  # fmt: skip
+                        help="number of motions, each with its own seed and through the "
+                        "joints' whole range (default: 1)")  # fmt: skip
     parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
-                        help="hold the arm after so long without measured_js, s "
+                        help="hold the arm after this long without measured_js, s "
                         "(default: 0.1)")  # fmt: skip
     parser.add_argument("--no-rehearsal", action="store_true",
                         help=f"skip the rehearsal of the motion at 1/{REHEARSAL:g} of its "

@@ -64,12 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="only terms that `convert` can write to a console's file")  # fmt: skip
     options.add_drive_gains(parser)
     parser.add_argument("--known-payload", metavar="KG", type=float,
-                        help="the last recording, and no other, was made with a payload of this "
-                        "mass, which sets the drive gains; the others are fitted")  # fmt: skip
+                        help="the last recording, and only that one, was made with a payload of "
+                        "this mass, which determines the drive gains; the model is fitted to the "
+                        "others")  # fmt: skip
     parser.add_argument("--payload-link", metavar="LINK",
-                        help="link that carries it (default: the last joint's)")  # fmt: skip
+                        help="link that carries the payload (default: the last "
+                        "joint's)")  # fmt: skip
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
-                        help="its centre of mass in the link's frame, m, if known")  # fmt: skip
+                        help="the payload's centre of mass in the link's frame, m, if "
+                        "known")  # fmt: skip
     options.add_reading(parser)
     parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 

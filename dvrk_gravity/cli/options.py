@@ -37,7 +37,7 @@ def add_drive_gains(parser: argparse.ArgumentParser) -> None:
     given = parser.add_mutually_exclusive_group()
     given.add_argument(
         "--drive-gains", metavar="GAIN,...",
-        help="efforts are motor currents: N·m (or N) of each A, one a joint",
+        help="efforts are motor currents: N·m/A (N/A if it slides) for each joint",
     )  # fmt: skip
     given.add_argument(
         "--effort-unit", metavar="UNIT",
@@ -92,7 +92,7 @@ def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
             shown = ",".join(f"{gain:g}" for gain in arm.drive_gains)
             raise ConfigError("--drive-gains", text, f"the arm's own, {shown}, or none")
         return arm if arm.drive_gains is not None else arm.with_drive_gains(gains)
-    return arm if unit is None else arm.told_in(unit)
+    return arm if unit is None else arm.with_effort_unit(unit)
 
 
 def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
@@ -121,7 +121,7 @@ def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
     elif given == arm.read_in:
         return model
     elif in_newtons(given) and not arm.read_in:
-        return replace(model, arm=arm.told_in(given))
+        return replace(model, arm=arm.with_effort_unit(given))
     raise ConfigError("--effort-unit", given, expected)
 
 

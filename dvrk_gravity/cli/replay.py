@@ -304,7 +304,7 @@ def _write(
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bag", type=Path, help="rosbag2 (sqlite3 or mcap) with JointStates")
-    parser.add_argument("--model", type=Path, required=True, help="model: a parameter file")
+    parser.add_argument("--model", type=Path, required=True, help="model file")
     parser.add_argument("--topic", help="topic of the bag, if it has several with JointStates")
     parser.add_argument("--speed", choices=("fast", "recorded"), default="fast",
                         help="as fast as the node answers (default), or as recorded")  # fmt: skip
@@ -325,7 +325,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     invalid = result.messages - result.valid
     if invalid:
-        print(f"  {invalid} further messages are invalid, rightly unanswered")
+        print(f"  {invalid} other messages are invalid, and correctly have no answer")
     print(f"  in order, with the stamps of their messages: {'yes' if result.in_order else 'NO'}")
     print(f"  largest difference from the model offline: {shown} (allowed {TOLERANCE:g})")
     if arguments.json is not None:

@@ -55,7 +55,7 @@ class EffortLimits:
         return self._shrink(self.arm.joint_effort(motor))
 
     def _shrink(self, torque: Array) -> Array:
-        """Return ``torque``, coupled joints scaled towards zero alike, until within both boxes."""
+        """Return ``torque``, coupled joints scaled by one factor until within both boxes."""
         joint = np.abs(torque) / np.maximum(self.joint, _NO_LIMIT)
         motor = np.abs(self.arm.actuator_effort(torque)) / np.maximum(self.actuator, _NO_LIMIT)
         excess = np.maximum(joint, motor)[self.coupled].max(initial=1.0)

@@ -11,7 +11,7 @@ velocity, and `part` the part of the modelled friction that f is. With a factor 
     net power into arm and hand  <=  (s - sure / part) f v,
 
 since friction takes out at least `sure` / part times f v. The integral of the right-hand side is
-the energy that the compensation may have fed in; where it falls, energy was surely taken out. It is
+the energy that the compensation may have fed in; where it falls, friction took energy out. It is
 the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity control of haptic
 interfaces", IEEE Trans. Robotics and Automation 18:1, with a known loss on the device's side.
 
@@ -175,7 +175,7 @@ class _Joint:
     )  # fmt: skip
 
     def __init__(self) -> None:
-        self.sure = 0.0  # what friction surely takes out, over the power of the compensation
+        self.sure = 0.0  # what friction takes out at least, over the power of the compensation
         self.allowance = 0.0  # rad/s
         self.factor = 1.0
         self.sign = 0.0  # of the present swing

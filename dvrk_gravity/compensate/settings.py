@@ -87,7 +87,7 @@ class Settings:
         if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
             first, *more = model.reason.split("; ")  # joint by joint
             why = f"{first}; …" if more else first
-            expected = f"a model to compensate with, or allow_poor_model: true ({why})"
+            expected = f"a model fit for compensation, or allow_poor_model: true ({why})"
             raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
         _require_weight(arm, value)
         limits = EffortLimits(

@@ -355,7 +355,7 @@ class Supervisor:
         if deviation is None:
             return False
         if deviation.measurable:
-            more = "the arm is held while the effort is measured anew"
+            more = "the arm is held while the effort is measured again"
             self._stop(Status.WAITING, f"{deviation.reason}; {more}")
         else:
             self.fail(f"{deviation.reason}; ~/enable accepts it")

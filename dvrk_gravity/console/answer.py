@@ -76,9 +76,9 @@ _NOT = {
     "other_hand": "parameters of the other arm",
     "copy": "parameters of another arm",
     "file_name": "it may be another arm's",
-    "range": "calibrated where the joint cannot be",
+    "range": "calibrated where the joint cannot go",
     "gravity_differs": "two gravities in one file",
-    "pair": "beyond shoulder_pitch's calibrated range off by up to {held_growth_Nm:.2g} N·m",
+    "pair": "wrong by up to {held_growth_Nm:.2g} N·m beyond shoulder_pitch's calibrated range",
 }
 _FIND_OUT = "find out which arm the parameters are of, and correct the name that is wrong; or "
 
@@ -116,9 +116,9 @@ def answer(
 
 _WHAT = {
     "text": "the console does not read it",
-    "field": "fields that the console, or a model, cannot do with",
+    "field": "fields that neither the console nor a model can use",
     "g_constant": "another gravity than the console's",
-    "limits_clip": "safe limits cut the model off",
+    "limits_clip": "safe limits clip the model",
     "limits_reversed": "safe limits upside down",
     "limits_beyond_actuator": "safe limits that protect nothing",
 }
@@ -138,12 +138,12 @@ def _repairs(serious: Sequence[ConsoleFinding], document: Mapping[str, Any]) -> 
                 f"set lse.g_constant to {GRAVITY}"
             )
     if any(finding.code.startswith("limits_") for finding in serious):
-        yield "put in these safe limits (the model's own within its range, and a tenth):"
+        yield "insert these safe limits (the model's torques within its range, 10 % wider):"
         lower, upper = safe_limits(ConsoleFile.from_document(document).model())
         for name, values, rounded in (("upper", upper, np.ceil), ("lower", lower, np.floor)):
             shown = [float(value) for value in rounded(1e4 * values) / 1e4 + 0.0]
             yield f'   "safe_{name}_torque_limit": {json.dumps(shown)},'
-        yield "`convert` to a model takes no safe limits over, and needs no repair of them"
+        yield "`convert` to a model ignores safe limits: no repair is needed for it"
 
 
 def _cautions(findings: Sequence[ConsoleFinding]) -> Iterator[str]:
@@ -151,8 +151,8 @@ def _cautions(findings: Sequence[ConsoleFinding]) -> Iterator[str]:
     joints = [finding.subject for finding in findings if finding.code == "growth"]
     if joints:
         yield (
-            f"keep {', '.join(dict.fromkeys(joints))} within the calibrated range, or use it by "
-            "`convert` and `compensator`, which holds the polynomials at its edge"
+            f"keep {', '.join(dict.fromkeys(joints))} within the calibrated range, or use the file "
+            "through `convert` and `compensator`, which holds the polynomials at its edge"
         )
     for finding in findings:
         if finding.code == "other_data":

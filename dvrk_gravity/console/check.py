@@ -83,7 +83,7 @@ def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFindi
         if share > 0:
             motion, pose = np.unravel_index(int(over[..., i].argmax()), over.shape[:2])
             worst = float(torques[motion, pose, i])
-            text = f"{span} clip the model on {100 * share:.1f} % of poses; worst {worst:.3f} N·m"
+            text = f"{span} clip the model on {100 * share:.1f} % of poses (worst: {worst:.3f} N·m)"
             severity = Severity.SERIOUS if share > SETTINGS.serious_share else Severity.WARNING
             found = {**numbers, "worst_Nm": worst}
             yield ConsoleFinding("limits_clip", severity, joint, text, found)
@@ -119,8 +119,8 @@ def _growth(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding
         severe = growth[i] > SETTINGS.serious_growth * arm.effort_limit[i]
         edges = np.degrees([cable.valid.lower[i], cable.valid.upper[i]])
         text = (
-            f"outside {edges[0]:.0f} … {edges[1]:.0f} deg the torque grows by {growth[i]:.2f} N·m, "
-            f"inside it changes by {inside[i]:.2f}"
+            f"outside {edges[0]:.0f} … {edges[1]:.0f} deg the torque grows by {growth[i]:.2f} N·m; "
+            f"inside, it varies by {inside[i]:.2f}"
         )
         numbers = {"growth_Nm": float(growth[i]), "inside_Nm": float(inside[i])}
         severity = Severity.SERIOUS if severe else Severity.WARNING
@@ -159,7 +159,7 @@ def _pair(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
         text += "; the two cancel"
     if growth > SETTINGS.serious_growth * model.arm.effort_limit[1]:
         severity = Severity.SERIOUS
-        text += f"; with k2 held at the edge of its range, beta1 alone goes on by {growth:.2f} N·m"
+        text += f"; with k2 held at the edge of its range, beta1 alone adds {growth:.2f} N·m"
     numbers = {
         "gravity_Nm": gravity, "positive_Nm_rad": float(sums[0]),
         "negative_Nm_rad": float(sums[1]), "held_growth_Nm": growth,
@@ -290,7 +290,7 @@ def _console_quirks(console: ConsoleFile) -> Iterator[ConsoleFinding]:
     if console.version == 1:
         text = (
             "version 1.0: the console asks for a new calibration, and above beta_vel_amplitude "
-            "its blend follows the sine on instead of staying full"
+            "its blend falls again with the sine instead of staying full"
         )
         yield ConsoleFinding("version_1", Severity.WARNING, "version", text)
     if console.lower is None:
@@ -303,7 +303,8 @@ def _hand(console: ConsoleFile, arm: Arm) -> Iterator[ConsoleFinding]:
     expected = BETA6 if console.arm == "mtmr" else -BETA6
     beta6 = float(console.positive[_BETA6])
     if beta6 * expected < 0 and abs(beta6) > 0.5 * BETA6:
-        text = f"beta6 is {beta6:+.4f} kg·m, about {expected:+.3f} on an {console.arm.upper()}"
+        name = console.arm.upper()
+        text = f"beta6 is {beta6:+.4f} kg·m, expected about {expected:+.3f} on an {name}"
         yield ConsoleFinding("other_hand", Severity.SERIOUS, "beta6", text, {"beta6_kg_m": beta6})
     if console.lower is None or console.upper is None:
         return

@@ -202,7 +202,7 @@ def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCo
                 "command",
                 f"at most {1e3 * most:.1f}: {SETTINGS.largest_share:.0%} of what the joint needs "
                 f"or {SETTINGS.held_by_friction:.0%} of its largest torque (identify --for-console "
-                "fits a model that the console holds)",
+                "fits a model of the console's form)",
             )
 
 

@@ -153,11 +153,11 @@ def left_out(model: TorqueModel) -> tuple[str, ...]:
     ]
     notes = []
     if never:
-        notes.append(f"left out, a compensator does not apply it: {', '.join(never)}")
+        notes.append(f"left out, as by the compensator: {', '.join(never)}")
     if speed:
         notes.append(
-            f"left out, friction that changes with the speed: {', '.join(speed)} (at some speeds "
-            "the console would push more than there is)"
+            f"left out, friction that depends on speed: {', '.join(speed)} (at some speeds "
+            "the console would compensate more than there is)"
         )
     return tuple(notes)
 
@@ -324,8 +324,8 @@ def _ratio(
     if not lowered:
         return ratio, ()
     note = (
-        f"{RATIO} lowered ({', '.join(lowered)}): friction of a motor that "
-        "turns with several joints is more than theirs in some motions, less in others"
+        f"{RATIO} lowered ({', '.join(lowered)}): in some motions a motor that "
+        "several joints turn has less friction than these joints would have by themselves"
     )
     return ratio, (note,)
 

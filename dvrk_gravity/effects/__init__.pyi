@@ -32,6 +32,7 @@ from .base.links import samples as samples
 from .base.links import weight_directions as weight_directions
 from .base.meaning import MORE as MORE
 from .base.meaning import Estimate as Estimate
+from .base.meaning import Meaning as Meaning
 from .base.meaning import meanings as meanings
 from .base.meaning import size as size
 from .base.motion import Motion as Motion
@@ -45,8 +46,6 @@ from .base.registry import named as named
 from .base.registry import rank as rank
 from .base.registry import register as register
 from .base.registry import terms as terms
-from .base.rigid_body import OF_WEIGHT as OF_WEIGHT
-from .base.rigid_body import PER_LINK as PER_LINK
 from .base.site import THE_ARM as THE_ARM
 from .base.site import THE_BASE as THE_BASE
 from .base.site import Kind as Kind

@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import gravity
+from dvrk_gravity.arms import rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, or_extended
 from dvrk_gravity.effects.base.links import prior_scale

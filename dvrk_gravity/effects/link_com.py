@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arms import Arm, is_mtm, weight_regressor
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
@@ -21,7 +21,6 @@ from dvrk_gravity.effects.base.links import (
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, size
 from dvrk_gravity.effects.base.motion import Motion
-from dvrk_gravity.effects.base.rigid_body import weight_regressor
 from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.linear_term import LinearTerm

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import Arm, Tree, build_tree, is_mtm
+from dvrk_gravity.arms import OF_WEIGHT, Arm, Tree, build_tree, is_mtm, rigid_body, weight_regressor
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.links import (
@@ -21,7 +20,6 @@ from dvrk_gravity.effects.base.links import (
     weight_evaluator,
 )
 from dvrk_gravity.effects.base.motion import State
-from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, weight_regressor
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameters import Parameter, Value

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import GRAVITY, Arm, Tree, build_tree
+from dvrk_gravity.arms import GRAVITY, Arm, Tree, build_tree, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting
 from dvrk_gravity.effects.base.links import (

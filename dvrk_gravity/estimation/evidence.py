@@ -37,7 +37,7 @@ def holm(p_values: Sequence[float]) -> Array:
     return corrected
 
 
-def log_likelihood(mean_square: Array, known: Array, samples: Array, freedom: float) -> Array:
+def log_likelihood(mean_square: Array, known: Array, samples: Array, dof: float) -> Array:
     """Return (n,) log-likelihoods, but for a constant, of errors of a variance known beforehand.
 
     Errors larger than that are Student's, as the variance was estimated with few degrees of freedom
@@ -49,18 +49,18 @@ def log_likelihood(mean_square: Array, known: Array, samples: Array, freedom: fl
         mean_square: (n,) of errors.
         known: (n,) variance of the noise; zero: not known.
         samples: (n,) independent ones.
-        freedom: Degrees of freedom of ``known``.
+        dof: Degrees of freedom of ``known``.
     """
     is_known = known > 0.0
     ratio = np.maximum(mean_square, 1e-300) / np.where(is_known, known, 1.0)
     beyond = np.maximum(ratio, 1.0) - 1.0
-    total = freedom + samples
+    total = dof + samples
     above = -0.5 * total * np.log1p(samples * beyond / total)
     below = -0.5 * samples * (np.minimum(ratio, 1.0) - 1.0)
     return np.asarray(np.where(is_known, above + below, -0.5 * samples * np.log(ratio)))
 
 
-def of_student(normal: float, freedom: float) -> float:
+def of_student(normal: float, dof: float) -> float:
     """Return a gain in the log-density of parameters whose covariance was estimated.
 
     ``u²/2`` of a known covariance becomes the logarithm of Student's density (Lange, Little and
@@ -68,9 +68,9 @@ def of_student(normal: float, freedom: float) -> float:
 
     Args:
         normal: The gain if they were normal.
-        freedom: Degrees of freedom of the covariance.
+        dof: Degrees of freedom of the covariance.
     """
-    size = 0.5 * (freedom + 1.0) * np.log1p(2.0 * abs(normal) / freedom)
+    size = 0.5 * (dof + 1.0) * np.log1p(2.0 * abs(normal) / dof)
     return float(np.copysign(size, normal))
 
 
@@ -84,33 +84,33 @@ def likelihood_ratio(gain: float, parameters: int) -> float:
     return float(chdtrc(parameters, max(2.0 * gain, 0.0)))
 
 
-def variance_ratio(gain: float, parameters: int, freedom: float, trials: float = 1.0) -> float:
+def variance_ratio(gain: float, parameters: int, dof: float, trials: float = 1.0) -> float:
     """Return the p-value of the best of some gains in log-likelihood of an estimated variance.
 
     Twice a gain is then no chi-square but ``parameters`` times Fisher's F. The variance is
-    underestimated for all trials alike: the union bound holds for each true variance, and is
+    underestimated equally for all trials: the union bound holds for each true variance, and is
     averaged over those, weighted by the chi-square of the estimate.
 
     Args:
         gain: The gain by some parameters, in units of the estimated variance.
         parameters: Their number.
-        freedom: Degrees of freedom of the variance.
+        dof: Degrees of freedom of the variance.
         trials: Number of gains of which it is the best.
     """
     from scipy.special import chdtrc
 
-    ratio, weight = _ratios(freedom)
+    ratio, weight = _ratios(dof)
     alone = chdtrc(parameters, max(2.0 * gain, 0.0) * ratio)
     return float(weight @ np.minimum(trials * alone, 1.0))
 
 
 @cache
-def _ratios(freedom: float) -> tuple[Array, Array]:
+def _ratios(dof: float) -> tuple[Array, Array]:
     """Return ratios of an estimated variance to the true one, and their probabilities."""
     from scipy import stats
 
     edges = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 400), [np.inf]])
-    weight = np.diff(stats.chi2.cdf(freedom * edges, freedom))
+    weight = np.diff(stats.chi2.cdf(dof * edges, dof))
     middle = np.sqrt(edges[1:-2] * edges[2:-1])
     return np.concatenate([edges[:1], middle, edges[-2:-1]]), weight
 

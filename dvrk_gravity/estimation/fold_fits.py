@@ -95,7 +95,7 @@ class SignedFits:
     def fit_near(self, chosen: Sequence[int], others: Sequence[Sequence[int]]) -> Array:
         """Return (others, folds, p) coefficients of choices of columns close to ``chosen``.
 
-        Each follows from those of ``chosen`` by a principal pivot; it is solved anew only if its
+        Each follows from those of ``chosen`` by a principal pivot; it is solved again only if its
         sign constraints are not satisfied then.
         """
         pivoted = _Pivoted(self.precision, self.right, self.fit(chosen))

@@ -74,7 +74,7 @@ def _parse(text: str, finite: bool) -> tuple[dict[str, Any], tuple[Oddity, ...]]
     def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
         for key in dict.fromkeys(key for key in keys if keys.count(key) > 1):
-            oddities.append(Oddity(f"{key} is there twice, the last one counts", False))
+            oddities.append(Oddity(f"{key} appears twice, the last one counts", False))
         return dict(pairs)
 
     plain, commas = _plain(text)

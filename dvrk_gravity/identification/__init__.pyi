@@ -54,4 +54,4 @@ from .trajectories.problem import Problem as Problem
 from .trajectories.problem import Weighting as Weighting
 from .trajectories.problem import choose as choose
 from .trajectories.problem import pose as pose
-from .trajectories.problem import reweighed as reweighed
+from .trajectories.problem import with_motor_weights as with_motor_weights

@@ -59,7 +59,7 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Choice:
-    """A change of the model that was tried.
+    """A change of the model that was tested.
 
     Attributes:
         term: Effect, with the joint or place where it matters.
@@ -201,7 +201,7 @@ class Contradiction:
     level: str
     reason: str
     line: str
-    record: str = "efforts with gravity, in the unit that the arm's file says (docs/own_arm.md)"
+    record: str = "efforts with gravity, in the unit that the arm's file states (docs/own_arm.md)"
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ class Fit:
         training: Error by joint on the data fitted.
         parameters: Identified numbers with confidence.
         identifiability: What the data determine.
-        choices: Terms tried, in the order in which they were tried.
+        choices: Terms tested, in this order.
         warnings: Of the recordings' checks.
         handling: How the data were prepared, one sentence each.
         validation: How the held-out error was obtained, one sentence.

@@ -148,7 +148,7 @@ def _unless_contradicted(fit: Fit) -> Fit:
     if not why:
         return fit
     arm = fit.model.arm.name
-    record = f"a motion of {arm}; or give these recordings their own arm, --arm {OTHER_SIDE[arm]}"
+    record = f"a motion of {arm}; or name the arm of these recordings, --arm {OTHER_SIDE[arm]}"
     return replace(
         fit,
         verdict=replace(fit.verdict, level=POOR, reason=why, record=record),
@@ -197,7 +197,7 @@ def _require_new(held_out: Recordings, fitted: Recordings) -> None:
             raise RecordingError(
                 recording.head.source,
                 f"{before.number} of {before.samples} samples are those of a recording that was "
-                "fitted, or validated before: expected recordings that nothing was fitted to",
+                "fitted or already validated: expected recordings that no fit has used",
             )
 
 
@@ -212,7 +212,7 @@ def _with_gains(
         raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
     if arm.drive_gains is not None:
         mass = load.mass if isinstance(load, KnownPayload) else load
-        raise ConfigError("--known-payload", mass, "no drive gains beside it: it determines them")
+        raise ConfigError("--known-payload", mass, "no drive gains with it: it determines them")
     if all_static(recordings):
         raise RecordingError(recordings[0].head.source, "holds static poses, expected trajectories")
     if not isinstance(load, KnownPayload):
@@ -227,9 +227,9 @@ def _with_gains(
 def _check_for_console(arm: Arm, effects: Sequence[str] | None, physical: bool) -> None:
     require_console_arm(arm)
     if effects is not None:
-        raise ConfigError("--terms", ",".join(effects), "no --terms beside --for-console")
+        raise ConfigError("--terms", ",".join(effects), "no --terms with --for-console")
     if physical:
-        raise ConfigError("--physical", True, "no --physical beside --for-console")
+        raise ConfigError("--physical", True, "no --physical with --for-console")
 
 
 def _each(
@@ -297,8 +297,8 @@ def _dynamic(
         first = recordings[0].head
         raise RecordingError(
             first.source,
-            f"holds {', '.join(first.joints)} only: expected beside it a recording of all joints, "
-            "which determines gravity and inertia",
+            f"has {', '.join(first.joints)} only: expected a recording of all joints as well, to "
+            "determine gravity and inertia",
         )
     report("reading", 0.0)
     trajectories, left_out, repeated = read_once(recordings)

@@ -119,7 +119,7 @@ def require_all(
         if still is not None:  # only a fit to trajectories can do with less
             turns = arm.joints[arm.joint_names.index(unknown[0])].kind == "revolute"
             at = f"--at {unknown[0]}={'0deg' if turns else '0mm'},..."
-            expected += f", or `{at}` to say where those stood that were not recorded"
+            expected += f", or `{at}` for the positions of joints that were not recorded"
         if some := " or ".join(parts(arm, recording.joints)[:_PARTS]):
             expected += f", or a part of the robot: --arm {some}"
         raise RecordingError(recording.source, f"has no {', '.join(unknown)}: expected {expected}")

@@ -97,13 +97,13 @@ def decide_coordinates(
     other = errors.whole["actuator" if best == "joint" else "joint"]
     if errors.whole[best] > CLEAR * other:
         reason = (
-            "taken as joint coordinates; actuator coordinates would fit about equally well "
+            "read as joint coordinates; actuator coordinates would fit about equally well "
             f"(held-out error over torque {joint:.3f} and {actuator:.3f})"
         )
         return Decision("joint", reason, (), errors)
     reason = (
-        f"taken as {best} coordinates: a plain model leaves a held-out error of "
-        f"{errors.whole[best]:.3f} of the torque, {other:.3f} in the others"
+        f"read as {best} coordinates: held-out error over torque of a plain model "
+        f"{errors.whole[best]:.3f}, in the other coordinates {other:.3f}"
     )
     return Decision(best, reason, (), errors)
 
@@ -124,7 +124,7 @@ def _by_misfit(misfit: Callable[[Coordinates], float]) -> Decision:
     sizes = {system: misfit(system) for system in get_args(Coordinates)}
     best: Coordinates = "joint" if sizes["joint"] <= sizes["actuator"] else "actuator"
     reason = (
-        f"taken as {best} coordinates: mean |e|/|tau| of the model {sizes[best]:.3f}, "
+        f"read as {best} coordinates: mean |e|/|tau| of the model {sizes[best]:.3f}, "
         f"{max(sizes.values()):.3f} in the others"
     )
     return Decision(best, reason)
@@ -187,8 +187,8 @@ def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[D
             None,
             {"given": whole[given], "other": whole[best]},
             f"{source} was given as {given} coordinates, but looks like {best} "
-            f"ones: a plain model leaves a held-out error of {whole[given]:.3f} of the torque, as "
-            f"{best} ones {whole[best]:.3f}",
+            f"ones: held-out error over torque of a plain model {whole[given]:.3f}, as {best} ones "
+            f"{whole[best]:.3f}",
         ),
     )
 

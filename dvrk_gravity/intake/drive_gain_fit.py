@@ -17,10 +17,9 @@ from numbers import Real
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State, last_link
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation import Scales, Track, same_motion, solve_scales
 from dvrk_gravity.intake.design import Design, build_design
@@ -140,7 +139,7 @@ class DriveGains:
             )
             if known
         ]
-        lines = [f"drive gains by the known load ({self.how}), N·m/A: {', '.join(found)}"]
+        lines = [f"drive gains from the known load ({self.how}), N·m/A: {', '.join(found)}"]
         open_ = [n for n, known in zip(arm.joint_names, self.determined, strict=True) if not known]
         if open_:
             mean = float(self.gain[~self.determined][0])
@@ -173,8 +172,8 @@ def drive_gains(
     """
     if not bare or not loaded:
         raise RecordingError(
-            "recordings", "one is too few for a known load: expected some without it, then one "
-            "with it"
+            "recordings", "one recording is too few for a known load: expected some without it, "
+            "then one with it"
         )  # fmt: skip
     arm = replace(arm, drive_gains=None, drive_gain_error=None)
     body = load.body(arm)
@@ -182,7 +181,7 @@ def drive_gains(
     if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
         raise RecordingError(
             loaded[-1].head.source,
-            "or another one repeats what was read before: expected each recording once",
+            "or another one repeats an earlier recording: expected each recording once",
         )
     first = [part for part in motions.parts if part.source < len(bare)]
     second = [part for part in motions.parts if part.source >= len(bare)]

@@ -65,13 +65,13 @@ def _mounted(nominal: NominalTorque | None) -> str:
         return ""
     roll, pitch = np.degrees((found.roll, found.pitch))
     signs = (
-        "; or efforts have the wrong sign, all or those that bear most: friction does not decide"
+        "; or efforts have the wrong sign (all, or those that carry most): friction does not decide"
         if found.signs
         else ""
     )
     return (
-        "by the masses in the arm's file gravity acts as on a base with "
-        f"base_rpy: [{roll:.0f}, {pitch:.0f}, 0] (degrees): state its mounting, whatever it is, in "
+        "according to the masses in the arm's file, gravity acts as on a base with "
+        f"base_rpy: [{roll:.0f}, {pitch:.0f}, 0] (degrees): state the mounting, whatever it is, in "
         f"a .yaml that names the URDF (docs/own_arm.md){signs}"
     )
 
@@ -140,7 +140,8 @@ def require_newtons(
             raise RecordingError(
                 recording.head.source,
                 f"efforts are {size:.2g} times what the masses in {arm.source} need: not in N·m "
-                "(--drive-gains takes currents to it), or other masses; --effort-unit N·m insists",
+                "(--drive-gains converts currents), or other masses; --effort-unit N·m overrides "
+                "them",
             )
         if model.of_file and (mounted := _mounted(nominal)):
             if not arm.base_stated:
@@ -163,7 +164,7 @@ def _require_stated_weight(arm: Arm, recordings: Sequence[Recording | RecordingF
         if head.joints != arm.joint_names:
             raise RecordingError(
                 head.source,
-                f"holds {', '.join(head.joints)} only: expected all joints, which show what "
+                f"has {', '.join(head.joints)} only: expected all joints, which show what "
                 "efforts without gravity lack",
             )
 
@@ -182,12 +183,12 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
     if not arm.read_in:
         if size is None or 1.0 / OFF < size < OFF:
             return arm, ()
-        arm = arm.told_in(ANY_UNIT, size)
-        why = f"efforts are {size:.2g} of what the masses in the arm's file need, so not in N·m: "
+        arm = arm.with_effort_unit(ANY_UNIT, size)
+        why = f"efforts are {size:.2g} of what the arm's masses need, so they are not in N·m: "
     else:
-        arm = arm.told_in(arm.read_in, arm.effort_size * (size or 1.0))
-        why = f"efforts are in {arm.read_in}, and the N·m of one {arm.read_in} are not known: "
-    unit = "their own unit (a.u., the recordings')" if arm.read_in == ANY_UNIT else arm.read_in
+        arm = arm.with_effort_unit(arm.read_in, arm.effort_size * (size or 1.0))
+        why = f"efforts are in {arm.read_in}, and N·m per {arm.read_in} are not known: "
+    unit = "the unit of the recordings (a.u.)" if arm.read_in == ANY_UNIT else arm.read_in
     return arm, (
         f"{why}torques, and masses computed from them, are in {unit}; --drive-gains (N·m/A), or "
         "--known-payload with a second recording, gives N·m and kg",
@@ -197,10 +198,10 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
 def _by_gains(gains: Array, size: float | None) -> tuple[str, ...]:
     """Return lines that name the drive gains, and doubt them if the arm's masses do."""
     shown = ", ".join(f"{gain:.4g}" for gain in gains)
-    line = f"efforts are motor currents, by drive gains of {shown} N·m/A"
+    line = f"efforts are motor currents, converted with drive gains of {shown} N·m/A"
     if size is None or 1.0 / OFF < size < OFF:
         return (line,)
-    off = f"by them torques are {size:.2g} times what the masses in the arm's file need"
+    off = f"with these gains, torques are {size:.2g} times what the masses in the arm's file need"
     if not 1.0 / SLIP < size < SLIP:
         raise ConfigError("drive gains", shown, f"N·m/A: {off}")
     return (line, f"warning: {off}: gains in N·m/A, a known load in kg, the right arm?")

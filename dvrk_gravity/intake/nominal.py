@@ -11,10 +11,9 @@ from itertools import product
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import MAX_TILT
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.intake.absent_joints import held_beyond
 from dvrk_gravity.recording import Recording, RecordingFile, Segment, prepare

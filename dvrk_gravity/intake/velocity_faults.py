@@ -66,9 +66,9 @@ def velocity_fault(recording: Recording) -> VelocityFault | None:
     """Return a fault of the clock, or else of the unit of some velocities.
 
     The clock is wrong if no velocity agrees with it, and most have the same multiple: of the others
-    the unit is wrong, too. All velocities may be too large alike instead; the data do not separate
-    the two, and the clock is more probable: only a driver that differentiates over a wrong interval
-    has all velocities wrong alike.
+    the unit is wrong, too. Instead, all velocities may be too large by one factor. The data do not
+    separate the two, and the clock is more probable: only a driver that differentiates over a wrong
+    interval has all velocities wrong by one factor.
     """
     if recording.time is None or len(recording) < 3:
         return None

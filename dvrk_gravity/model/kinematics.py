@@ -1,7 +1,7 @@
 """Encoder offsets and tilt of the base: what torque is not linear in.
 
 Linearised about assumed kinematics, the torque is linear in their errors. The slopes are columns of
-a fit like all others; its coefficients correct the kinematics, and the slopes are computed anew
+a fit like all others; its coefficients correct the kinematics, and the slopes are computed again
 (Gauss-Newton, with everything that is linear solved for at every step).
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     THE_BASE,
@@ -26,7 +26,6 @@ from dvrk_gravity.effects import (
     State,
     joints_with_weight,
 )
-from dvrk_gravity.effects.base import rigid_body
 
 KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in
 # Standard deviation, before any data, of an encoder offset or the base's tilt, rad (10 mm where a

@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import as_array, as_value
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value, check_all
 from dvrk_gravity.validation import is_urdf, split_link
@@ -33,12 +32,12 @@ ARM_PARAMETER = Parameter(
 )
 _UNIT = Parameter(
     "effort_unit", "", "",
-    "unit of efforts, and of the model's torques, where that is not N·m: as the arm reads them",
+    "unit of the arm's efforts, and of the model's torques, if it is not N·m",
     read_only=True,
 )  # fmt: skip
 _HELD = Parameter(
     "held_joints", "", "",
-    "joints of the arm's file that are held still, and none of the model's: JOINT=POSITION,… (rad, "
+    "joints of the arm's file that are held still, and not in the model: JOINT=POSITION,… (rad, "
     "m)", read_only=True,
 )  # fmt: skip
 _GAINS, _GAIN_ERROR, _EFFORT_SIZE = "drive_gains", "drive_gain_error", "effort_size"
@@ -52,7 +51,7 @@ _GRAVITY = np.array([3.0, 2.0, -6.0])  # no axis of an arm, and no plane of one,
 def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
     """Return the declarations of what a model file says of its arm."""
     gains = Parameter(
-        _GAINS, (), "N·m/A", "N·m (or N) of each A in which the arm reads and takes efforts",
+        _GAINS, (), "N·m/A", "N·m (or N) per A, of an arm whose efforts are currents",
         lower=0.0, lengths=(arm.n,), read_only=True,
     )  # fmt: skip
     gain_error = Parameter(
@@ -61,16 +60,16 @@ def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
     )  # fmt: skip
     size = Parameter(
         _EFFORT_SIZE, 1.0, "1/(N·m)",
-        "how much an effort of 1 N·m is in effort_unit, about, for the arm's limits",
+        "approximate size of 1 N·m in effort_unit, to scale the arm's limits",
         lower=0.0, read_only=True,
     )  # fmt: skip
     read = Parameter(
-        _READ, arm.gravity_in_reading, "", "efforts that are read hold the arm's weight",
+        _READ, arm.gravity_in_reading, "", "measured efforts include the arm's weight",
         read_only=True,
     )  # fmt: skip
     command = Parameter(
         _COMMAND, arm.gravity_in_command, "",
-        "efforts that are sent are to hold the arm's weight; false: it does so itself",
+        "commanded efforts must include the arm's weight; false: the arm adds it",
         read_only=True,
     )  # fmt: skip
     geometry = Parameter(
@@ -115,7 +114,7 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
     if unit := checked.get(_UNIT.name):
         size = checked.get(_EFFORT_SIZE, 1.0)
         assert isinstance(size, float)
-        return arm.told_in(str(unit), size)
+        return arm.with_effort_unit(str(unit), size)
     return arm
 
 
@@ -223,5 +222,5 @@ def _require_geometry(arm: Arm, known: Array) -> None:
     if np.abs(now - known).max() > _SAME * np.abs(known).max():
         raise ConfigError(
             ARM_PARAMETER.name, arm.source, "the file as it was when the model was made: its "
-            "geometry is another one now, and the parameters are not of it; identify again"
+            "geometry has changed, and the parameters no longer fit it; identify again"
         )  # fmt: skip

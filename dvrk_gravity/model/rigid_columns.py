@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arms import OF_WEIGHT, Arm, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
-    OF_WEIGHT,
     PRIOR_FRACTION,
     THE_ARM,
     Column,
@@ -28,7 +27,6 @@ from dvrk_gravity.effects import (
     base_directions,
     beta_map,
 )
-from dvrk_gravity.effects.base import rigid_body
 
 SPRINGS = 4  # entries of an MTM's beta, arm and forearm, that a balancing spring can add to
 RIGID = (LinkInertia.NAME, Gravity.NAME, LinkWeight.NAME)  # effects that are always fitted

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import LinkInertia, LinkWeight, State, Term, base_directions
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.model.uncertainty import ModelUncertainty, coefficients_of
 
 

@@ -39,10 +39,12 @@ NO_VERDICT = "unknown"
 A_MODEL = "a TorqueModel, or the path of a model's .yaml or an arm's .urdf file"
 VERDICT_PARAMETER = Parameter(
     "identification.verdict", NO_VERDICT, "",
-    "what identify says of the model; the compensator refuses do_not_compensate",
+    "identify's verdict on the model; the compensator refuses do_not_compensate",
     choices=(NO_VERDICT, *VERDICTS), read_only=True,
 )  # fmt: skip
-REASON_PARAMETER = Parameter("identification.reason", "", "", "why it says so", read_only=True)
+REASON_PARAMETER = Parameter(
+    "identification.reason", "", "", "reason of the verdict", read_only=True
+)
 UNCERTAINTY_PARAMETER = Parameter(
     "identification.uncertainty", "", "",
     "file beside the model's with its uncertainty: the parameters' covariance, the known error",
@@ -66,7 +68,7 @@ def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
 @lru_cache(maxsize=8)
 def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Parameter]:
     offset = Parameter(
-        OFFSET, (), "rad", "measured minus true position: what the encoders read too much",
+        OFFSET, (), "rad", "error of the encoders: measured minus true position",
         lower=-1.0, upper=1.0, lengths=(arm.n,), units=arm.units,
     )  # fmt: skip
     declared = (

@@ -225,7 +225,7 @@ class ModelUncertainty:
                 arrays["upper"], arrays["speed"],
             )  # fmt: skip
         except (KeyError, TypeError, ValueError) as error:
-            raise _unusable(path, f"an uncertainty as identify writes it ({error})") from error
+            raise _unusable(path, f"an uncertainty file written by identify ({error})") from error
         found._check(path)
         kept = named["calibration"]
         if not kept:

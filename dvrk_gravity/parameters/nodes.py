@@ -80,7 +80,7 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             lower=0.0, upper=2.0,
         ),
         Parameter(
-            "timeout", 0.1, "s", "hold the arm and stop after so long without valid input",
+            "timeout", 0.1, "s", "hold the arm and stop after this long without valid input",
             lower=0.002, upper=1.0,
         ),
         Parameter(
@@ -124,7 +124,7 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
         ),
         Parameter(
             "allow_poor_model", False, "",
-            "accept a model that identify found unfit to compensate with",
+            "accept a model that identify found unfit for compensation",
         ),
         Parameter(
             "output", "servo_jf", "",
@@ -136,7 +136,8 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             read_only=True,
         ),
         Parameter(
-            "watchdog_timeout", 0.1, "s", "watchdog: hold the arm after so long without a command",
+            "watchdog_timeout", 0.1, "s",
+            "watchdog: hold the arm after this long without a command",
             lower=0.002, upper=1.0, read_only=True,
         ),
         Parameter(

@@ -102,7 +102,7 @@ class BagReader:
             raise
         if not self._files:
             self._stack.close()
-            raise self._unreadable("; ".join(problems) or "no file of it is there")
+            raise self._unreadable("; ".join(problems) or "none of its files exists")
         for problem in problems:
             self._note(f"not read: {problem}")
         for _, file in self._files:
@@ -181,7 +181,7 @@ class BagReader:
         for magic, kind in _KINDS:
             if head.startswith(magic):
                 return kind(path)
-        raise BagFileError("is empty" if not head else "begins like no file of a bag")
+        raise BagFileError("is empty" if not head else "does not begin like a file of a bag")
 
     def _unpacked(self, path: Path) -> Path:
         """Return a file that was compressed as a whole, unpacked for as long as it is open."""

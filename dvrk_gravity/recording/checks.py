@@ -120,7 +120,7 @@ def _time(recording: Recording) -> list[DataWarning]:
     jitter = float(np.std(intervals[~long]))
     if jitter > _JITTER * typical:
         numbers = {"jitter_s": jitter, "interval_s": typical}
-        text = f"intervals vary by {1e3 * jitter:.2g} ms around {1e3 * typical:.3g} ms"
+        text = f"sampling intervals vary by {1e3 * jitter:.2g} ms around {1e3 * typical:.3g} ms"
         findings.append(DataWarning("time_jitter", None, numbers, text))
     return findings
 

@@ -126,5 +126,5 @@ def brief(warnings: Iterable[DataWarning]) -> list[str]:
     lines = []
     for first, *others in groups.values():
         joints = ", ".join(dict.fromkeys(other.joint for other in others if other.joint))
-        lines.append(f"{first}; likewise {joints}" if joints else str(first))
+        lines.append(f"{first}; also {joints}" if joints else str(first))
     return lines

@@ -110,7 +110,7 @@ class Duplicates:
         kept = self.samples - self.number
         text = (
             f"{self._source}: {self.number} of {self.samples} samples are exact duplicates of "
-            "samples read before, and count once"
+            "earlier samples, and count once"
         )
         if not kept:
             text += "; it is skipped"

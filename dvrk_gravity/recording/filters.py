@@ -1,7 +1,7 @@
 """Zero-phase low-pass filter and derivatives of uniformly sampled (N,) or (N, k) arrays.
 
-The same filter goes over positions, efforts and the columns of a regressor: a linear model stays
-true when both of its sides are filtered alike.
+The same filter is applied to positions, efforts and columns of a regressor: a linear model stays
+true when both of its sides pass the same filter.
 """
 
 from __future__ import annotations

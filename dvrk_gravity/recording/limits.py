@@ -135,7 +135,7 @@ def jumps(recording: Samples) -> list[DataWarning]:
         rest = np.abs(way[rows, joint] - 2.0 * np.pi * turns)
         wraps = unit == "rad" and bool((rest < reach[rows, joint]).all())
         expected = (
-            "an angle that goes on beyond a turn, not wrapped"
+            "a continuous angle, not wrapped"
             if wraps
             else f"less than {reach[row, joint]:.2g} {unit}; if it is a wrong reading, take its "
             "sample out"

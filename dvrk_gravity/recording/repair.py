@@ -119,7 +119,7 @@ def _unwrapped(samples: Samples) -> tuple[Samples, Array | float]:
         return samples, 0.0
     added = np.zeros_like(samples.position)
     added[1:] = np.cumsum(np.where(found, -TURN * turns, 0.0), axis=0)
-    text = "its position wraps at a turn, and is read as going on beyond it"
+    text = "its position wraps at a turn, and was unwrapped"
     notes = [Note("wrapped", text, joint) for joint in compress(samples.joints, found.any(axis=0))]
     moved = _moved(samples, added)
     return replace(moved, notes=merged((*samples.notes, *notes))), added[-1]

@@ -68,8 +68,8 @@ def sampling(recording: Recording) -> list[DataWarning]:
         longest = _longest_run(old)
         numbers = {"samples": int(old.sum()), "share": float(np.mean(old)), "longest": longest}
         text = (
-            f"{old.sum()} of {len(recording)} samples repeat the one before while the arm "
-            f"moves, up to {longest} in a row"
+            f"{old.sum()} of {len(recording)} samples repeat the previous one while the "
+            f"arm moves, up to {longest} in a row"
         )
         findings.append(DataWarning("stale_samples", None, numbers, text))
     # Over a gap nothing is smooth.
@@ -82,9 +82,9 @@ def sampling(recording: Recording) -> list[DataWarning]:
     if corrected or jitter * rate > _READ_JITTER:
         numbers = {"jitter_s": jitter, "interval_s": 1.0 / rate, "corrected": float(corrected)}
         text = (
-            f"samples were taken about {1e3 * jitter:.2g} ms off their stamps, stale ones "
+            f"samples and their stamps differ by about {1e3 * jitter:.2g} ms, stale samples "
             f"included (interval {1e3 / rate:.3g} ms)"
-            + ("; put back to when positions and velocities agree" if corrected else "")
+            + ("; corrected by matching positions and velocities" if corrected else "")
         )
         findings.append(DataWarning("read_jitter", None, numbers, text))
     return findings
@@ -124,9 +124,9 @@ def ripple(recording: Recording) -> list[DataWarning]:
     if share is None or share <= _RIPPLE or recording.rate is None:
         return []
     text = (
-        f"efforts ripple above {recording.rate / 4.0:.3g} Hz, the more the faster the joints "
-        f"move: about {100 * share:.2g} % of the torque below {_RIPPLE_BAND:g} Hz may "
-        "be ripple in disguise; command positions in finer steps, or record at 1 kHz"
+        f"efforts ripple above {recording.rate / 4.0:.3g} Hz, more at higher joint speed: "
+        f"about {100 * share:.2g} % of the torque below {_RIPPLE_BAND:g} Hz may "
+        "be aliased ripple; command positions in finer steps, or record at 1 kHz"
     )
     numbers = {"share": share, "above_hz": recording.rate / 4.0}
     return [DataWarning("effort_ripple", None, numbers, text)]
@@ -212,7 +212,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                 }
                 text = (
                     f"encoder resolution is coarse ({step:.3g} {measured_in}): differentiated "
-                    f"velocity has steps of {step * rate:.2g} {measured_in}/s, the joint moves at "
+                    f"velocity has steps of {step * rate:.2g} {measured_in}/s at a joint speed of "
                     f"{typical:.2g}"
                 )
                 findings.append(DataWarning("position_quantisation", joint, numbers, text))
@@ -372,7 +372,7 @@ def frozen(recording: Recording) -> list[DataWarning]:
         further = f", {seconds:.3g} s in {len(own)} such spans" if len(own) > 1 else ""
         text = (
             f"effort stays at {own[0].value:.4g} from {first:.6g} to {last:.6g} s "
-            f"({last - first:.3g} s{further}) while the joint goes on moving: no reading"
+            f"({last - first:.3g} s{further}) while the joint moves: not a reading"
         )
         numbers = {"seconds": seconds, "from_s": first, "to_s": last}
         findings.append(DataWarning("effort_frozen", recording.joints[joint], numbers, text))

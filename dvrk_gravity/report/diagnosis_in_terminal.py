@@ -40,7 +40,8 @@ def diagnosis_text(
         yield laid_out(f"{verdict}: {_counted(findings)}{of_what}", width)
         yield from finding_table(findings, diagnosis.model.arm.n, width)
         yield laid_out(_how_good(diagnosis), width)
-        yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
+        if not why:
+            yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
     if diagnosis.caveat:
         yield laid_out(f"note: {diagnosis.caveat}", width)
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]

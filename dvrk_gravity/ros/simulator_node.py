@@ -59,7 +59,7 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
             "built-in compensation initially on, as on a real console",
         ),
         Parameter(
-            "push_timeout", 0.1, "s", "a push ends after so long without simulator/push_jf",
+            "push_timeout", 0.1, "s", "a push ends after this long without simulator/push_jf",
             lower=0.002, upper=60.0,
         ),
         Parameter(
@@ -204,7 +204,9 @@ class Simulator(Node):
             )
         for _ in range(due):
             if not self._arm.step():
-                self.get_logger().error("the pushed arm left the range of numbers: it holds")
+                self.get_logger().error(
+                    "the pushed arm diverged beyond the range of numbers: it holds"
+                )
             self._steps += 1
             self._publish()
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dvrk_gravity.arms import rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import State, mean_slope_by_delay
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.estimation import NORMAL_95, solve
 from dvrk_gravity.model import CalibrationSamples, ModelUncertainty
 

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
 

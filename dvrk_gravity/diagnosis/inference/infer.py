@@ -25,8 +25,10 @@ from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.remaining import minor_effects, unexplained_structure
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.effects import Kind
+from dvrk_gravity.intake import contradiction
 
 _DOUBTFUL = 1.5  # times the noise: then the masses of a model without uncertainty are free. Chosen
+_OTHER_ARM = "effects were not looked for: no effect of one arm explains a recording of the other"
 _FREE_GAIN = 20.0  # log-likelihood that they must gain, less costs: of five parameters. Chosen
 
 
@@ -131,6 +133,11 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     """Return readings, effects and unexplained structure that the samples of selection show."""
     read = correct_readings(loaded, say)
     loaded, validation, pool = read.loaded, read.validation, read.pool
+    if contradiction(loaded.warnings) and not read.wrong:
+        loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
+        floor = validation.data.noise_rms(loaded.floor, validation.residual([]))
+        nothing = Selection(validation, [], say)
+        return _Search(loaded, (), nothing, [], [], [], [], [], floor, None)
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)

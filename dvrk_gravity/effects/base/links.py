@@ -9,10 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import GRAVITY, Arm, Tree, nominal_inertias
+from dvrk_gravity.arms import GRAVITY, PER_LINK, Arm, Tree, nominal_inertias, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.rigid_body import PER_LINK
 from dvrk_gravity.effects.base.site import Kind, joints_with_weight, links_of_joints, unit_travel
 from dvrk_gravity.effects.base.term import Evaluator
 from dvrk_gravity.parameters import Parameter, Value

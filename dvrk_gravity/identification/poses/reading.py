@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arms import Arm, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import LinkWeight, as_value, weight_directions
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.quality.identifiability import base_weights
 from dvrk_gravity.intake import beyond_limits, require_all, require_measured
@@ -32,7 +31,7 @@ FEWEST = 20  # poses in any case. Chosen: four in each of the five blocks that a
 POSED = 0.1
 RARER = 0.1  # part of the poses that must have come from the rarer direction. Chosen
 N_BETA = 10
-# Prior size of links' parameters, in what the links of the arm's file weigh or are supposed to.
+# Prior size of links' parameters, in what the links of the arm's file weigh or are assumed to.
 # Chosen: 1 N·m is two to five times the RMS of MTMR-28002's beta. With one, what poses determine
 # poorly is shrunk too much: loads on a UR5 identified from 60 poses were 8 % too heavy
 # (benchmark/poses.py).

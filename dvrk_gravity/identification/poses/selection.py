@@ -28,7 +28,7 @@ from dvrk_gravity.identification.poses.solver import (
 )
 from dvrk_gravity.identification.result import Choice, improvement
 
-# Prior sizes that are tried: of the joint's own function of order one, in robust standard
+# Candidate prior sizes: of the joint's own function of order one, in robust standard
 # deviations of its torque without it; of the other functions, in those of what its own position
 # leaves. A grid, a factor of two to three apart.
 OWN = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -82,7 +82,7 @@ class JointSearch:
         factor: (slabs,) how much each one counts.
         own: Robust standard deviation of the torque without the joint's own functions, N·m or N.
         rest: The same with them.
-        note: Called with every group that was tried.
+        note: Called with every group that was tested.
     """
 
     table: Table
@@ -184,7 +184,7 @@ def choose(
 
     Args:
         table: Columns at the poses that may be seen.
-        note: Called with every group that was tried.
+        note: Called with every group that was tested.
     """
     joints = range(table.arm.n)
     poses = table.poses
@@ -196,7 +196,7 @@ def choose(
     of_slabs = inner_slabs(poses.q, poses.moving)
     of_order = masks(sequential(len(poses), min(BLOCKS, len(poses))))
     # Slabs alone ask for more smoothness than a fit to all of them needs; blocks, at positions
-    # seen elsewhere, for less than new positions need. Both count alike.
+    # seen elsewhere, for less than new positions need. Both count equally.
     share = sum(map(np.sum, of_slabs)) / len(poses)
     factor = np.array([1.0] * len(of_slabs) + [max(share, 1.0)] * len(of_order))
     chosen = []

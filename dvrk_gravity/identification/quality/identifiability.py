@@ -9,7 +9,7 @@ from itertools import chain, combinations, product
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arms import Arm, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     Column,
@@ -18,7 +18,6 @@ from dvrk_gravity.effects import (
     samples,
     weight_directions,
 )
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.estimation import Solution, Uncertainty
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.quality.uncertainty import NARROW

@@ -14,10 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import link_sizes, prior_scale
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.estimation import Solution
 from dvrk_gravity.model import Columns, link_columns
 

@@ -31,8 +31,8 @@ MORE = (
     "more poses, all joints over most of their ranges in many combinations",
 )
 FURTHER = (
-    "further motions elsewhere in the joints' ranges, as `excite --seed` makes them, and give all "
-    "of them to identify",
+    "more motions in other parts of the joints' ranges (`excite --seed`), and pass all of them to "
+    "identify",
     "poses nearer to the limits of all joints, and more positions of each",
 )
 NOISE = (
@@ -68,7 +68,7 @@ _SHORTEST = 8.0
 RULE = (
     f"|e|/|tau| is good up to the joint's 'good to', and usable up to the larger of {_USABLE:g} "
     f"and {_USABLE_OVER_GOOD:.2g} times its 'good to'; an error below {100 * _NEGLIGIBLE:g} % of "
-    "its effort limit moves no joint, and is good"
+    "its effort limit is less than dry friction, and is good"
 )
 
 
@@ -192,7 +192,7 @@ def by_errors(
         reason = ""
         if level != level_of(joint, error.nrmse):
             reason = (
-                f"{_milli(error.rmse, joint)} moves no joint"
+                f"{_milli(error.rmse, joint)} is less than dry friction"
                 if error.rmse <= _NEGLIGIBLE * limit
                 else f"{_milli(error.rmse, joint)} may be friction, which these poses do not show"
             )
@@ -228,13 +228,13 @@ def _of_error(
     if not error.beats_constant:
         return JointVerdict(POOR, f"{reason}, no better than a constant", CLEAN[static])
     if error.rmse <= _NEGLIGIBLE * limit:
-        return JointVerdict(GOOD, f"{reason}, which moves no joint")
+        return JointVerdict(GOOD, f"{reason}, less than dry friction")
     level = _level(joint, error, limit, with_friction=False)
     if level == GOOD:
         return JointVerdict(GOOD, reason)
     fitted = _percent(training.nrmse)
     if with_friction and error.rmse <= _FRICTION * limit:
-        # Friction is in both errors alike; the held-out one adds what the fit does not determine.
+        # Friction is in both errors; the held-out one adds what the fit does not determine.
         added = sqrt(max(1.0 - (training.nrmse / error.nrmse) ** 2, 0.0))
         unknown = JointError(added * error.rmse, added * error.nrmse, error.r2)
         if _level(joint, unknown, limit, with_friction=False) == POOR:

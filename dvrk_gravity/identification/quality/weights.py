@@ -11,10 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arms import ANY_UNIT, EFFORT_UNITS, PLANTS, SCALES, Arm, plausible_plant
+from dvrk_gravity.arms import (
+    ANY_UNIT,
+    EFFORT_UNITS,
+    PLANTS,
+    SCALES,
+    Arm,
+    plausible_plant,
+    rigid_body,
+)
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State, last_link, weight_directions
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.gravity import BETA_NAMES
@@ -26,7 +33,7 @@ from dvrk_gravity.parameters import flatten
 from dvrk_gravity.recording import DataWarning
 
 _, USABLE, POOR = VERDICTS
-_INSTEAD = "says so, --effort-unit N·m (effort_unit in the arm's file) that its masses are wrong"
+_INSTEAD = "(if its masses are wrong: --effort-unit N·m, or effort_unit in the arm's file)"
 READ_WITHOUT = "effort_has_gravity: {read: false} in the arm's file"
 
 
@@ -275,7 +282,7 @@ def missing_weights(weights: Sequence[HeldWeight], arm: Arm) -> Iterator[Contrad
         POOR if sure else USABLE,
         f"gravity is not in its efforts: {masses} more there",
         f"gravity is not in the efforts of {shown}, RMS, that {masses} there: another unit, or "
-        f"does the driver subtract it? {READ_WITHOUT} says so",
+        f"does the driver subtract it? {READ_WITHOUT} states that",
     )
 
 
@@ -295,21 +302,23 @@ def _of_another_size(weights: Sequence[HeldWeight]) -> Iterator[Contradiction]:
     off = [each for each in weights if _is_off(each)]
     while off:
         first = off[0]
-        alike = [
+        similar = [
             each
             for each in off
             if first.ratio / SAME <= each.ratio <= first.ratio * SAME or each is first
         ]
-        off = [each for each in off if each not in alike]
-        ratio = float(np.mean([each.ratio for each in alike]))
-        error = max(each.error for each in alike)
-        names = ", ".join(each.joint for each in alike)
+        off = [each for each in off if each not in similar]
+        ratio = float(np.mean([each.ratio for each in similar]))
+        error = max(each.error for each in similar)
+        names = ", ".join(each.joint for each in similar)
         times = f"{ratio:.2g} times what the masses in the arm's file weigh there (± {error:.1g})"
-        cause = f"a wrong unit, or torque constant? --drive-gains or --effort-unit A {_INSTEAD}"
+        cause = (
+            f"a wrong unit, or torque constant? Pass --drive-gains or --effort-unit A {_INSTEAD}"
+        )
         if ratio < 0.0:
-            cause = f"a wrong sign, or another mounting? base_rpy in a .yaml {_INSTEAD}"
+            cause = f"a wrong sign, or another mounting? Set base_rpy in a .yaml {_INSTEAD}"
         yield Contradiction(
-            tuple(each.joint for each in alike),
+            tuple(each.joint for each in similar),
             POOR,
             f"its efforts are {times}",
             f"efforts of {names} are {times}: {cause}",

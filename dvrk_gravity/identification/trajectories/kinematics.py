@@ -14,8 +14,8 @@ from dvrk_gravity.identification.trajectories.problem import (
     Problem,
     choose,
     pose,
-    reweighed,
     solved,
+    with_motor_weights,
 )
 from dvrk_gravity.intake import CalibrationMotion
 from dvrk_gravity.model import (
@@ -122,7 +122,7 @@ def _moved(
     there = _calibration(problem, chosen, fitted)
     around = pose(motions, columns.arm, selection.effects, kinematics=there)
     same = columns.same(chosen, around.design.columns)
-    return reweighed(around, same), same
+    return with_motor_weights(around, same), same
 
 
 def _converged(

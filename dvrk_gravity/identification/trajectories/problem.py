@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import BODIES as TREE_LINKS
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import PER_LINK, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.effects import PER_LINK, Column, Gravity, Term
+from dvrk_gravity.effects import Column, Gravity, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
@@ -171,31 +171,31 @@ def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
 def choose(
     problem: Problem, begin: Sequence[list[int]], progress: Callable[[float], None]
 ) -> tuple[Problem, list[int]]:
-    """Return the problem, reweighed, and the columns that improve the held-out error.
+    """Return the problem, weighted again, and the columns that improve the held-out error.
 
     The richest model, whose residual weighs motors at first, overfits the noise of some more than
     that of others. So the search goes on with the weights of its own residual (feasible
     generalised least squares).
 
     Args:
-        problem: The problem, weighed by its richest model.
+        problem: The problem, weighted by its richest model.
         begin: Columns to start with; at least one set.
         progress: Called with the share that is done, a guess.
     """
     chosen = problem.selection.search(begin, progress)
     kept = [choice for choice in problem.selection.choices if choice.kept]
-    problem = reweighed(problem, chosen)
+    problem = with_motor_weights(problem, chosen)
     problem.selection.choices = kept
     chosen = problem.selection.run(chosen)
-    return reweighed(problem, chosen), chosen
+    return with_motor_weights(problem, chosen), chosen
 
 
-def reweighed(problem: Problem, chosen: Sequence[int]) -> Problem:
-    """Return the problem with motors weighed by the residual of the chosen columns."""
+def with_motor_weights(problem: Problem, chosen: Sequence[int]) -> Problem:
+    """Return the problem with motors weighted by the residual of the chosen columns."""
     design, weighting, selection = problem.design, problem.weighting, problem.selection
     predicted = design.x[:, :, list(chosen)] @ solved(problem, chosen).theta
     weighting = _weighting(design, weighting.sample * (design.y - predicted), weighting.sample)
-    return replace(problem, weighting=weighting, selection=selection.weighed(weighting.motor))
+    return replace(problem, weighting=weighting, selection=selection.with_weights(weighting.motor))
 
 
 def _weigh(design: Design) -> Weighting:

@@ -80,7 +80,7 @@ class ColumnSelection:
     effects: Sequence[str] | None = None
     choices: list[Choice] = field(default_factory=list)
 
-    def weighed(self, weight: Array) -> ColumnSelection:
+    def with_weights(self, weight: Array) -> ColumnSelection:
         """Return the search with other (m,) weights of motors, and the trials so far."""
         return ColumnSelection(
             self.columns, self.train, self.test, weight, self.effects, list(self.choices)
@@ -179,7 +179,7 @@ class ColumnSelection:
         return MoveTrial(move, worth, worth > max(0.0, STANDARD_ERRORS * uncertainty), errors)
 
     def permitted(self, move: ModelChange) -> bool:
-        """Whether a move may be tried."""
+        """Whether a move may be tested."""
         added = [self.columns.columns[i] for i in move.add]
         return all(self.allowed(column.effect) and self.columns.offers(column) for column in added)
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.arm import Arm
 from dvrk_gravity.arrays import Array
 
 PER_LINK = 10
