@@ -15,7 +15,7 @@ import dvrk_gravity.estimation
 import dvrk_gravity.identification
 import dvrk_gravity.recording
 from dvrk_gravity.estimation import RobustSettings
-from dvrk_gravity.identification.poses.solver import ROBUST
+from dvrk_gravity.identification.poses import solver
 
 ROOMS = (
     dvrk_gravity.diagnosis, dvrk_gravity.estimation, dvrk_gravity.identification,
@@ -63,10 +63,10 @@ def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_
 
 
 def test_so_is_one_that_a_module_holds_as_a_constant(sensitivity):
-    before, (first, *_) = replace(ROBUST), fields(RobustSettings)
+    before, (first, *_) = replace(solver.ROBUST), fields(RobustSettings)
     with sensitivity.changed(RobustSettings, first.name, 3.0):
-        assert getattr(ROBUST, first.name) == 3.0 * first.default
-    assert before == ROBUST
+        assert getattr(solver.ROBUST, first.name) == 3.0 * first.default
+    assert before == solver.ROBUST
 
 
 @pytest.mark.slow
