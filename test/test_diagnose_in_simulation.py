@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -23,10 +24,11 @@ from testing.world import COARSE, World
 
 
 @contextmanager
-def let_go_once() -> Iterator[None]:
+def let_go_once(duration: float = comparison.DURATION) -> Iterator[None]:
     """Show the drift from one pose, not three: a third of the time, where no size of it matters."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(comparison, "_POSES", 1)
+        patch.setattr(comparison, "let_go", partial(let_go, duration=duration))
         yield
 
 
@@ -176,7 +178,7 @@ def test_a_comparison_that_fails_says_why_in_words(recorded):
     stiff = {"contact.above": [1e6] * 7, "contact.above_position": [-3.0] * 7}
     weightless = tuple(t for t in model.terms if not isinstance(t, Gravity))
 
-    with let_go_once():
+    with let_go_once(duration=0.3):
         absurd = in_simulation(model, with_links(model, lambda links: 1e85 * links), motion, spans)
         wild = in_simulation(
             model, TorqueModel.from_parameters(model.parameters() | stiff), motion, spans

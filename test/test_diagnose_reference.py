@@ -38,6 +38,11 @@ def bare(world) -> Recording:
     return record(world, 1, 11)
 
 
+@pytest.fixture(scope="module")
+def again(world) -> Recording:
+    return record(world, 1, 13)
+
+
 def later(recording: Recording, seconds: float) -> Recording:
     """The same motion on a clock that began later."""
     cut = recording.between(seconds, np.inf)
@@ -134,14 +139,8 @@ def inverse_dynamics(world: PlainWorld, motion: Sines, noise: int) -> Recording:
     return Recording(joints=world.arm.joint_names, position=q, effort=effort, time=time)
 
 
-def test_nothing_that_changed_is_nothing_to_explain(world, bare):
-    again = later(record(world, 1, 13), 0.9)
-    assert diagnose(again, arm=UR5, reference=bare).verdict == "nothing_to_explain"
-
-
-@pytest.fixture(scope="module")
-def again(world) -> Recording:
-    return record(world, 1, 13)
+def test_nothing_that_changed_is_nothing_to_explain(bare, again):
+    assert diagnose(later(again, 0.9), arm=UR5, reference=bare).verdict == "nothing_to_explain"
 
 
 @pytest.mark.usefixtures("four_folds")
@@ -190,8 +189,7 @@ def test_a_load_that_was_taken_off_since_is_weighed_too(bare, loaded):
 @pytest.mark.parametrize(
     "factor", [pytest.param(0.5, marks=SLOW), pytest.param(1.2, marks=SLOW), 2.0]
 )
-def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(world, bare, factor):
-    again = record(world, 1, 13)
+def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(bare, again, factor):
     read = replace(again, effort=factor * again.effort)
     (found,) = diagnose(read, arm=UR5, reference=bare).findings
     scale = found.parameters["factor"]
@@ -200,15 +198,19 @@ def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(worl
     assert scale.low < factor < scale.high
 
 
+@pytest.fixture(scope="module")
+def pair(world) -> list[Recording]:
+    return [record(world, 1, seed) for seed in (15, 16)]
+
+
 @pytest.mark.parametrize("noise", [1.0, pytest.param(2.0, marks=SLOW)])
 @pytest.mark.parametrize("delay", [pytest.param(0.012, marks=SLOW), 0.04, -0.04])
-def test_efforts_that_come_later_than_a_reference_s_are_told_by_how_much(world, delay, noise):
+def test_efforts_that_come_later_than_a_reference_s_are_told_by_how_much(world, pair, delay, noise):
     """Noise of the two is not taken for their slope, nor friction's steps, left out, for none."""
     rng, sensors = np.random.default_rng(3), NOISE * world.arm.actuator_effort_limit
-    bare, again = (record(world, 1, seed) for seed in (15, 16))
     bare, again = (
         replace(r, effort=r.effort + (noise - 1.0) * sensors * rng.standard_normal(r.effort.shape))
-        for r in (bare, again)
+        for r in pair
     )
     late = [np.interp(again.time - delay, again.time, effort) for effort in again.effort.T]
 
@@ -223,12 +225,11 @@ def test_efforts_that_come_later_than_a_reference_s_are_told_by_how_much(world, 
 
 
 @pytest.mark.parametrize("joint", [1, pytest.param(slice(None), marks=SLOW)], ids=["one", "all"])
-def test_efforts_of_the_other_sign_than_the_reference_s_are_refused(world, bare, joint):
-    turned = record(world, 1, 13)
-    effort = turned.effort.copy()
+def test_efforts_of_the_other_sign_than_the_reference_s_are_refused(bare, again, joint):
+    effort = again.effort.copy()
     effort[:, joint] *= -1.0
     with pytest.raises(RecordingError, match=r"shoulder_lift_joint.* with reversed sign"):
-        diagnose(replace(turned, effort=effort), arm=UR5, reference=bare)
+        diagnose(replace(again, effort=effort), arm=UR5, reference=bare)
 
 
 def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told(bare, loaded):
