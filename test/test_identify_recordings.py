@@ -257,7 +257,7 @@ def test_bad_files_give_one_clear_line(kind, says, tmp_path, capsys):
     ("options", "says"),
     [
         ([], "some.csv: has no wrist_roll: expected all joints, or `--at wrist_roll=0deg"),
-        (["--at", "elbow_pitch=0"], "expected no joint that is recorded, as elbow_pitch is"),
+        (["--at", "elbow_pitch=0"], "expected a joint that is not recorded: elbow_pitch is"),
         (["--at", "elbow=0"], "'elbow=0', expected JOINT=ANGLE"),
         (["--at", "wrist_roll=2"], "expected an angle with its unit"),
         (["--at", "wrist_roll=nandeg"], "expected an angle with its unit"),

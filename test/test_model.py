@@ -356,5 +356,5 @@ def test_a_file_whose_geometry_changed_under_a_model_is_no_longer_its_arm(tmp_pa
     longer = text.replace('xyz="0.0 0.0 0.39225"', 'xyz="0.0 0.0 0.3932"')
     assert longer != text
     arm_file.write_text(longer)
-    with pytest.raises(ConfigError, match=r"geometry is another one now.*identify again"):
+    with pytest.raises(ConfigError, match=r"its geometry has changed.*identify again"):
         TorqueModel.load(model_file)

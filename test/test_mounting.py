@@ -109,7 +109,7 @@ def test_an_arm_that_hangs_is_not_read_with_efforts_of_the_wrong_sign(upright, h
 def test_what_a_yaml_says_of_the_mounting_is_believed(hanging, tmp_path):
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump({"urdf": str(UR5), "base_rpy": [0, 0, 0]}))
     handling = evaluate(tmp_path / "arm.yaml", hanging).handling
-    assert any(line.startswith("warning: by the masses") for line in handling)
+    assert any(line.startswith("warning: according to the masses") for line in handling)
 
 
 @pytest.mark.parametrize("shown", [(180.0, 0.0), (90.0, 0.0)])

@@ -52,7 +52,7 @@ def test_acceleration_is_that_of_the_motion_and_not_of_the_jitter():
     inner, fine = slice(400, -400), slice(0, 4)
     error = np.std((segment.acceleration - true)[inner, fine])
     assert error < 0.2 * np.std((wrong.acceleration - true)[inner, fine])
-    assert any("put back" in str(warning) for warning in prepared.warnings)
+    assert any("corrected by matching" in str(warning) for warning in prepared.warnings)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 1e-4])

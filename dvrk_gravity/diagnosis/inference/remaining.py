@@ -103,7 +103,7 @@ def _doubt(
         function = trial.candidate.hypothesis
         if function.joints[0] in joints:
             of, where = function.words({})["what"], function.names[0]
-            why = f"beside it an error of {where} stays that depends on {of}"
+            why = f"beside it an error of {where} remains that depends on {of}"
             return why, function.remedy(carried=False)
     functions = [each for each in pool if each.hypothesis.joints[0] in joints]
     if selection.fixed(candidate) or not functions:
