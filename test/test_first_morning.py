@@ -93,7 +93,7 @@ def test_the_help_of_a_node_lists_its_parameters(node, capsys):
         main([node, "--help"])
     shown = capsys.readouterr().out
     listed = {
-        "compensator": "  timeout (double, 0.1 s): hold the arm and stop after this long without valid input",
+        "compensator": "  timeout (double, 0.1 s): hold the arm and stop after this long",
         "watchdog": "  watchdog_timeout (double, 0.1 s): watchdog: hold the arm after this long",
         "simulator": "  realtime_factor (double, 1): simulated seconds per second",
     }
