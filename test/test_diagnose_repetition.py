@@ -148,7 +148,7 @@ def test_wrong_coordinates_are_found_before_what_else_is_wrong():
     first, second, *_ = diagnose(motors, KNOWN.model()).findings
 
     assert (first.effect, second.effect) == ("wrong_coordinates", "viscous_friction")
-    assert first.remedy == "say so: --coordinates actuator"
+    assert first.remedy == "pass --coordinates actuator"
 
 
 def _poses(moving: tuple[int, ...]) -> Recording:

@@ -83,7 +83,7 @@ class Reading:
     def remedy(self) -> str:
         """What to do about it."""
         if self.coordinates:
-            return f"say so: --coordinates {self.coordinates}"
+            return f"pass --coordinates {self.coordinates}"
         if self.sign:
             return f"correct the sign of {self.sign}, where it is read or recorded"
         if self.scale is not None and not self.joints:
