@@ -27,9 +27,13 @@ _FASTEST = 2.0  # rad/s and rad/s^2 (``Arm.scale``), by which weight and inertia
 _REST = 10.0  # weight of a pose: what holds an arm up must be right first. Chosen
 # Weights of the torques, in squares of a part of a joint's RMS torque: by the last the divergence
 # of ten bodies moves torque by 1e-5 of it, which the exact step below takes off.
-_WEIGHTS = 10.0 ** np.arange(0, 11, 2)
+_WEIGHTS = 10.0 ** np.arange(0, 7, 2)
+# Of plausible mass and second moments, that a body has at least: what is thinner moves a simulator
+# as nothing real does. `identify --physical` has 4e-4.
+_LEAST = 1e-4
 _STEPS = 40  # of Newton's method for each; ten are usual
 _DONE = 1e-8  # half the squared decrement at which it ends
+_ROUNDING = 1e-13  # of an eigenvalue, or of a step
 _SAME = 1e-11  # of a joint's RMS torque: rounding
 _THIN = 1e-12  # least eigenvalue over greatest that rounding leaves of a point mass
 _SOLID = 1e-6  # the same of a body that can stand for a plausible one
@@ -91,42 +95,42 @@ def _equations(
 def _nearest(arm: Arm, rows: Array, right: Array) -> Array:
     """Return (10 bodies,) parameters that minimise weight |rows x - right|^2 / 2 + divergence."""
     found = _plausible(arm)
-    count = len(found)
-    prior = np.array([np.linalg.inv(_matrix(row)) for row in found])
+    # X = L^-1 P L^-T, of plausible bodies P0 = L L' one.
+    whiten = np.linalg.inv(np.linalg.cholesky(np.einsum("bk,kij->bij", found, _BASIS)))
+    basis = np.einsum("bij,kjl,bml->bkim", whiten, _BASIS, whiten)
+    least = _LEAST * np.eye(4)
     square, slope = rows.T @ rows, rows.T @ right
 
+    def matrices(links: Array) -> Array:
+        return np.einsum("bk,bkij->bij", links, basis) - least
+
     def value(links: Array, weight: float) -> float:
-        matrices = np.array([_matrix(row) for row in links])
-        try:
-            factors = np.linalg.cholesky(matrices)
-        except np.linalg.LinAlgError:
+        eigenvalues = np.linalg.eigvalsh(matrices(links))
+        if (eigenvalues[:, 0] <= _ROUNDING * eigenvalues[:, -1]).any():
             return np.inf
-        determinant = 2.0 * np.log(np.diagonal(factors, axis1=1, axis2=2)).sum()
         missed = rows @ links.ravel() - right
-        return float(0.5 * weight * missed @ missed + np.sum(prior * matrices) - determinant)
+        divergence = np.sum(eigenvalues - np.log(eigenvalues))
+        return float(0.5 * weight * missed @ missed + divergence)
 
     for weight in _WEIGHTS.tolist():
         for _ in range(_STEPS):
-            inverse = np.array([np.linalg.inv(_matrix(row)) for row in found])
-            gradient = np.einsum("kij,bij->bk", _BASIS, prior - inverse).ravel()
+            inverse = np.linalg.inv(matrices(found))
+            gradient = np.einsum("bkij,bij->bk", basis, np.eye(4) - inverse).ravel()
             gradient += weight * (square @ found.ravel() - slope)
             hessian = weight * square
-            carried = np.einsum("bij,kjl->bkil", inverse, _BASIS)
-            blocks = np.einsum("bkil,bmli->bkm", carried, carried)
-            for body in range(count):
+            carried = np.einsum("bij,bkjl->bkil", inverse, basis)
+            for body, block in enumerate(np.einsum("bkil,bmli->bkm", carried, carried)):
                 part = slice(PER_LINK * body, PER_LINK * (body + 1))
-                hessian[part, part] += blocks[body]
+                hessian[part, part] += block
             # In units of each parameter's own curvature.
             unit = 1.0 / np.sqrt(np.diag(hessian))
             step = unit * np.linalg.lstsq(hessian * np.outer(unit, unit), -unit * gradient)[0]
-            decrement = float(-gradient @ step)
-            if decrement <= 2.0 * _DONE:
+            if -gradient @ step <= 2.0 * _DONE:
                 break
-            now, length = value(found, weight), 1.0
-            way = step.reshape(found.shape)
-            while length > 1e-10 and not value(found + length * way, weight) < now:
+            now, length, way = value(found, weight), 1.0, step.reshape(found.shape)
+            while length > _ROUNDING and not value(found + length * way, weight) < now:
                 length *= 0.5
-            if length <= 1e-10:  # rounding
+            if length <= _ROUNDING:
                 break
             found = found + length * way
     return found.ravel()
@@ -143,10 +147,7 @@ def _plausible(arm: Arm) -> Array:
             continue
         row = body.frame.act(inertia).toDynamicParameters()
         unit = np.array([1.0, 1.0, 1.0, size])
-        values = np.linalg.eigvalsh(_matrix(row) * np.outer(unit, unit))
+        values = np.linalg.eigvalsh(pseudo_inertia(row) * np.outer(unit, unit))
         found.append(row if values[0] > _SOLID * values[-1] else sphere)
     return np.array(found)
 
-
-def _matrix(row: Array) -> Array:
-    return np.einsum("k,kij->ij", row, _BASIS)

@@ -16,6 +16,7 @@ from dvrk_gravity.arms import PER_LINK, Arm, OF_WEIGHT
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     CoulombFriction,
+    DirectionalCable,
     ElasticCable,
     Gravity,
     JointSpring,
@@ -181,8 +182,11 @@ def _part(term: Term, form: Format, model: TorqueModel) -> Part | None:
     if isinstance(term, JointSpring):
         return Part(term.NAME, "", (term,), (term,))
     if isinstance(term, ElasticCable):
-        why = "its curvature: a straight line is held"
+        why = "its curvature: the file has the nearest straight line"
         return Part(term.NAME, why, (term,), (_line(term, model),))
+    if isinstance(term, DirectionalCable) and model.term(ElasticCable.NAME) is None:
+        why = "its curvature and its difference by direction: the file has a straight line"
+        return Part(term.NAME, why, (term,), (_line(term.elastic(), model),))
     why = "a reading's, not the arm's" if _of_reading(term) else "an MJCF has nothing for it"
     return Part(term.NAME, why, (term,))
 
