@@ -11,7 +11,7 @@ they miss are least, those at rest first.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -19,20 +19,22 @@ import pinocchio as pin
 from dvrk_gravity.arms import PER_LINK, Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State, Term, link_sizes, prior_scale
-from dvrk_gravity.identification import certificate, pseudo_inertia
+from dvrk_gravity.identification import pseudo_inertia
 from dvrk_gravity.simulate import PlantFile
 
 _STATES = 60  # at rest, and as many in motion: 840 torques of an MTM for 90 parameters
-_FASTEST = 2.0  # rad/s and rad/s^2 (``Arm.scale``), by which weight and inertia count alike
+_FASTEST = 2.0  # rad/s and rad/s^2 (``Arm.scale``), by which weight and inertia are of one size
 _REST = 10.0  # weight of a pose: what holds an arm up must be right first. Chosen
-# Weights of the torques, in squares of a part of a joint's RMS torque: by the last the divergence
-# of ten bodies moves torque by 1e-5 of it, which the exact step below takes off.
-_WEIGHTS = 10.0 ** np.arange(0, 7, 2)
+# Weights of the torques, in squares of a part of a joint's RMS torque. By the last, bodies' divergence
+# moves torque by less than 1e-4 of it.
+_WEIGHTS = 4.0 ** np.arange(-7, 15)
+_SOUND = 1e-9  # least eigenvalue over greatest of a body that a simulator can move
 # Of plausible mass and second moments, that a body has at least: what is thinner moves a simulator
 # as nothing real does. `identify --physical` has 4e-4.
 _LEAST = 1e-4
 _STEPS = 40  # of Newton's method for each; ten are usual
-_DONE = 1e-8  # half the squared decrement at which it ends
+_DONE = 1e-4  # half the squared decrement at which it ends, and the weight goes on
+_OF_WAY = 0.5  # to where a body is none, that a step goes at most
 _ROUNDING = 1e-13  # of an eigenvalue, or of a step
 _SAME = 1e-11  # of a joint's RMS torque: rounding
 _THIN = 1e-12  # least eigenvalue over greatest that rounding leaves of a point mass
@@ -54,23 +56,38 @@ def physical_bodies(
     """
     rows, right = _equations(arm, rigid, gravity, moves)
     missed = np.abs(rows @ known.ravel() - right).max()
-    if missed <= _SAME * _REST and min(certificate(arm, known.ravel()).values()) >= -_THIN:
+    if missed <= _SAME * _REST and _can_exist(arm, known, -_THIN):
         return known
     # The same squares from fewer rows.
-    triangle = np.linalg.qr(np.column_stack([rows, right]), mode="r")
+    triangle: Array = np.linalg.qr(np.column_stack([rows, right]), mode="r")
     rows, right = triangle[:, :-1], triangle[:, -1]
-    found = _nearest(arm, rows, right)
     scale = prior_scale(arm)
-    step = scale * np.linalg.lstsq(rows * scale, right - rows @ found, rcond=1e-10)[0]
-    exact = found + step
-    if min(certificate(arm, exact).values()) > 0.0:
-        found = exact
-    return found.reshape(-1, PER_LINK)
+    for found in _path(_plausible(arm, known), rows, right):
+        residual = right - rows @ found.ravel()
+        step = scale * np.linalg.lstsq(rows * scale, residual, rcond=1e-10)[0]
+        exact = found + step.reshape(found.shape)
+        if _can_exist(arm, exact, _SOUND):
+            return exact
+    return found
 
 
-def _equations(
-    arm: Arm, rigid: Sequence[Term], gravity: Array, moves: bool
-) -> tuple[Array, Array]:
+def _can_exist(arm: Arm, links: Array, least: float) -> bool:
+    """Return whether all of (bodies, 10) parameters are a body's; see :func:`_is_body`."""
+    sizes = (size for _, size in link_sizes(arm))
+    return all(_is_body(row, size, least) for row, size in zip(links, sizes, strict=True))
+
+
+def _is_body(row: Array, size: float, least: float) -> bool:
+    """Return whether no eigenvalue of a pseudo-inertia is below ``least`` of the greatest.
+
+    With some rounding, also a point's and nothing's are. Lengths are in units of the link.
+    """
+    unit = np.array([1.0, 1.0, 1.0, size])
+    values = np.linalg.eigvalsh(pseudo_inertia(row) * np.outer(unit, unit))
+    return bool(values[0] >= least * values[-1] and (least < 0.0 or values[-1] > 0.0))
+
+
+def _equations(arm: Arm, rigid: Sequence[Term], gravity: Array, moves: bool) -> tuple[Array, Array]:
     """Return (r, 10 bodies) rows and (r,) torques, in parts of each joint's RMS torque."""
     random = np.random.default_rng(0)
     q = random.uniform(*arm.range, (_STATES, arm.n))
@@ -92,14 +109,17 @@ def _equations(
     )
 
 
-def _nearest(arm: Arm, rows: Array, right: Array) -> Array:
-    """Return (10 bodies,) parameters that minimise weight |rows x - right|^2 / 2 + divergence."""
-    found = _plausible(arm)
-    # X = L^-1 P L^-T, of plausible bodies P0 = L L' one.
+def _path(plausible: Array, rows: Array, right: Array) -> Iterator[Array]:
+    """Yield (bodies, 10) that minimise weight |rows x - right|^2 / 2 + divergence, weight by weight.
+
+    By small steps of the weight, from plausible bodies: Newton's method stays near the path, where
+    by large ones it would run into bodies that cannot exist (Nesterov, Nemirovskii 1994).
+    """
+    found = plausible
+    # X = L^-1 P L^-T, of plausible ones P0 = L L' one.
     whiten = np.linalg.inv(np.linalg.cholesky(np.einsum("bk,kij->bij", found, _BASIS)))
     basis = np.einsum("bij,kjl,bml->bkim", whiten, _BASIS, whiten)
     least = _LEAST * np.eye(4)
-    square, slope = rows.T @ rows, rows.T @ right
 
     def matrices(links: Array) -> Array:
         return np.einsum("bk,bkij->bij", links, basis) - least
@@ -115,39 +135,41 @@ def _nearest(arm: Arm, rows: Array, right: Array) -> Array:
     for weight in _WEIGHTS.tolist():
         for _ in range(_STEPS):
             inverse = np.linalg.inv(matrices(found))
-            gradient = np.einsum("bkij,bij->bk", basis, np.eye(4) - inverse).ravel()
-            gradient += weight * (square @ found.ravel() - slope)
-            hessian = weight * square
+            gradient = np.einsum("bkij,bij->bk", basis, np.eye(4) - inverse)
             carried = np.einsum("bij,bkjl->bkil", inverse, basis)
-            for body, block in enumerate(np.einsum("bkil,bmli->bkm", carried, carried)):
-                part = slice(PER_LINK * body, PER_LINK * (body + 1))
-                hessian[part, part] += block
-            # In units of each parameter's own curvature.
-            unit = 1.0 / np.sqrt(np.diag(hessian))
-            step = unit * np.linalg.lstsq(hessian * np.outer(unit, unit), -unit * gradient)[0]
-            if -gradient @ step <= 2.0 * _DONE:
+            try:
+                curvature = np.linalg.cholesky(np.einsum("bkil,bmli->bkm", carried, carried))
+            except np.linalg.LinAlgError:  # rounding, at the very edge of what can exist
                 break
-            now, length, way = value(found, weight), 1.0, step.reshape(found.shape)
+            # Newton's step by least squares, in units in which the divergence's curvature is one.
+            unit = np.linalg.inv(curvature)
+            seen = np.einsum("rbk,bmk->rbm", rows.reshape(-1, *found.shape), unit)
+            stacked = np.vstack([np.sqrt(weight) * seen.reshape(len(rows), -1), np.eye(found.size)])
+            missed = np.sqrt(weight) * (right - rows @ found.ravel())
+            pull = -np.einsum("bmk,bk->bm", unit, gradient).ravel()
+            solved = np.linalg.lstsq(stacked, np.concatenate([missed, pull]))[0]
+            if np.sum((stacked @ solved) ** 2) <= 2.0 * _DONE:
+                break
+            step = np.einsum("bmk,bm->bk", unit, solved.reshape(found.shape))
+            now, way = value(found, weight), step
+            turned = np.linalg.solve(matrices(found), matrices(found + way)) - np.eye(4)
+            least_ratio = float(np.linalg.eigvals(turned).real.min())
+            length = min(1.0, _OF_WAY / max(-least_ratio, _ROUNDING))
             while length > _ROUNDING and not value(found + length * way, weight) < now:
                 length *= 0.5
             if length <= _ROUNDING:
                 break
             found = found + length * way
-    return found.ravel()
+        yield found
 
 
-def _plausible(arm: Arm) -> Array:
-    """Return (bodies, 10) of the arm's plant; spheres for those that are none's."""
+def _plausible(arm: Arm, known: Array) -> Array:
+    """Return (bodies, 10): known ones that are bodies, else the arm's plant's, else spheres."""
     links = PlantFile.of(arm).links
     found = []
-    for body, (mass, size) in zip(arm.bodies, link_sizes(arm), strict=True):
+    for body, row, (mass, size) in zip(arm.bodies, known, link_sizes(arm), strict=True):
+        inertia = links.get(body.name, pin.Inertia.Zero())
+        of_plant = body.frame.act(inertia).toDynamicParameters()
         sphere = body.frame.act(pin.Inertia.FromSphere(mass, size)).toDynamicParameters()
-        if (inertia := links.get(body.name)) is None:
-            found.append(sphere)
-            continue
-        row = body.frame.act(inertia).toDynamicParameters()
-        unit = np.array([1.0, 1.0, 1.0, size])
-        values = np.linalg.eigvalsh(pseudo_inertia(row) * np.outer(unit, unit))
-        found.append(row if values[0] > _SOLID * values[-1] else sphere)
+        found.append(next(each for each in (row, of_plant, sphere) if _is_body(each, size, _SOLID)))
     return np.array(found)
-

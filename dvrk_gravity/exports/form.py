@@ -198,8 +198,7 @@ def _of_reading(term: Term) -> bool:
 def _line(cable: ElasticCable, model: TorqueModel) -> ElasticCable:
     """Return the straight lines nearest to a cable's torque over the calibrated range."""
     lower, upper = calibrated_range(model)
-    nodes = np.cos(np.linspace(0.0, np.pi, 101))[:, None]
-    q = 0.5 * (lower + upper) + 0.5 * (upper - lower) * nodes - model.joint_offset
+    q = np.linspace(lower, upper, 201) - model.joint_offset
     torque = cable.torque(State(q))
     lines = np.zeros((2, model.arm.n))
     for joint, powers in enumerate(cable.coefficients.T):

@@ -34,7 +34,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class FileLink:
     """One body of the file.
 
     Attributes:
@@ -52,7 +52,7 @@ class Link:
     axes: tuple[Axis, ...]
 
 
-def links(model: TorqueModel) -> tuple[Link, ...]:
+def links(model: TorqueModel) -> tuple[FileLink, ...]:
     """Return the links of a model's arm, zeros of the joints where encoders have them."""
     arm = model.arm
     own = _own_links(arm)
@@ -71,7 +71,7 @@ def links(model: TorqueModel) -> tuple[Link, ...]:
             axes.append(Axis(name, joint, float(body.row[joint]), False))
         shift = -float(body.row @ model.joint_offset)
         placement = body.placement * along(body.kind, shift)
-        found.append(Link(body.name, body.parent, placement, body.kind, tuple(axes)))
+        found.append(FileLink(body.name, body.parent, placement, body.kind, tuple(axes)))
     return tuple(found)
 
 

@@ -21,7 +21,7 @@ from dvrk_gravity.effects import (
     RotorInertia,
     ViscousFriction,
 )
-from dvrk_gravity.exports.links import Link, at_joints, links, mounting, unused
+from dvrk_gravity.exports.links import FileLink, at_joints, links, mounting, unused
 from dvrk_gravity.exports.urdf import friction, numbers, written
 from dvrk_gravity.model import TorqueModel
 
@@ -105,7 +105,7 @@ def _inertial(body: Element, row: Array, moves: bool) -> None:
     )
 
 
-def _joint(body: Element, link: Link, name: str, own: int | None, held: TorqueModel) -> None:
+def _joint(body: Element, link: FileLink, name: str, own: int | None, held: TorqueModel) -> None:
     """Write a joint; one that follows others has nothing of its own."""
     kind = "hinge" if link.kind == "revolute" else "slide"
     joint = SubElement(body, "joint", name=name, type=kind, axis="0 0 1")
@@ -148,7 +148,7 @@ def _springs(held: TorqueModel) -> tuple[Array, Array]:
     return constant, stiffness
 
 
-def _coupled(root: Element, tree: tuple[Link, ...], held: TorqueModel) -> None:
+def _coupled(root: Element, tree: tuple[FileLink, ...], held: TorqueModel) -> None:
     """Write the constraints of joints that follow others."""
     followers = [axis for link in tree for axis in link.axes if not axis.own]
     if not followers:
@@ -167,14 +167,20 @@ def _tendons(root: Element, held: TorqueModel) -> None:
     rotors, viscous, dry = (
         held.term(kind.NAME) for kind in (RotorInertia, ViscousFriction, CoulombFriction)
     )
-    armature = at_joints(arm, nothing, rotors.motor, 2)[1] if isinstance(rotors, RotorInertia) else nothing
+    armature = (
+        at_joints(arm, nothing, rotors.motor, 2)[1] if isinstance(rotors, RotorInertia) else nothing
+    )
     damping = viscous.motor if isinstance(viscous, ViscousFriction) else nothing
     loss = dry.motor_positive if isinstance(dry, CoulombFriction) else nothing
     found: list[tuple[str, Array, dict[str, str]]] = []
     for index, name in enumerate(arm.joint_names):
         of_motor = {
             key: numbers(values[index])
-            for key, values in (("armature", armature), ("damping", damping), ("frictionloss", loss))
+            for key, values in (
+                ("armature", armature),
+                ("damping", damping),
+                ("frictionloss", loss),
+            )
             if values[index]
         }
         if "frictionloss" in of_motor:
@@ -192,7 +198,7 @@ def _tendons(root: Element, held: TorqueModel) -> None:
         return
     tendons = SubElement(root, "tendon")
     for name, row, values in found:
-        tendon = SubElement(tendons, "fixed", name=name, **values)
+        tendon = SubElement(tendons, "fixed", {"name": name, **values})
         for joint, ratio in zip(arm.joint_names, row.tolist(), strict=True):
             if ratio:
                 SubElement(tendon, "joint", joint=joint, coef=numbers(ratio))

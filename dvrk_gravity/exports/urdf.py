@@ -13,7 +13,6 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import CoulombFriction, LinkInertia, ViscousFriction
 from dvrk_gravity.exports.links import Axis, links, mounting, unused
@@ -47,7 +46,7 @@ def text(held: TorqueModel) -> str:
             joint = SubElement(robot, "joint", name=axis.name)
             _ends(joint, parent, child, placement)
             SubElement(joint, "axis", xyz="0 0 1")
-            _motion(joint, arm, axis, held)
+            _motion(joint, link.kind, axis, held)
             if not last:
                 SubElement(robot, "link", name=child)
             parent, placement = child, pin.SE3.Identity()
@@ -109,12 +108,12 @@ def friction(held: TorqueModel) -> tuple[Array, Array]:
     )
 
 
-def _motion(joint: Element, arm: Arm, axis: Axis, held: TorqueModel) -> None:
+def _motion(joint: Element, kind: str, axis: Axis, held: TorqueModel) -> None:
     """Write a joint's kind, limits and friction, or what it follows."""
-    of = arm.joints[axis.joint]
+    of = held.arm.joints[axis.joint]
     edges = sorted((axis.factor * of.lower, axis.factor * of.upper))
-    ends = of.kind == "prismatic" or max(map(abs, edges)) <= _TURNS
-    joint.set("type", of.kind if ends else "continuous")
+    ends = kind == "prismatic" or max(map(abs, edges)) <= _TURNS
+    joint.set("type", kind if ends else "continuous")
     # 0 is what is not known.
     limit = {
         "effort": numbers(of.effort_limit if axis.own and math.isfinite(of.effort_limit) else 0.0),
@@ -128,9 +127,7 @@ def _motion(joint: Element, arm: Arm, axis: Axis, held: TorqueModel) -> None:
     if axis.own:
         dynamics(joint, *(values[axis.joint] for values in friction(held)))
     else:
-        SubElement(
-            joint, "mimic", joint=of.name, multiplier=numbers(axis.factor), offset="0.0"
-        )
+        SubElement(joint, "mimic", joint=of.name, multiplier=numbers(axis.factor), offset="0.0")
 
 
 def dynamics(joint: Element, damping: float, dry: float) -> None:
