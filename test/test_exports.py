@@ -124,7 +124,7 @@ def by_pinocchio(text: str, arm: Arm, q, qd, qdd) -> np.ndarray:
     for i in range(1, model.njoints):
         mimic = described[model.names[i]].find("mimic")
         master = model.names[i] if mimic is None else mimic.get("joint")
-        factor = 1.0 if mimic is None else float(mimic.get("multiplier"))
+        factor = 1.0 if mimic is None else float(mimic.get("multiplier", 1.0))
         expand[model.joints[i].idx_v, arm.joint_names.index(master)] = factor
     out = []
     for row in zip(q, qd, qdd, strict=True):
@@ -159,7 +159,8 @@ def test_dry_friction_is_mujocos_frictionloss_at_joints_and_motors(name, made_up
     fast = np.abs(np.hstack([ways, arm.actuator_position(ways)])).min(axis=1) > 0.1
     exported = export_model(model, "MJCF")
     found = by_mujoco(exported.text, arm, q, ways, still) - model.torque(q, ways, still)
-    assert fast.any() and most(found[fast]) < 1e-4  # as soft as MuJoCo's constraints are
+    assert fast.any()
+    assert most(found[fast]) < 1e-4
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -174,7 +175,8 @@ def test_a_urdf_has_the_torque_that_it_can_hold_in_pinocchio(name, made_up):
     at_rest = (motion[0], 0.0 * motion[0], 0.0 * motion[0])
     assert most(by_pinocchio(exported.text, model.arm, *at_rest) - rigid.torque(*at_rest)) < 1e-9
     left = {part.name for part in exported.left_out}
-    assert {"elastic_cable", "joint_spring"} <= left and "rigid bodies" not in left
+    assert {"elastic_cable", "joint_spring"} <= left
+    assert "rigid bodies" not in left
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -208,7 +210,7 @@ def test_frames_of_an_exported_urdf_are_where_the_arms_are(name, made_up):
             if exported.existJointName(joint.get("name")):
                 mimic = joint.find("mimic")
                 of = joint.get("name") if mimic is None else mimic.get("joint")
-                factor = 1.0 if mimic is None else float(mimic.get("multiplier"))
+                factor = 1.0 if mimic is None else float(mimic.get("multiplier", 1.0))
                 index = exported.getJointId(joint.get("name"))
                 at[exported.joints[index].idx_q] = factor * q[arm.joint_names.index(of)]
         pin.forwardKinematics(exported, data, at)
@@ -244,7 +246,8 @@ def test_a_torque_that_no_bodies_have_costs_what_is_said_and_weight_stays():
     model = TorqueModel(arm, (LinkWeight(arm, rows[:, :4], arm.gravity), LinkInertia(arm, rows)))
     exported = export_model(model, "MJCF")
     (part,) = exported.left_out
-    assert part.name == "rigid bodies" and "nearest that can exist" in part.why
+    assert part.name == "rigid bodies"
+    assert "nearest that can exist" in part.why
     q, qd, qdd = states(arm)
     missed = by_mujoco(exported.text, arm, q, qd, 5 * qdd) - model.torque(q, qd, 5 * qdd)
     assert np.sqrt(np.mean(missed**2)) == pytest.approx(np.sqrt(np.mean(part.rms**2)), rel=2.0)
@@ -285,11 +288,13 @@ def test_convert_writes_a_model_by_the_ending_and_its_cost_as_json(ending, tmp_p
     assert run(CONVERT, arguments) == 0
     printed = capsys.readouterr().out
     content = json.loads(report.read_text())
-    assert content["unit"]["insertion"] == "N" and "psm" in printed
+    assert content["unit"]["insertion"] == "N"
+    assert "psm" in printed
     assert content["format"] == ("URDF" if ending == "urdf" else "MJCF")
     written = out.read_text()
     assert run(CONVERT, arguments) == 2  # never over a file
-    assert "exists already" in capsys.readouterr().err and out.read_text() == written
+    assert "exists already" in capsys.readouterr().err
+    assert out.read_text() == written
 
 
 @pytest.mark.parametrize(
@@ -318,3 +323,31 @@ def test_names_are_escaped_and_massless_links_get_the_least_that_mujoco_takes(ma
     assert any(arm.body_names[-1] in note for note in exported.notes)
     text = export_model(model, "URDF").text
     assert most(by_pinocchio(text, arm, *motion) - model.torque(*motion)) < 1e-9
+
+
+def test_the_urdf_of_an_arm_keeps_its_links_meshes_and_frames(made_up, tmp_path):
+    model = whole(load("ur5", made_up))
+    before = ElementTree.parse(UR5).getroot()
+    after = ElementTree.fromstring(export_model(model, "URDF", tmp_path).text)
+    links = {link.get("name") for link in after.findall("link")}
+    assert {link.get("name") for link in before.findall("link")} <= links
+    meshes = [[m.get("filename") for m in robot.iter("mesh")] for robot in (before, after)]
+    assert meshes[0] == meshes[1]
+    still = replace(model, joint_offset=np.zeros(6))
+    poses = []
+    for robot in (UR5.read_text(), export_model(still, "URDF", tmp_path).text):
+        arm = pin.buildModelFromXML(robot)
+        data, q = arm.createData(), states(model.arm)[0][0]
+        pin.framesForwardKinematics(arm, data, q)
+        base, tip = (data.oMf[arm.getFrameId(name)] for name in ("base_link", "tool0"))
+        poses.append((base.inverse() * tip).homogeneous)
+    assert most(poses[0] - poses[1]) < 1e-12
+
+
+def test_a_part_of_a_urdf_is_written_with_all_else_fixed(tmp_path):
+    arm = Arm.load(f"{PANDA}#panda_link7")
+    model = whole(arm)
+    exported, motion = export_model(model, "URDF", tmp_path), states(arm)
+    found = by_pinocchio(exported.text, arm, *motion)
+    assert most(found - exported.held.torque(*motion)) < 1e-9
+    assert pin.buildModelFromXML(exported.text).nv == 7

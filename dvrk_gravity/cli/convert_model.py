@@ -27,7 +27,7 @@ def convert(source: Path, target: Path, report: Path | None) -> int:
     model = TorqueModel.load(source)
     form = SUFFIXES[target.suffix.lower()]
     try:
-        exported = export_model(model, form)
+        exported = export_model(model, form, target.parent)
     except ConfigError as error:
         raise error if error.source else error.in_file(source) from None
     text_file.write(target, exported.text)

@@ -1,8 +1,8 @@
 """Rigid bodies that can exist and have a model's torque, or the nearest that bodies can have.
 
 A model's weight and inertia are known as far as torque shows them, and the parameters that it
-carries need be no body's: of an arm that was identified they are the smallest ones. What a simulator
-takes are bodies with positive density: every pseudo-inertia P positive definite (Wensing, Kim,
+carries need be no body's: of an arm that was identified they are the smallest ones. A simulator
+takes bodies with positive density: every pseudo-inertia P positive definite (Wensing, Kim,
 Slotine 2018). Of all bodies with the model's torque these are the nearest to plausible ones P0 by
 the log-determinant divergence tr(P0^-1 P) - log det P (Lee, Wensing, Park 2020), which is convex:
 Newton's method ends in tens of milliseconds. Where no bodies have the torque, the squares of what
@@ -25,7 +25,7 @@ from dvrk_gravity.simulate import PlantFile
 _STATES = 60  # at rest, and as many in motion: 840 torques of an MTM for 90 parameters
 _FASTEST = 2.0  # rad/s and rad/s^2 (``Arm.scale``), by which weight and inertia are of one size
 _REST = 10.0  # weight of a pose: what holds an arm up must be right first. Chosen
-# Weights of the torques, in squares of a part of a joint's RMS torque. By the last, bodies' divergence
+# Weights of the torques, in squares of a part of a joint's RMS torque. By the last, the divergence
 # moves torque by less than 1e-4 of it.
 _WEIGHTS = 4.0 ** np.arange(-7, 15)
 _SOUND = 1e-9  # least eigenvalue over greatest of a body that a simulator can move
@@ -59,7 +59,7 @@ def physical_bodies(
     if missed <= _SAME * _REST and _can_exist(arm, known, -_THIN):
         return known
     # The same squares from fewer rows.
-    triangle: Array = np.linalg.qr(np.column_stack([rows, right]), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.column_stack([rows, right]), mode="r"))
     rows, right = triangle[:, :-1], triangle[:, -1]
     scale = prior_scale(arm)
     for found in _path(_plausible(arm, known), rows, right):
@@ -110,7 +110,7 @@ def _equations(arm: Arm, rigid: Sequence[Term], gravity: Array, moves: bool) -> 
 
 
 def _path(plausible: Array, rows: Array, right: Array) -> Iterator[Array]:
-    """Yield (bodies, 10) that minimise weight |rows x - right|^2 / 2 + divergence, weight by weight.
+    """Yield (bodies, 10) that minimise weight |rows x - right|^2 / 2 + divergence, by weights.
 
     By small steps of the weight, from plausible bodies: Newton's method stays near the path, where
     by large ones it would run into bodies that cannot exist (Nesterov, Nemirovskii 1994).

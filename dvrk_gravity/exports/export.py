@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State, Term
-from dvrk_gravity.exports import mjcf, urdf
+from dvrk_gravity.exports import mjcf, urdf, urdf_edit
 from dvrk_gravity.exports.form import Format, LeftOut, calibrated_range, project
 from dvrk_gravity.model import TorqueModel
 
@@ -74,12 +75,13 @@ class Exported:
         }
 
 
-def export_model(model: TorqueModel, form: Format) -> Exported:
+def export_model(model: TorqueModel, form: Format, folder: Path = Path()) -> Exported:
     """Return a model as a URDF or an MJCF.
 
     Args:
         model: The model.
         form: The format.
+        folder: Where the file will be, from which it names meshes.
 
     Raises:
         ConfigError: A model that no file of that format can hold any part of.
@@ -99,7 +101,8 @@ def export_model(model: TorqueModel, form: Format) -> Exported:
         if rms.max() > _NOTHING:
             left_out.append(LeftOut(part.name, part.why, rms))
     if form == "URDF":
-        content = urdf.text(held)
+        edit = urdf_edit.editable(held)
+        content = urdf_edit.text(held, folder) if edit else urdf.text(held)
     else:
         content = mjcf.text(held)
         if light := mjcf.massless(held):

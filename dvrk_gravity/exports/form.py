@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from dvrk_gravity.arms import PER_LINK, Arm, OF_WEIGHT
+from dvrk_gravity.arms import OF_WEIGHT, PER_LINK, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     CoulombFriction,

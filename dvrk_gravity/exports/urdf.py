@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import pinocchio as pin
 
+from dvrk_gravity.arms import attribute
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import CoulombFriction, LinkInertia, ViscousFriction
 from dvrk_gravity.exports.links import Axis, links, mounting, unused
@@ -27,14 +28,9 @@ def text(held: TorqueModel) -> str:
     arm = held.arm
     robot = Element("robot", name=arm.name)
     names = {*arm.body_names, *arm.joint_names}
-    turn = mounting(held)
     base = unused("base", names)
     SubElement(robot, "link", name=base)
-    if (turn != np.eye(3)).any():
-        world = unused("world", names)
-        robot.insert(0, Element("link", name=world))
-        joint = SubElement(robot, "joint", name=unused("mounting", names), type="fixed")
-        _ends(joint, world, base, pin.SE3(turn, np.zeros(3)))
+    mount(robot, base, held)
     rows = held.term(LinkInertia.NAME)
     assert isinstance(rows, LinkInertia)
     tree = links(held)
@@ -55,6 +51,18 @@ def text(held: TorqueModel) -> str:
             _ends(joint, parent, link.name, placement)
         inertial(SubElement(robot, "link", name=link.name), row)
     return written(robot)
+
+
+def mount(robot: Element, base: str, held: TorqueModel) -> None:
+    """Put a base as it is mounted on a new link with z up, unless it is upright."""
+    turn = mounting(held)
+    if (turn == np.eye(3)).all():
+        return
+    names = {str(part.get("name")) for part in robot} | {*held.arm.body_names}
+    world = unused("world", names)
+    robot.insert(0, Element("link", name=world))
+    joint = SubElement(robot, "joint", name=unused("mounting", names), type="fixed")
+    _ends(joint, world, base, pin.SE3(turn, np.zeros(3)))
 
 
 def written(robot: Element) -> str:
@@ -80,6 +88,15 @@ def origin(element: Element, placement: pin.SE3) -> None:
     part = SubElement(element, "origin") if found is None else found
     part.set("xyz", numbers(*placement.translation))
     part.set("rpy", numbers(*pin.rpy.matrixToRpy(placement.rotation)))
+
+
+def placement_of(element: Element) -> pin.SE3:
+    """Return where something is in its parent's frame."""
+    xyz, rpy = (
+        np.array((attribute(element, "origin", key) or "0 0 0").split(), dtype=float)
+        for key in ("xyz", "rpy")
+    )
+    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
 
 
 def inertial(link: Element, row: Array) -> None:
