@@ -351,3 +351,44 @@ def test_a_part_of_a_urdf_is_written_with_all_else_fixed(tmp_path):
     found = by_pinocchio(exported.text, arm, *motion)
     assert most(found - exported.held.torque(*motion)) < 1e-9
     assert pin.buildModelFromXML(exported.text).nv == 7
+
+
+@pytest.mark.parametrize(
+    ("source", "out", "message"),
+    [
+        ("model.yaml", "out.mjfc", "ending in .json or .urdf or .xml or .mjcf"),
+        ("motion.csv", "out.xml", "expected a model's .yaml or an arm's .urdf"),
+        ("model.yaml", "nowhere/out.urdf", "an existing folder"),
+    ],
+)
+def test_convert_refuses_what_is_no_model_or_no_such_file(source, out, message, tmp_path, capsys):
+    whole(Arm.load("ecm")).save(tmp_path / "model.yaml")
+    (tmp_path / "motion.csv").write_text("time,yaw.position\n0,0\n")
+    assert run(CONVERT, [str(tmp_path / source), str(tmp_path / out)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_another_strength_of_gravity_is_an_mjcfs_and_costs_in_a_urdf():
+    arm = Arm.load("ecm")
+    rows, moon = physical(arm), gravity_in_base(0.1, 0.2) / 6.0
+    model = TorqueModel(arm, (LinkWeight(arm, rows[:, :4], moon), LinkInertia(arm, rows)))
+    motion = states(arm)
+    found = by_mujoco(export_model(model, "MJCF").text, arm, *motion) - model.torque(*motion)
+    assert most(found) < 1e-9
+    bare = export_model(model, "URDF")
+    assert any("readers of a URDF take 9.81" in note for note in bare.notes)
+    assert bare.total[2] > 1.0
+
+
+def test_names_that_are_taken_get_another(made_up):
+    arm = load("made_up", made_up)
+    bodies = (replace(arm.bodies[0], name="base"), *arm.bodies[1:-1],
+              replace(arm.bodies[-1], name="lever_pitch"))  # fmt: skip
+    model = whole(replace(arm, bodies=bodies))
+    model = TorqueModel(model.arm, tuple(t for t in model.terms if t.NAME.startswith("link_")))
+    motion = states(arm)
+    for form, oracle in (("URDF", by_pinocchio), ("MJCF", by_mujoco)):
+        text = export_model(model, form).text
+        assert most(oracle(text, model.arm, *motion) - model.torque(*motion)) < 1e-9

@@ -71,11 +71,11 @@ def run(arguments: argparse.Namespace) -> int:
         return convert_console.check(arguments.check, arguments.json)
     if target is None:
         raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
+    if target.suffix.lower() in DESCRIPTIONS:
+        return _convert_model(source, target, arguments.json)
     if is_recording(source):
         return _convert_recording(arguments)
     kind = source.suffix.lower()
-    if target.suffix.lower() in DESCRIPTIONS:
-        return _convert_model(source, target, arguments.json)
     if is_urdf(source) or (kind in MODEL_SUFFIXES and target.suffix.lower() in MODEL_SUFFIXES):
         return _convert_urdf(source, target, arguments.json)
     if kind in (".json", *MODEL_SUFFIXES):
