@@ -3,8 +3,8 @@
 A model's weight and inertia are known as far as torque shows them, and the parameters that it
 carries need be no body's: of an arm that was identified they are the smallest ones. A simulator
 takes bodies with positive density: every pseudo-inertia P positive definite (Wensing, Kim,
-Slotine 2018). A path of bodies leads from plausible ones P0 to the model's torque: at each weight of
-that torque they are the nearest by the log-determinant divergence tr(P0^-1 P) - log det P (Lee,
+Slotine 2018). A path of bodies leads from plausible ones P0 to the model's torque: at each weight
+of that torque they are the nearest by the log-determinant divergence tr(P0^-1 P) - log det P (Lee,
 Wensing, Park 2020), which is convex. It ends at the first from which a least step gives the torque
 exactly and leaves bodies. Where no bodies have the torque, it ends (after about a second) at those
 that miss the least squares of it, at rest first.

@@ -36,7 +36,6 @@ from dvrk_gravity.exports.links import at_joints
 from dvrk_gravity.model import TorqueModel
 
 Format = Literal["URDF", "MJCF"]
-FORMATS: tuple[Format, ...] = ("URDF", "MJCF")
 EARTH = 9.81  # m/s^2 by which readers of a URDF let it fall; it states none
 _RIGID = (Gravity, LinkWeight, LinkInertia, Payload)
 
