@@ -24,6 +24,7 @@ ROOMS: Mapping[str, str] = {
     "identification/quality/identifiability.py": "data leave sums of certain effects open",
     "identification/poses/": "what poses determine: weight, cables, held load",
     "identification/trajectories/problem.py": "what the console's form has",
+    "exports/": "a URDF and an MJCF are made of bodies, friction at joints, rotors and springs",
     "simulate/model_plant.py": "bodies that can exist are made of a model's inertia",
 }
 # Words that are no effect's name there: a section of a file, a kind of warning, a parameter.

@@ -43,3 +43,7 @@ from .tree import Tree as Tree
 from .tree import build_tree as build_tree
 from .tree import link_frames as link_frames
 from .tree import nominal_inertias as nominal_inertias
+from .urdf_arm import read_robot as read_robot
+from .urdf_file import attribute as attribute
+from .urdf_file import read_joints as read_joints
+from .urdf_file import read_limits as read_limits

@@ -179,6 +179,7 @@ class Description:
         held: Where joints of its file are held that are none of its joints, rad or m, by name.
         doubts: What its file says of links that no link can have, or leaves out: a line each.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
+        urdf: Path of the URDF that it was read from; ``""``: from none.
     """
 
     name: str
@@ -199,6 +200,7 @@ class Description:
     held: Mapping[str, float] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
     source: str = ""
+    urdf: str = ""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""

@@ -7,6 +7,7 @@ the URDF's own link frame is kept beside it (``Body.frame``).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -44,13 +45,25 @@ def read(path: Path, tip: str | None, source: str) -> Description:
     Raises:
         ConfigError: Naming the file, the joint or link, and what was expected.
     """
+    robot = read_robot(path)
+    try:
+        return replace(_parse(robot, path.stem, tip, source), urdf=str(path))
+    except ConfigError as error:
+        raise error if error.source else error.in_file(path) from None
+
+
+def read_robot(path: Path) -> ElementTree.Element:
+    """Return the robot in a URDF, xacro expanded.
+
+    Raises:
+        ConfigError: Naming the file, and what was expected.
+    """
     text = text_file.read(path, "URDF")
     try:
         try:
-            robot = parse(text)
+            return parse(text)
         except XacroError as found:
-            robot = parse(expand(path, found))
-        return _parse(robot, path.stem, tip, source)
+            return parse(expand(path, found))
     except ConfigError as error:
         raise error if error.source else error.in_file(path) from None
 

@@ -1,4 +1,4 @@
-"""Convert a recording (CSV, rosbag2), a dVRK console file (gc-*.json) or a URDF's masses."""
+"""Convert a recording (CSV, rosbag2), a dVRK console file (gc-*.json), or a model (URDF, MJCF)."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ NAME = "convert"
 EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"
 
 MODEL_SUFFIXES = (".yaml", ".yml")
+DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
 _TOPIC = "/measured_js"  # of a written bag, by default
 
 
@@ -34,7 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="OUT",
         type=Path,
         nargs="?",
-        help="new .csv file or rosbag2 folder; model .yaml; gc-<ARM>-<SN>.json (version 2.0)",
+        help="new .csv file or rosbag2 folder; model .yaml; gc-<ARM>-<SN>.json (version 2.0); "
+        "a model as .urdf, or as MuJoCo's .xml or .mjcf",
     )
     parser.add_argument(
         "--check",
@@ -48,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="REPORT",
         type=Path,
         help="also write a report: of --check, or of the differences between a model and a "
-        "console's .json",
+        "console's .json, a .urdf or an MJCF",
     )
     parser.add_argument(
         "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="format of a new bag"
@@ -69,6 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         return convert_console.check(arguments.check, arguments.json)
     if target is None:
         raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
+    if target.suffix.lower() in DESCRIPTIONS:
+        return _convert_model(source, target, arguments.json)
     if is_recording(source):
         return _convert_recording(arguments)
     kind = source.suffix.lower()
@@ -124,6 +128,16 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
     rest = f", {left_out} left out" if left_out else ""
     print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{rest}")
     return 0
+
+
+def _convert_model(source: Path, target: Path, report: Path | None) -> int:
+    """Write a model, or what an arm's file states, as a URDF or an MJCF."""
+    from dvrk_gravity.cli import convert_model
+
+    if not is_urdf(source) and source.suffix.lower() not in MODEL_SUFFIXES:
+        expected = f"a model's .yaml or an arm's .urdf, for {target.name}"
+        raise ConfigError("IN", str(source), f"{expected} (a console's .json to a .yaml first)")
+    return convert_model.convert(source, target, report)
 
 
 def _convert_urdf(source: Path, target: Path, report: Path | None) -> int:

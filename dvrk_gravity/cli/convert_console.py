@@ -24,6 +24,7 @@ from dvrk_gravity.console import (
     convert_model,
 )
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.exports import SUFFIXES
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel
 
@@ -62,7 +63,7 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         model.save(target, _COMMENT.format(name=source.name, version=console.version))
         print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
     else:
-        expect_suffix(target, (".json",))
+        expect_suffix(target, (".json", *SUFFIXES))  # the others are not a console's
         model = TorqueModel.load(source)
         match = FILE_NAME.fullmatch(target.name)
         try:

@@ -28,6 +28,7 @@ from .base.links import beta_map as beta_map
 from .base.links import identifiable_links as identifiable_links
 from .base.links import link_sizes as link_sizes
 from .base.links import prior_scale as prior_scale
+from .base.links import rotors_beside_links as rotors_beside_links
 from .base.links import samples as samples
 from .base.links import weight_directions as weight_directions
 from .base.meaning import MORE as MORE
