@@ -38,6 +38,7 @@ from .base.meaning import size as size
 from .base.motion import Motion as Motion
 from .base.motion import Residual as Residual
 from .base.motion import State as State
+from .base.reading_errors import ReadingErrors as ReadingErrors
 from .base.registry import ENTRY_POINTS as ENTRY_POINTS
 from .base.registry import effects as effects
 from .base.registry import from_other_packages as from_other_packages
@@ -45,7 +46,9 @@ from .base.registry import is_friction as is_friction
 from .base.registry import named as named
 from .base.registry import rank as rank
 from .base.registry import register as register
+from .base.registry import sensor_effects as sensor_effects
 from .base.registry import terms as terms
+from .base.sensor import SensorEffect as SensorEffect
 from .base.site import THE_ARM as THE_ARM
 from .base.site import THE_BASE as THE_BASE
 from .base.site import Kind as Kind
@@ -101,6 +104,7 @@ from .time_delay import OwnTangent as OwnTangent
 from .time_delay import RequiresParts as RequiresParts
 from .time_delay import TimeDelay as TimeDelay
 from .time_delay import TwoForms as TwoForms
+from .time_delay import delayed as delayed
 from .time_delay import mean_slope_by_delay as mean_slope_by_delay
 from .time_scale import TimeScale as TimeScale
 from .torque_offset import OffsetHypothesis as OffsetHypothesis
