@@ -14,6 +14,7 @@ from .base.effect import Effect as Effect
 from .base.effect import Hypothesis as Hypothesis
 from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
+from .base.effect import or_extended as or_extended
 from .base.effect import spread as spread
 from .base.linear_term import PRIOR_FRACTION as PRIOR_FRACTION
 from .base.linear_term import Column as Column

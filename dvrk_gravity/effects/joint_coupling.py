@@ -51,9 +51,10 @@ class JointCoupling(SensorEffect):
     def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
         return {
             _row(what, joint): as_value(row)
-            for what in cls.FROM
-            if not is_diagonal(getattr(errors, what))
-            for joint, row in zip(arm.joint_names, getattr(errors, what), strict=True)
+            for what, rows in (("effort", errors.effort), ("position", errors.position))
+            if not is_diagonal(rows)
+            for joint, row, unit in zip(arm.joint_names, rows, np.eye(arm.n), strict=True)
+            if not np.array_equal(row, unit)
         }
 
     @classmethod

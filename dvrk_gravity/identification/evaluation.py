@@ -27,7 +27,9 @@ from dvrk_gravity.intake import (
     read_motions,
     require_all,
     require_newtons,
+    stated_coordinates,
     whole,
+    without_known_errors,
 )
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
@@ -122,9 +124,10 @@ def evaluate(
     """
     model = TorqueModel.of(model)
     recordings = opened(recordings, arm=model.arm)
-    coordinates = known_coordinates(coordinates)
+    coordinates = known_coordinates(coordinates) or stated_coordinates(model)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
+    recordings, corrected = without_known_errors(recordings, model, coordinates)
     odd = require_newtons(model, recordings)
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
@@ -152,7 +155,7 @@ def evaluate(
         evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
     return replace(
         evaluated,
-        handling=(*odd, *held, *evaluated.handling),
+        handling=(*corrected, *odd, *held, *evaluated.handling),
         warnings=(*warnings, *evaluated.warnings),
     )
 

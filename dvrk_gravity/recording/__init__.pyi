@@ -43,9 +43,12 @@ from .samples import join as join
 from .signal_checks import FrozenSpan as FrozenSpan
 from .signal_checks import clipped_efforts as clipped_efforts
 from .signal_checks import frozen_efforts as frozen_efforts
+from .signal_checks import limited_efforts as limited_efforts
 from .signal_checks import quantisation as quantisation
+from .signal_checks import unread_efforts as unread_efforts
 from .stream import Given as Given
 from .stream import RecordingFile as RecordingFile
+from .stream import changed as changed
 from .stream import iterate_recording as iterate_recording
 from .stream import opened as opened
 from .timing import TimingSettings as TimingSettings

@@ -48,6 +48,9 @@ _FROZEN_STEPS = 20.0
 # s, for which the greatest or least effort is the same where a limit holds it. Chosen: five
 # readings at 200 Hz, as _PINNED_RUN.
 _CLIPPED = 0.025
+# Part of a known limit from which on an effort counts as clipped. Chosen: a diagnosis finds limits
+# to a hundredth, and noise is about another.
+_AT_LIMIT = 0.97
 # Part of the work there and back that friction has given to the motor, where none can be, beside
 # what springs and weight may still give back: once over the range. Real arms have 0.2 to 1.0 of it
 # the other way round (the recordings of docs/psm.md, docs/own_arm.md and docs/identification.md).
@@ -274,7 +277,7 @@ class FrozenSpan:
     Attributes:
         joint: Number of its column.
         rows: First sample, and the one after the last.
-        span: s, times of the first and the last.
+        span: s, times of the first and the last; of poses their numbers.
         value: The effort, N·m.
     """
 
@@ -286,9 +289,9 @@ class FrozenSpan:
     @classmethod
     def of(cls, recording: Recording, joint: int, first: int, stop: int) -> FrozenSpan:
         """Return the span of a joint's samples [first, stop)."""
-        assert recording.time is not None
         assert recording.effort is not None
-        span = float(recording.time[first]), float(recording.time[stop - 1])
+        time = np.arange(len(recording)) if recording.time is None else recording.time
+        span = float(time[first]), float(time[stop - 1])
         return cls(joint, (first, stop), span, float(recording.effort[first, joint]))
 
 
@@ -331,6 +334,31 @@ def clipped_efforts(recording: Recording) -> list[FrozenSpan]:
             if np.mean(size[first:stop]) > slowest
         ]
     return found
+
+
+def limited_efforts(recording: Recording) -> list[FrozenSpan]:
+    """Return spans of efforts at a limit that is known, ``Recording.effort_limit``."""
+    effort, limits, arm = recording.effort, recording.effort_limit, recording.arm
+    if effort is None or not limits:
+        return []
+    limit = _AT_LIMIT * np.array([limits.get(joint, np.inf) for joint in recording.joints])
+    if recording.coordinates == "actuator" and arm is not None and len(limit) == arm.n:
+        clipped = (np.abs(arm.joint_effort(effort)) >= limit) @ (arm.actuator_to_joint != 0.0)
+    else:
+        clipped = np.abs(effort) >= limit
+    edges = np.diff(clipped.astype(np.int8), axis=0, prepend=0, append=0)
+    return [
+        FrozenSpan.of(recording, joint, first, stop)
+        for joint, steps in enumerate(edges.T)
+        for first, stop in zip(
+            np.flatnonzero(steps > 0).tolist(), np.flatnonzero(steps < 0).tolist(), strict=True
+        )
+    ]
+
+
+def unread_efforts(recording: Recording) -> list[FrozenSpan]:
+    """Return spans of efforts that a diagnosis does not use: frozen, or at a known limit."""
+    return [*frozen_efforts(recording), *limited_efforts(recording)]
 
 
 def _equal_efforts(
