@@ -18,6 +18,8 @@ from dvrk_gravity.effects.time_scale import TimeScale
 from dvrk_gravity.effects.torque_scale import TorqueScale
 from dvrk_gravity.parameters import Parameter, Value
 
+_DETECTED = "detected"  # from the recording, by every verb
+
 
 class WrongCoordinates(SensorEffect):
     """The readings are another linear combination of the joints than they are taken for.
@@ -33,11 +35,13 @@ class WrongCoordinates(SensorEffect):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         meaning = "coordinates of recordings that do not state theirs"
-        return (Parameter(cls.COORDINATES, "", "", meaning, choices=("", "joint", "actuator")),)
+        choices = (_DETECTED, "joint", "actuator")
+        return (Parameter(cls.COORDINATES, _DETECTED, "", meaning, choices=choices),)
 
     @classmethod
     def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
-        return replace(errors, coordinates=str(values.get(cls.COORDINATES, "")))
+        given = str(values.get(cls.COORDINATES, _DETECTED))
+        return errors if given == _DETECTED else replace(errors, coordinates=given)
 
     @classmethod
     def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
