@@ -43,7 +43,7 @@ class EncoderScale(SensorEffect):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        return (joint_array(arm, cls.FACTORS, "", "measured over true position and velocity"),)
+        return (joint_array(arm, cls.FACTORS, "1", "measured over true position and velocity"),)
 
     @classmethod
     def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:

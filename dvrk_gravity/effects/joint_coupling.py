@@ -37,7 +37,7 @@ class JointCoupling(SensorEffect):
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         meaning = "what this joint's reading has of each joint's {}"
         return tuple(
-            replace(joint_array(arm, _row(what, joint), "", meaning.format(what)), units=())
+            replace(joint_array(arm, _row(what, joint), "1", meaning.format(what)), units=())
             for what in cls.FROM
             for joint in arm.joint_names
         )

@@ -26,7 +26,9 @@ class TimeScale(SensorEffect):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        return (Parameter(cls.FACTOR, 1.0, "", "recorded over true time", lower=0.01, upper=100.0),)
+        return (
+            Parameter(cls.FACTOR, 1.0, "1", "recorded over true time", lower=0.01, upper=100.0),
+        )
 
     @classmethod
     def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:

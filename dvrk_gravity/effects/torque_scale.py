@@ -33,7 +33,7 @@ class TorqueScale(SensorEffect):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        return (joint_array(arm, cls.FACTORS, "", "measured over applied effort"),)
+        return (joint_array(arm, cls.FACTORS, "1", "measured over applied effort"),)
 
     @classmethod
     def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:

@@ -37,7 +37,7 @@ class VelocityScale(SensorEffect):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         meaning = "measured velocity over the derivative of the measured position"
-        return (joint_array(arm, cls.FACTORS, "", meaning),)
+        return (joint_array(arm, cls.FACTORS, "1", meaning),)
 
     @classmethod
     def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:

@@ -19,11 +19,13 @@ from dvrk_gravity.model import ModelUncertainty, TorqueModel
 _PIECE = 4000  # samples whose columns fit into memory together
 _PIECES = 5  # of a recording that are looked at: a bound on time
 _SAME_BAND = 0.01  # relative difference of cut-offs that count as one. Chosen: rounding
-# Degrees of freedom of the known error from one motion to another: what a model lacks depends on
-# where and how fast the arm moves. Within the identified range the logarithm of RMSE over its
-# expectation has a standard deviation of 0.28, a quarter of the inverse of so many, rooted
-# (benchmark/prediction_bands.py --arms chain,ur5,psm --seeds 2 14: 68 joints of motions).
-_CARRIED = 6.0
+# The known error is that of held-out blocks of one motion. In another one within the identified
+# range RMSE over its expectation was 1.22 in the median, and its logarithm had a standard deviation
+# of 0.31, the square root of one over twice the degrees of freedom: what a model lacks depends on
+# where and how fast the arm moves. 91 joints of `benchmark/prediction_bands.py --arms
+# chain,ur5,psm --seeds 2 8`, without these two numbers.
+_OTHER_MOTION = 1.22
+_DOF = 5.0
 _SHIFT = 1e-3  # rad (Arm.scale), of a central difference quotient
 
 
@@ -63,7 +65,7 @@ def expected_errors(
     from scipy.stats import chi2
 
     known, n = model.uncertainty, model.arm.n
-    if known is None or model.of_file or not _alike(known.band, cutoff):
+    if known is None or model.of_file or not _same_band(known.band, cutoff):
         return (None,) * n
     states = list(states)
     gram, count = np.zeros((n, known.size, known.size)), 0
@@ -78,21 +80,21 @@ def expected_errors(
     if cutoff is not None:
         independent = np.minimum(independent, seconds / known.correlation_time)
     found: list[ExpectedError | None] = []
-    for joint, square in enumerate((known.error**2).tolist()):
+    for joint, square in enumerate(((_OTHER_MOTION * known.error) ** 2).tolist()):
         if not np.isfinite([square, independent[joint]]).all() or not square > 0.0:
             found.append(None)
             continue
         spread = float(np.sum(gram[joint] ** 2))  # squares of all eigenvalues
         mean = square + float(np.trace(gram[joint]))
-        one = 1.0 / max(independent[joint], 1.0) + 1.0 / _CARRIED
-        variance = 2.0 * spread + 2.0 * square**2 * one
+        relative = 1.0 / max(independent[joint], 1.0) + 1.0 / _DOF
+        variance = 2.0 * spread + 2.0 * square**2 * relative
         dof = 2.0 * mean**2 / variance
         low, high = np.sqrt(mean / dof * chi2.ppf([0.025, 0.975], dof)).tolist()
         found.append(ExpectedError(float(np.sqrt(mean)), low, high))
     return tuple(found)
 
 
-def _alike(band: float, cutoff: float | None) -> bool:
+def _same_band(band: float, cutoff: float | None) -> bool:
     if cutoff is None or np.isnan(band):
         return cutoff is None and bool(np.isnan(band))
     return abs(band - cutoff) <= _SAME_BAND * cutoff

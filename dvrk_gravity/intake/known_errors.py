@@ -39,7 +39,7 @@ def without_known_errors(
     model: TorqueModel,
     coordinates: Coordinates | None = None,
 ) -> tuple[list[Recording | RecordingFile], tuple[str, ...]]:
-    """Return recordings as they would be read rightly, and a line about what was done.
+    """Return recordings as they would be read correctly, and a line about what was done.
 
     Args:
         recordings: Trajectories or static poses.

@@ -346,7 +346,7 @@ class Hypothesis(ABC):
 
 def or_extended(what: str, carried: bool, reading: bool = False) -> str:
     """Return a remedy, with the extended model as the alternative where that has the effect."""
-    does = "reads recordings rightly in spite of it" if reading else "has it"
+    does = "reads recordings correctly in spite of it" if reading else "has it"
     model = f"use the extended model, which {does}" if carried else ""
     return "; or ".join(part for part in (what, model) if part)
 
