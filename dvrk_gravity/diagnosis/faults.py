@@ -113,7 +113,8 @@ def put_right(
         sentence = f"{recording.source}: {finding.sentence}" if several else finding.sentence
         # Of several recordings each may have been written in another way.
         left_out = OF_ONE if several else ""
-        remedy = finding.remedy if several else or_extended(finding.remedy, True, reading=True)
+        carried = bool(model.terms) and not several  # without a model nothing is extended
+        remedy = or_extended(finding.remedy, carried, reading=True)
         findings.append(replace(finding, sentence=sentence, left_out=left_out, remedy=remedy))
         if not several:
             read = read.after(errors)
