@@ -215,6 +215,7 @@ BAD_CHANGES = [
     ({"friction_compensation.ratio": [2.0] * 7}, "0 to 1"),
     ({"gravity_enabled": 3}, "true or false"),
     ({"arm": "mtml"}, "read-only"),
+    ({"reading.effort_scale": [1.2] * 7}, "accept_reading_errors: true"),
 ]
 
 

@@ -83,7 +83,10 @@ def test_motors_coordinates_are_found_first_and_an_exact_model_says_so_before(tm
     assert "wrong_coordinates" in row
     (finding,) = told["findings"]
     assert finding["effect"] == "wrong_coordinates"
-    assert finding["remedy"] == "pass --coordinates actuator"
+    assert finding["remedy"] == (
+        "pass --coordinates actuator; or use the extended model, which reads recordings "
+        "correctly in spite of it"
+    )
     assert told["data"]["model_exact"]
 
 

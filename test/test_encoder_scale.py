@@ -192,9 +192,13 @@ def test_in_an_identified_arm_it_is_found_with_its_size(identified):
     assert told.value - 1.0 == pytest.approx(factor - 1.0, rel=0.15)
 
 
-def test_it_is_to_be_put_right_where_it_is_read_and_is_in_no_model(identified):
+def test_it_is_to_be_put_right_where_it_is_read_or_known_to_the_extended_model(identified):
     _, model, _, diagnosis = identified
     first = diagnosis.findings[0]
-    assert not first.in_model
+    assert first.in_model
     assert first.remedy.startswith("check the counts per turn")
+    assert first.remedy.endswith("which reads recordings correctly in spite of it")
+    joint = model.arm.joint_names.index(first.joints[0])
+    factor = diagnosis.model.of_readings()["reading.encoder_scale"][joint]
+    assert factor == pytest.approx(first.parameters["factor"].value)
     assert diagnosis.model.joint_offset.tolist() == model.joint_offset.tolist()

@@ -19,6 +19,7 @@ from dvrk_gravity.effects import (
     PushHypothesis,
     RippleHypothesis,
     Site,
+    State,
     WallHypothesis,
 )
 from dvrk_gravity.model import TorqueModel
@@ -42,14 +43,14 @@ CARRIED = {
     "cogging": [0.01, -0.02],
     "contact": [0.1],
 }
-NOT_CARRIED = {
+READ_WRONGLY = {
     "torque_scale": [0.1],
     "effort_saturation": [1.0],
     "joint_coupling": [0.1],
     "encoder_scale": [0.03],
     "time_delay": [0.01],
-    "thermal_drift": [0.02, 0.0],
 }
+NOT_CARRIED = {"thermal_drift": [0.02, 0.0]}
 
 
 @lru_cache(maxsize=1)
@@ -82,7 +83,7 @@ def everything() -> Iterator[Hypothesis]:
 
 
 def first_of(effect: str, place: str | None = None) -> Hypothesis:
-    theta = (CARRIED | NOT_CARRIED)[effect]
+    theta = (CARRIED | READ_WRONGLY | NOT_CARRIED)[effect]
     for hypothesis in everything():
         if hypothesis.effect != effect or (
             place is not None and not hypothesis.place.startswith(place)
@@ -153,13 +154,49 @@ def test_the_reloaded_model_has_the_base_s_torque_and_the_finding_s(effect, plac
 def test_every_effect_that_can_be_supposed_is_tried_here():
     """A new effect needs an entry; readings and structure without a name have no columns."""
     supposed = {hypothesis.effect for hypothesis in everything()}
-    assert supposed == set(CARRIED | NOT_CARRIED)
+    assert supposed == set(CARRIED | READ_WRONGLY | NOT_CARRIED)
     without = {"unknown", "time_scale", "velocity_scale"}
     assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - without <= supposed
 
 
+READ_AT = {
+    "torque_scale": ("joint", "all", "motor"),
+    "joint_coupling": ("torque",),
+    "encoder_scale": ("joint", "motor"),
+}
+
+
+@pytest.mark.parametrize(
+    ("effect", "place"),
+    [(effect, place) for effect in READ_WRONGLY for place in READ_AT.get(effect, (None,))],
+)
+def test_the_reloaded_model_reads_what_the_finding_says_and_has_the_same_torque(
+    effect, place, tmp_path
+):
+    theta = np.array(READ_WRONGLY[effect])
+    hypothesis = at_its_point(first_of(effect, place), theta)
+    model, carried = reloaded([(hypothesis, theta)], tmp_path)
+    assert carried == (True,)
+    wanted = added(hypothesis, theta)
+    got = motion().read_by(model) - motion().modelled
+    assert np.abs(wanted).max() > 1e-3
+    np.testing.assert_allclose(got, wanted, atol=1e-9)
+    right = model.torque_at(State.of(motion().q, motion().qd, motion().qdd, None, motion().arm.n))
+    np.testing.assert_allclose(right, motion().modelled, atol=1e-12)
+
+
+def test_a_motion_that_leaks_is_read_with_its_velocity(tmp_path):
+    leak = first_of("joint_coupling", "motion")
+    model, carried = reloaded([(leak, np.array([0.1]))], tmp_path)
+    assert carried == (True,)
+    target, source = leak.joints
+    wanted = np.eye(7)
+    wanted[target, source] = 0.1
+    np.testing.assert_allclose(model.reading_errors.position, wanted, atol=1e-15)
+
+
 @pytest.mark.parametrize("effect", NOT_CARRIED)
-def test_a_wrong_reading_and_what_depends_on_time_stay_in_the_findings(effect, tmp_path):
+def test_what_depends_on_time_stays_in_the_findings(effect, tmp_path):
     theta = np.array(NOT_CARRIED[effect])
     model, carried = reloaded([(first_of(effect), theta)], tmp_path)
     assert carried == (False,)
@@ -273,5 +310,5 @@ def test_less_rotor_than_none_ends_at_none():
 def test_what_a_term_of_the_model_cannot_hold_says_so_and_not_that_there_is_no_term():
     fading = first_of("presliding_hysteresis")
     assert extended(motion(), [(fading, np.array([-0.02]))])[1] == (NOT_AS_FOUND,)
-    scale = first_of("torque_scale")
-    assert extended(motion(), [(scale, np.array([0.1]))])[1] == (NO_TERM,)
+    drift = first_of("thermal_drift")
+    assert extended(motion(), [(drift, np.array([0.02, 0.0]))])[1] == (NO_TERM,)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.effects import terms
+from dvrk_gravity.effects import sensor_effects, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     BY_EFFECTS,
@@ -59,7 +59,8 @@ def refusal(entry: Parameter, value: object, says: str) -> ConfigError:
 def test_no_name_is_declared_twice():
     declared = [CONSOLE_PARAMETER, VERDICT_PARAMETER]
     declared += [REASON_PARAMETER, UNCERTAINTY_PARAMETER, *NODE_PARAMETERS.values()]
-    declared += [entry for term in terms() for entry in term.schema(ARM)]
+    effects = (*terms(), *sensor_effects())
+    declared += [entry for effect in effects for entry in effect.schema(ARM)]
     declared += arm_parameters(ARM)
     names = [entry.name for entry in declared] + ["joint_offset"]
     assert sorted(names) == sorted(set(names))

@@ -17,6 +17,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.cli import options
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
+from dvrk_gravity.parameters import ACCEPT_READING_ERRORS
 from dvrk_gravity.ros import PRIVATE, NodeProcess, ProcessError, end_on_signals, private_domain
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def _bare(n: int) -> dict[str, Any]:
     # The whole friction, and every message answered; a replayed compensator has no limits.
     return {
         "allow_poor_model": True,
+        ACCEPT_READING_ERRORS: True,  # no arm is commanded
         "position_margin": 1e9,
         "friction_compensation.ratio": [1.0] * n,
         "friction_compensation.dead_band": [0.0] * n,

@@ -12,7 +12,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.limits import EffortLimits
-from dvrk_gravity.effects import Evaluator, State, Term, terms
+from dvrk_gravity.effects import Evaluator, State, Term, sensor_effects, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     BY_EFFECTS,
@@ -23,7 +23,7 @@ from dvrk_gravity.model import (
     arm_of,
     model_parameters,
 )
-from dvrk_gravity.parameters import Value, check_all
+from dvrk_gravity.parameters import ACCEPT_READING_ERRORS, Value, check_all
 
 Parts = Callable[[Array, "Array | None", "Array | None"], tuple[Array, Array]]
 """Torque without friction and friction, (n,) each, from positions, velocities, and the velocities
@@ -71,7 +71,8 @@ class Settings:
 
         Raises:
             ConfigError: An unknown name, a value that fails its check, no weight (an arm without
-                torque falls), or a model found unfit to compensate with.
+                torque falls), a model found unfit to compensate with, or readings that it knows to
+                be wrong.
         """
         arm = arm_of(values) if before is None else before.model.arm
         declared = all_parameters(arm)
@@ -89,6 +90,8 @@ class Settings:
             why = f"{first}; …" if more else first
             expected = f"a model fit for compensation, or allow_poor_model: true ({why})"
             raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
+        if not value[ACCEPT_READING_ERRORS]:
+            _require_readings(model)
         _require_weight(arm, value)
         limits = EffortLimits(
             arm,
@@ -213,6 +216,26 @@ def _with_limits(arm: Arm, given: tuple[float, ...]) -> Arm:
                 "effort_limit", arm.source,
             )  # fmt: skip
     return arm.limited_to(limits)
+
+
+def _require_readings(model: TorqueModel) -> None:
+    """Refuse to command by readings that the model knows to be wrong."""
+    arm, errors = model.arm, model.reading_errors
+    wrong = {
+        name: value
+        for effect in sensor_effects()
+        if effect.misleads(arm, errors)
+        for name, value in effect.written(arm, errors).items()
+    }
+    if wrong:
+        name, *more = wrong
+        also = f" ({', '.join(more)}, too)" if more else ""
+        expected = (
+            f"right readings: this one is wrong by the model{also}, and so would be commands; put "
+            f"it right and remove the parameter, or {ACCEPT_READING_ERRORS}: true"
+        )
+        value = wrong[name]
+        raise ConfigError(name, list(value) if isinstance(value, tuple) else value, expected)
 
 
 def _require_weight(arm: Arm, value: Mapping[str, Any]) -> None:

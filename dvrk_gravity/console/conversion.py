@@ -134,6 +134,9 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
         file, exact = export(form, serial), False
     file = replace(file, notes=(*left_out(model), *notes, *file.notes))
     lower, upper = within_limits(model, calibrated_range(form))
+    if model.reading_errors.any:
+        note = _cost_of_wrong_readings(model, lower, upper)
+        file = replace(file, notes=(*file.notes, note))
     joints = cost(model, ConsoleFile.from_document(file.document).model(), lower, upper)
     _refuse_what_costs_too_much(model, joints)
     serious = tuple(
@@ -171,6 +174,22 @@ def cost(model: TorqueModel, form: TorqueModel, lower: Array, upper: Array) -> d
         found.append(np.maximum(inside.max(axis=0), outermost.max(axis=0)))
     rows = np.stack([torque, *found], axis=1).tolist()
     return {name: JointCost(*row) for name, row in zip(JOINT_NAMES, rows, strict=True)}
+
+
+def _cost_of_wrong_readings(model: TorqueModel, lower: Array, upper: Array) -> str:
+    """Return that the console takes readings as they are, and by how much its torque is off then.
+
+    Drives are taken to apply efforts at the scale at which they are read.
+    """
+    errors, q = model.reading_errors, uniform_poses(lower, upper, SETTINGS.poses, 2)
+    applied = sent(model, q @ errors.position.T) @ np.linalg.inv(errors.effort).T
+    off = np.sqrt(np.mean((applied - sent(model, q)) ** 2, axis=0))
+    worst = int(np.argmax(off))
+    return (
+        f"left out, known errors of readings: {', '.join(model.of_readings())} (the console takes "
+        f"readings as they are: torque at rest is off by {1e3 * off[worst]:.1f} mN·m RMS at "
+        f"{JOINT_NAMES[worst]} if its drives take efforts at the scale that they are read at)"
+    )
 
 
 def _refuse_nonsense(model: TorqueModel) -> None:

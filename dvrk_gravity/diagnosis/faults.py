@@ -19,8 +19,16 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.loading import LoadSettings, load
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.held_out import Gain
-from dvrk_gravity.diagnosis.results.findings import NO_TERM, Alternative, Finding
-from dvrk_gravity.effects import State, TimeScale, VelocityScale, WrongCoordinates, readings
+from dvrk_gravity.diagnosis.results.findings import NO_TERM, OF_ONE, Alternative, Finding
+from dvrk_gravity.effects import (
+    ReadingErrors,
+    State,
+    TimeScale,
+    VelocityScale,
+    WrongCoordinates,
+    or_extended,
+    readings,
+)
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import NORMAL_95, beats
 from dvrk_gravity.identification import GONE, READ_WITHOUT, bears_weight
@@ -58,11 +66,13 @@ class PutRight:
         recordings: The recordings.
         findings: The faults, those of all joints first.
         warnings: That given coordinates look wrong.
+        errors: The faults that all recordings share, as errors of readings.
     """
 
     recordings: list[Recording | RecordingFile]
-    findings: tuple[Finding, ...] = ()
-    warnings: tuple[DataWarning, ...] = ()
+    findings: tuple[Finding, ...]
+    warnings: tuple[DataWarning, ...]
+    errors: ReadingErrors
 
     @property
     def of_reference(self) -> tuple[DataWarning, ...]:
@@ -95,17 +105,25 @@ def put_right(
         still: Where joints stood that the recordings do not hold.
     """
     right, findings, warnings = [], list[Finding](), list[DataWarning]()
+    several = len(recordings) > 1
+    read = ReadingErrors.none(model.arm.n)
 
-    def note(finding: Finding, recording: Recording) -> None:
-        several = len(recordings) > 1
+    def note(finding: Finding, recording: Recording, errors: ReadingErrors) -> None:
+        nonlocal read
         sentence = f"{recording.source}: {finding.sentence}" if several else finding.sentence
-        findings.append(replace(finding, sentence=sentence))
+        # Of several recordings each may have been written in another way.
+        left_out = OF_ONE if several else ""
+        carried = bool(model.terms) and not several  # without a model nothing is extended
+        remedy = or_extended(finding.remedy, carried, reading=True)
+        findings.append(replace(finding, sentence=sentence, left_out=left_out, remedy=remedy))
+        if not several:
+            read = read.after(errors)
 
     for recording in recordings:
         head = beginning(recording)
         while found := velocity_fault(head):
             fault, finding = _velocity_finding(found, head, model, still)
-            note(finding, head)
+            note(finding, head, _errors(fault, model.arm))
             recording, head = _mended(recording, fault.mend), fault.mend(head)
         stated = head.coordinates
         given = stated if stated == "actuator" else coordinates
@@ -114,9 +132,19 @@ def put_right(
         if decision.coordinates != stated:
             recording = _mended(recording, partial(replace, coordinates=decision.coordinates))
             if given is None and decision.errors is not None:
-                note(_coordinates_finding(model.arm, decision.coordinates, decision.errors), head)
+                finding = _coordinates_finding(model.arm, decision.coordinates, decision.errors)
+                right_one = ReadingErrors.none(model.arm.n)
+                note(finding, head, replace(right_one, coordinates=decision.coordinates))
         right.append(recording)
-    return PutRight(right, tuple(findings), tuple(warnings))
+    return PutRight(right, tuple(findings), tuple(warnings), read)
+
+
+def _errors(fault: VelocityFault, arm: Arm) -> ReadingErrors:
+    right = ReadingErrors.none(arm.n)
+    if fault.clock:
+        return replace(right, clock=fault.factor.value)
+    wrong = np.isin(arm.joint_names, fault.joints)
+    return replace(right, velocity=np.where(wrong, fault.exact, 1.0))
 
 
 def beginning(recording: Recording | RecordingFile) -> Recording:

@@ -15,13 +15,16 @@ from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.diagnosis.results.findings import Finding
 from dvrk_gravity.diagnosis.results.simulation_check import in_simulation
+from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.intake import (
     check_mass,
     in_their_unit,
     known_still,
     require_newtons,
+    stated_coordinates,
     with_held,
+    without_known_errors,
 )
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
@@ -44,10 +47,12 @@ class DiagnosisProblem:
     Attributes:
         loaded: The motion, beside the model or the reference.
         faults: Findings about the recordings themselves, which were corrected.
+        errors: Errors of readings that the model knows, and those faults.
     """
 
     loaded: Loaded
     faults: tuple[Finding, ...]
+    errors: ReadingErrors
 
 
 def diagnose(
@@ -92,13 +97,15 @@ def diagnose(
     problem = build(recordings, model, still, coordinates, reference, arm)
     posterior = infer(problem.loaded, say)
     say("measuring gains on held-out blocks")
-    diagnosis = report(posterior, problem.faults, known_payload)
+    diagnosis = report(posterior, problem.faults, known_payload, problem.errors)
     shown = simulated and reference is None
-    if not shown or not any(each.in_model for each in diagnosis.findings):
+    if not shown or not any(each.in_model and each.of_arm for each in diagnosis.findings):
         return diagnosis
     say("simulating motion and drift")
     motion, spans = posterior.loaded.motion, posterior.validation.data.held_out_spans
-    check = in_simulation(motion.model, diagnosis.model, motion, spans)
+    # The motion's model and positions are without errors of readings.
+    extended = replace(diagnosis.model, reading_errors=motion.model.reading_errors)
+    check = in_simulation(motion.model, extended, motion, spans)
     return replace(diagnosis, in_simulation=check)
 
 
@@ -119,20 +126,28 @@ def build(
     if not whole:
         raise RecordingError("recordings", "none given, expected at least one")
     tested = model or model_of(arm)
+    coordinates = coordinates or stated_coordinates(tested)
+    whole, corrected = without_known_errors(whole, tested, coordinates)
+    errors = tested.reading_errors
+    tested = replace(tested, reading_errors=ReadingErrors.none(arm.n))
     references = [] if reference is None else opened(reference, coordinates or "joint", arm)
     warnings = list[DataWarning]()
     if references:
+        references, _ = without_known_errors(
+            references, replace(tested, reading_errors=errors), coordinates
+        )
         read = put_right(references, tested, coordinates, still)
         # The difference of two recordings that are misread in two ways would look like physics.
         references, coordinates = read.recordings, read.recordings[0].head.coordinates
         warnings += read.of_reference
     read = put_right(whole, tested, coordinates, still)
-    tested, prepared, said = _prepared(model, arm, read.recordings, still)
+    given = None if model is None else tested
+    tested, prepared, said = _prepared(given, arm, read.recordings, still)
     loaded = load(prepared, tested, still)
     doubts = tested.arm.doubts if tested.of_file else ()  # an identified model has its own
     loaded = replace(
         loaded,
-        handling=(*said, *loaded.handling),
+        handling=(*corrected, *said, *loaded.handling),
         warnings=(*about_arm(doubts), *warnings, *read.warnings, *loaded.warnings),
     )
     if references:
@@ -140,7 +155,7 @@ def build(
     else:
         require_predictable(loaded.motion, prepared)
         require_gravity(loaded.motion, prepared[0].head.source)
-    return DiagnosisProblem(loaded, read.findings)
+    return DiagnosisProblem(loaded, read.findings, errors.after(read.errors))
 
 
 def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:

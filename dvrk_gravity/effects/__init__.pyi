@@ -14,6 +14,7 @@ from .base.effect import Effect as Effect
 from .base.effect import Hypothesis as Hypothesis
 from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
+from .base.effect import or_extended as or_extended
 from .base.effect import spread as spread
 from .base.linear_term import PRIOR_FRACTION as PRIOR_FRACTION
 from .base.linear_term import Column as Column
@@ -39,6 +40,7 @@ from .base.meaning import size as size
 from .base.motion import Motion as Motion
 from .base.motion import Residual as Residual
 from .base.motion import State as State
+from .base.reading_errors import ReadingErrors as ReadingErrors
 from .base.registry import ENTRY_POINTS as ENTRY_POINTS
 from .base.registry import effects as effects
 from .base.registry import from_other_packages as from_other_packages
@@ -46,7 +48,9 @@ from .base.registry import is_friction as is_friction
 from .base.registry import named as named
 from .base.registry import rank as rank
 from .base.registry import register as register
+from .base.registry import sensor_effects as sensor_effects
 from .base.registry import terms as terms
+from .base.sensor import SensorEffect as SensorEffect
 from .base.site import THE_ARM as THE_ARM
 from .base.site import THE_BASE as THE_BASE
 from .base.site import Kind as Kind
@@ -102,6 +106,7 @@ from .time_delay import OwnTangent as OwnTangent
 from .time_delay import RequiresParts as RequiresParts
 from .time_delay import TimeDelay as TimeDelay
 from .time_delay import TwoForms as TwoForms
+from .time_delay import delayed as delayed
 from .time_delay import mean_slope_by_delay as mean_slope_by_delay
 from .time_scale import TimeScale as TimeScale
 from .torque_offset import OffsetHypothesis as OffsetHypothesis

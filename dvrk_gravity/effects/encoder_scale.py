@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis
+from dvrk_gravity.effects.base.arrays import Values, as_value, joint_array, position_offset
+from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.reading_errors import ReadingErrors
+from dvrk_gravity.effects.base.sensor import SensorEffect, read_factors, written_factors
 from dvrk_gravity.effects.base.site import encoder_sites
+from dvrk_gravity.parameters import Parameter, Value
 
 # Chosen: beyond, it is another unit or a wrong sign. A fit on its way may ask even for zero.
 _LEAST, _GREATEST = 0.5, 2.0
 _SMALL = 1e-3  # of a factor less one, and rad: below, a slope replaces the secant
 
 
-class EncoderScale(Effect):
+class EncoderScale(SensorEffect):
     """measured position = factor x true position + offset, and measured velocity likewise.
 
     The offset is zero where the joint is homed at the encoder's zero. Where it is homed at z, the
@@ -27,6 +32,7 @@ class EncoderScale(Effect):
     """
 
     NAME = "encoder_scale"
+    FACTORS = "reading.encoder_scale"
     REMEDY = "check the counts per turn and the gear ratio of {joint}'s encoder"
     MEANINGS = meanings(
         factor=Meaning(
@@ -34,6 +40,19 @@ class EncoderScale(Effect):
         ),
         offset=Meaning("rad", None, READS, "reads at its zero", least=-0.6, greatest=0.6),
     )  # fmt: skip
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        return (joint_array(arm, cls.FACTORS, "1", "measured over true position and velocity"),)
+
+    @classmethod
+    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
+        factors = read_factors(arm, values, cls.FACTORS)
+        return replace(errors, position=factors[:, None] * errors.position)
+
+    @classmethod
+    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
+        return written_factors(cls.FACTORS, errors.position)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -55,6 +74,7 @@ class ReadingHypothesis(Hypothesis):
     CLAIM = "the encoder of {where} reads {factor}"
 
     fixed_point: tuple[str, ...] = ("factor",)
+    shifts_positions: bool = True
 
     def regressor(self, motion: Motion) -> Array:
         """Return secants of the torque by the factor and, homed elsewhere, by the offset."""
@@ -67,16 +87,31 @@ class ReadingHypothesis(Hypothesis):
 
     def _torque(self, motion: Motion, factor: float, offset: float) -> Array:
         """Return (N, n) torques of the model if the encoder reads factor x true + offset."""
-        # The encoder reads a row of the joints' positions, and its correction moves a column.
-        row, column = self.site.row(self.arm), self.site.column(self.arm)
-        true = np.eye(self.arm.n) + (1.0 / factor - 1.0) * np.outer(row, column)
-        q = (motion.q - offset * column) @ true
+        true = self._true(factor)
+        q = (motion.q - offset * self.site.column(self.arm)) @ true
         if motion.static:
             state = State(q, direction=motion.direction)
         else:
             state = State(q, motion.qd @ true, motion.qdd @ true)
         torque: Array = motion.model.torque_at(state)
         return torque
+
+    def _true(self, factor: float) -> Array:
+        """Return the (n, n) map by which read positions, as rows, become true ones."""
+        # The encoder reads a row of the joints' positions, and its correction moves a column.
+        row, column = self.site.row(self.arm), self.site.column(self.arm)
+        return np.eye(self.arm.n) + (1.0 / factor - 1.0) * np.outer(row, column)
+
+    def reading_errors(self, theta: Array) -> ReadingErrors:
+        row, column = self.site.row(self.arm), self.site.column(self.arm)
+        right = ReadingErrors.none(self.arm.n)
+        return replace(right, position=right.position + float(theta[0]) * np.outer(column, row))
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """Return a model with the reading at the encoder's zero, as the zero of a joint."""
+        shift = self.site.column(self.arm) @ self._true(1.0 + float(theta[0]))
+        zeros = position_offset(self.arm, values) + theta[1:].sum() * shift
+        return {**values, "joint_offset": as_value(zeros)} if zeros.any() else values
 
     def parameters(self, theta: Array) -> dict[str, float]:
         part, *offset = theta.tolist()

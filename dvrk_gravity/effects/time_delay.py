@@ -3,31 +3,56 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis
+from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.reading_errors import ReadingErrors
+from dvrk_gravity.effects.base.sensor import SensorEffect
 from dvrk_gravity.effects.base.site import THE_ARM
+from dvrk_gravity.parameters import Parameter, Value
 
 _SMALL = 1e-3  # s: below, a slope serves in place of a secant
 _FIRST = 0.01  # s, first guess
 _WHILE = 0.0625  # s; chosen: over twice that, half of 3.5 Hz is left, and nothing of 8
 
 
-class TimeDelay(Effect):
+class TimeDelay(SensorEffect):
     """effort(t) = applied effort(t - delay): efforts and positions have different time stamps."""
 
     NAME = "time_delay"
+    DELAY = "reading.effort_delay"
     REMEDY = "stamp positions and efforts together, or delay the positions as much before a fit"
     MEANINGS = meanings(
         delay=Meaning("s", 0.0, ("late", "early"), "efforts are", least=-0.3, greatest=0.3)
     )
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        meaning = "efforts are stamped this much later than positions"
+        return (Parameter(cls.DELAY, 0.0, "s", meaning, lower=-1.0, upper=1.0),)
+
+    @classmethod
+    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
+        delay = values.get(cls.DELAY, 0.0)
+        assert isinstance(delay, float)
+        return replace(errors, delay=delay)
+
+    @classmethod
+    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
+        return {cls.DELAY: errors.delay} if errors.delay else {}
+
+    @classmethod
+    def misleads(cls, arm: Arm, errors: ReadingErrors) -> bool:
+        """Late positions do; late efforts do not, which are read at rest alone."""
+        return errors.delay < 0.0
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -106,15 +131,15 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
         if motion.reference is not None:
             if self.over_a_while:
                 return mean_slope_by_delay(motion, self.setting["delay"])[:, :, None]
-            was = _shifted(motion, motion.effort, -step)
-            becomes = _shifted(motion, motion.reference, step)
+            was = delayed(motion, motion.effort, -step)
+            becomes = delayed(motion, motion.reference, step)
             return (0.5 * (motion.effort - was + becomes - motion.reference) / step)[:, :, None]
         acting = motion.acting
         if self.of_friction is not None:
             acting = motion.friction if self.of_friction else acting - motion.friction
         if self.over_a_while:
             acting = _smoothed(motion, acting)
-        return ((_shifted(motion, acting, step) - acting) / step)[:, :, None]
+        return ((delayed(motion, acting, step) - acting) / step)[:, :, None]
 
     @property
     def alternative_form(self) -> Hypothesis | None:
@@ -151,11 +176,14 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
         identified = model.uncertainty is not None and not model.of_file
         return interval**2 / 3.0 if identified else 0.0
 
+    def reading_errors(self, theta: Array) -> ReadingErrors:
+        return replace(ReadingErrors.none(self.arm.n), delay=float(theta[0]))
+
     def parameters(self, theta: Array) -> dict[str, float]:
         return {"delay": float(theta[0])}
 
 
-def _shifted(motion: Motion, torque: Array, late: float) -> Array:
+def delayed(motion: Motion, torque: Array, late: float) -> Array:
     """Return (N, n) a torque as it was so many seconds before, at the ends as it is there.
 
     By cubic splines: straight lines between samples are means, and take noise away.

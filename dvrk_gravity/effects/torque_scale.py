@@ -3,28 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arms import ANY_UNIT
+from dvrk_gravity.arms import ANY_UNIT, Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis
+from dvrk_gravity.effects.base.arrays import joint_array
+from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
 from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.reading_errors import ReadingErrors
+from dvrk_gravity.effects.base.sensor import SensorEffect, read_factors, written_factors
 from dvrk_gravity.effects.base.site import THE_ARM, Site, mixed_motors
+from dvrk_gravity.parameters import Parameter, Value
 
 _LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
 
 _FAR = 4.0  # standard errors of drive gains. Chosen: all of them are not off by as much
 
 
-class TorqueScale(Effect):
+class TorqueScale(SensorEffect):
     """measured effort = factor x applied effort."""
 
     NAME = "torque_scale"
+    FACTORS = "reading.effort_scale"
     REMEDY = "check {joint}'s torque constant, gear ratio and the scale of its current"
     MEANINGS = meanings(factor=Meaning("", 1.0, READS, least=0.2, greatest=5.0, percent=True))
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        return (joint_array(arm, cls.FACTORS, "1", "measured over applied effort"),)
+
+    @classmethod
+    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
+        factors = read_factors(arm, values, cls.FACTORS)
+        return replace(errors, effort=factors[:, None] * errors.effort)
+
+    @classmethod
+    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
+        return written_factors(cls.FACTORS, errors.effort)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -83,6 +101,11 @@ class ScaleHypothesis(Hypothesis):
         # Part of the mean of both: s tau - tau = part (s tau + tau) / 2.
         return {"factor": (2.0 + part) / max(2.0 - part, _LEAST)}
 
+    def reading_errors(self, theta: Array) -> ReadingErrors:
+        part = self.parameters(theta)["factor"] - 1.0
+        right = ReadingErrors.none(self.arm.n)
+        return replace(right, effort=right.effort + part * self.mixing.T)
+
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         factor = self._in_words(parameters)["factor"]
         if self.site == THE_ARM:
@@ -100,7 +123,7 @@ class ScaleHypothesis(Hypothesis):
         """Masses that are all wrong by one factor have the same effect."""
         if self.site != THE_ARM:
             return super().remedy(carried)
-        scale = "check the scale of all efforts"
+        scale = or_extended("check the scale of all efforts", carried, reading=True)
         if self.against_reference:
             return scale
         return f"{scale}; if it is right, all masses of the model are wrong by that factor"

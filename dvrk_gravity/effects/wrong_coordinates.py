@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,45 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.base.reading_errors import ReadingErrors
+from dvrk_gravity.effects.base.sensor import SensorEffect
 from dvrk_gravity.effects.time_scale import TimeScale
 from dvrk_gravity.effects.torque_scale import TorqueScale
+from dvrk_gravity.parameters import Parameter, Value
+
+_DETECTED = "detected"  # from the recording, by every verb
 
 
-class WrongCoordinates(Effect):
-    """The readings are another linear combination of the joints than they are taken for."""
+class WrongCoordinates(SensorEffect):
+    """The readings are another linear combination of the joints than they are taken for.
+
+    Coordinates are a parameter of their own. Wrong signs are factors of -1, as of ``torque_scale``
+    and ``encoder_scale``, and exchanged joints are rows, as of ``joint_coupling``.
+    """
 
     NAME = "wrong_coordinates"
+    COORDINATES = "reading.coordinates"
     REMEDY = "correct the mapping of the joints"
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        meaning = "coordinates of recordings that do not state theirs"
+        choices = (_DETECTED, "joint", "actuator")
+        return (Parameter(cls.COORDINATES, _DETECTED, "", meaning, choices=choices),)
+
+    @classmethod
+    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
+        given = str(values.get(cls.COORDINATES, _DETECTED))
+        return errors if given == _DETECTED else replace(errors, coordinates=given)
+
+    @classmethod
+    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
+        return {cls.COORDINATES: errors.coordinates} if errors.coordinates else {}
+
+    @classmethod
+    def misleads(cls, arm: Arm, errors: ReadingErrors) -> bool:
+        """Joint coordinates are those that a node expects."""
+        return errors.coordinates == "actuator"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +103,16 @@ class Reading:
     def rate(self) -> float:
         """True over recorded velocity, if only the clock is wrong."""
         return 1.0 if self.clock is None else self.clock.value
+
+    @property
+    def errors(self) -> ReadingErrors | None:
+        """The errors that it corrects; ``None`` where a recording itself states them."""
+        right = ReadingErrors.none(len(self.effort))
+        if self.coordinates:
+            stated = self.coordinates == "joint"  # joint coordinates are what is assumed
+            return None if stated else replace(right, coordinates=self.coordinates)
+        position, effort = (np.asarray(np.linalg.inv(m)) for m in (self.motion, self.effort))
+        return replace(right, position=position, effort=effort, clock=self.rate)
 
     @property
     def moves(self) -> bool:

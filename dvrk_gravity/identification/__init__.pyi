@@ -1,6 +1,7 @@
 from .evaluation import Evaluation as Evaluation
 from .evaluation import evaluate as evaluate
 from .evaluation import outside_range as outside_range
+from .expected_error import ExpectedError as ExpectedError
 from .poses.fit import fit_model as fit_model
 from .poses.fit import fit_poses as fit_poses
 from .poses.fit import fit_static as fit_static

@@ -14,6 +14,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identification.expected_error import ExpectedError, expected_errors
 from dvrk_gravity.identification.quality.weights import idle
 from dvrk_gravity.identification.result import JointError, Trace, in_short, joint_errors
 from dvrk_gravity.intake import (
@@ -27,7 +28,9 @@ from dvrk_gravity.intake import (
     read_motions,
     require_all,
     require_newtons,
+    stated_coordinates,
     whole,
+    without_known_errors,
 )
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
@@ -64,6 +67,10 @@ class Evaluation:
         idle: Joints at which there is nothing to predict (``weights.idle``).
         outside: Where joints are outside the range of the model's identification, one sentence
             each.
+        expected: RMS error that the model expects of itself here, by joint; of those of which it
+            knows (:func:`expected_errors`).
+        units: Unit of the errors, by joint: N·m or N, or that of the arm's efforts.
+        cutoff: Of the zero-phase low-pass of measured and predicted torques, Hz; ``None`` of poses.
     """
 
     joints: Mapping[str, JointError]
@@ -77,15 +84,40 @@ class Evaluation:
     idle: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
     recordings: Mapping[str, Mapping[str, JointError]] = field(default_factory=dict)
+    expected: Mapping[str, ExpectedError] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    cutoff: float | None = None
 
     def __repr__(self) -> str:
         """Give the errors, in short."""
         return f"<Evaluation of {self.samples} samples: |e|/|tau| {in_short(self.joints)}>"
 
+    @property
+    def metric(self) -> str:
+        """What is compared, and what the numbers of a table mean, in words."""
+        filtered = (
+            "unfiltered"
+            if self.cutoff is None
+            else f"both below {self.cutoff:g} Hz (zero-phase Butterworth)"
+        )
+        return (
+            f"e: measured less predicted effort, {filtered}; RMSE: root of the mean of e²; "
+            "|e|/|tau|: norm of e over that of the measured effort tau; R2: 1 - |e|²/|tau - mean|²"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``evaluate --json``."""
         return {
-            "joints": {name: error.to_json() for name, error in self.joints.items()},
+            "joints": {
+                name: {
+                    **error.to_json(),
+                    "unit": self.units[name],
+                    "expected": self.expected[name].to_json() if name in self.expected else None,
+                }
+                for name, error in self.joints.items()
+            },
+            "metric": self.metric,
+            "cutoff_hz": self.cutoff,
             "recordings": {
                 label: {name: error.to_json() for name, error in joints.items()}
                 for label, joints in self.recordings.items()
@@ -122,9 +154,10 @@ def evaluate(
     """
     model = TorqueModel.of(model)
     recordings = opened(recordings, arm=model.arm)
-    coordinates = known_coordinates(coordinates)
+    coordinates = known_coordinates(coordinates) or stated_coordinates(model)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
+    recordings, corrected = without_known_errors(recordings, model, coordinates)
     odd = require_newtons(model, recordings)
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
@@ -143,16 +176,19 @@ def evaluate(
             trajectory = replace(read(recording, cutoff), still=still)
 
             def misfit(system: Coordinates, alone: Trajectory = trajectory) -> float:
-                return _mean(_evaluate_dynamic(model, [alone], Decision(system), cutoff))
+                return _mean(_evaluate_dynamic(model, [alone], Decision(system), cutoff, False))
 
             decision = decide_coordinates(trajectory, model.arm, coordinates, misfit)
             trajectories.append(replace(trajectory, coordinates=decision.coordinates))
             decisions.append(decision)
             warnings += decision.warnings
         evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
+    arm = model.arm
+    units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
     return replace(
         evaluated,
-        handling=(*odd, *held, *evaluated.handling),
+        units={name: units[name] for name in evaluated.joints},
+        handling=(*corrected, *odd, *held, *evaluated.handling),
         warnings=(*warnings, *evaluated.warnings),
     )
 
@@ -166,7 +202,9 @@ def _evaluate_dynamic(
     recordings: Sequence[Trajectory],
     decision: Decision,
     cutoff: float,
+    judged: bool = True,
 ) -> Evaluation:
+    """Return the errors on trajectories; ``judged``: what the model expects of them, too."""
     arm, coordinates = model.arm, decision.coordinates
     motions = read_motions(recordings, arm, coordinates, cutoff)
     traces, positions, velocities = [], [], []
@@ -205,7 +243,32 @@ def _evaluate_dynamic(
     q, qd = np.concatenate(positions), np.concatenate(velocities)
     resting = _idle(arm, q, coordinates, static=False)
     result = _result(traces, sources, decision, motions.warnings, motions.handling, resting)
-    return replace(result, outside=outside_range(model, q, qd, recorded))
+    result = replace(result, cutoff=cutoff)
+    if not judged:
+        return result
+    states = [motion.state for motion in motions.parts]
+    seconds = sum(float(motion.time[-1] - motion.time[0]) for motion in motions.parts)
+    return replace(
+        result,
+        outside=outside_range(model, q, qd, recorded),
+        expected=_expected(model, coordinates, recorded, states, cutoff, seconds),
+    )
+
+
+def _expected(
+    model: TorqueModel,
+    coordinates: Coordinates,
+    recorded: Mask,
+    states: Sequence[State],
+    cutoff: float | None,
+    seconds: float = 0.0,
+) -> dict[str, ExpectedError]:
+    """Return what a model expects of the recorded joints; nothing of motors that it mixes."""
+    if coordinates == "actuator" and not model.arm.direct_drive:
+        return {}
+    found = expected_errors(model, states, cutoff, seconds)
+    each = zip(model.arm.joint_names, found, recorded.tolist(), strict=True)
+    return {name: error for name, error, seen in each if seen and error is not None}
 
 
 def _evaluate_static(
@@ -252,6 +315,7 @@ def _evaluate_static(
         result,
         with_friction=tuple(compress(joints, ~separate)),
         outside=outside_range(model, everywhere, None, recorded),
+        expected=_expected(model, coordinates, recorded, [State(everywhere)], None),
     )
 
 

@@ -13,7 +13,16 @@ from numpy.typing import ArrayLike
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import ENTRY_POINTS, State, Term, as_array, terms
+from dvrk_gravity.effects import (
+    ENTRY_POINTS,
+    ReadingErrors,
+    SensorEffect,
+    State,
+    Term,
+    as_array,
+    sensor_effects,
+    terms,
+)
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
 from dvrk_gravity.files import json_file, outputs, text_file, yaml_file
 from dvrk_gravity.model.named_arm import (
@@ -57,7 +66,7 @@ BY_EFFECTS = f"installed effect (entry points {ENTRY_POINTS})"
 
 def model_parameters(arm: Arm) -> Mapping[str, Parameter]:
     """Return the declarations of all parameters of an arm's models, by name."""
-    return _declared(arm, terms())
+    return _declared(arm, (*terms(), *sensor_effects()))
 
 
 def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
@@ -66,7 +75,7 @@ def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
 
 
 @lru_cache(maxsize=8)
-def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Parameter]:
+def _declared(arm: Arm, effects: tuple[type[Term | SensorEffect], ...]) -> Mapping[str, Parameter]:
     offset = Parameter(
         OFFSET, (), "rad", "error of the encoders: measured minus true position",
         lower=-1.0, upper=1.0, lengths=(arm.n,), units=arm.units,
@@ -94,6 +103,9 @@ class TorqueModel:
         document: The dVRK console's file that the model came from, as JSON text; ``""`` if none.
         joint_offset: (n,) rad, q_measured = q_true + joint_offset. Positions given to the model
             are measured ones; its terms are functions of the true ones.
+        reading_errors: What is known to be wrong with the arm's readings. Recordings are corrected
+            for it before they are compared with the model; :meth:`torque` takes positions that are
+            right but for ``joint_offset``.
         verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
         reason: Why.
         uncertainty: Its posterior and known error; ``None``: not identified, or not stored.
@@ -111,9 +123,12 @@ class TorqueModel:
     uncertainty: ModelUncertainty | None = None
     unsure: str = ""
     of_file: bool = False
+    reading_errors: ReadingErrors = field(default_factory=lambda: ReadingErrors.none(0))
 
     def __post_init__(self) -> None:
-        """Put zeros where no offset is given."""
+        """Put zeros where no offset is given, and right readings where no errors are."""
+        if not len(self.reading_errors.velocity):
+            object.__setattr__(self, "reading_errors", ReadingErrors.none(self.arm.n))
         if not len(self.joint_offset):
             object.__setattr__(self, "joint_offset", np.zeros(self.arm.n))
 
@@ -217,13 +232,17 @@ class TorqueModel:
             str(checked.get(entry.name, entry.default))
             for entry in (VERDICT_PARAMETER, REASON_PARAMETER)
         )
-        return cls(arm, given, node, document, offset, verdict, reason)
+        errors = ReadingErrors.none(arm.n)
+        for effect in sensor_effects():
+            errors = effect.read(arm, checked, errors)
+        return cls(arm, given, node, document, offset, verdict, reason, reading_errors=errors)
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
         values = values_of(self.arm)
         if self.joint_offset.any():
             values[OFFSET] = tuple(self.joint_offset.tolist())
+        values |= self.of_readings()
         for term in self.terms:
             values |= term.parameters()
         if self.document:
@@ -234,6 +253,13 @@ class TorqueModel:
             values[REASON_PARAMETER.name] = self.reason
         # An empty array means "not given", and ROS cannot read one.
         return values | {name: value for name, value in self.node.items() if value != ()}
+
+    def of_readings(self) -> dict[str, Value]:
+        """Return the parameters of its known errors of readings, ``reading.*``."""
+        values: dict[str, Value] = {}
+        for effect in sensor_effects():
+            values |= effect.written(self.arm, self.reading_errors)
+        return values
 
     def save(self, path: str | Path, comment: str = "") -> None:
         """Write the model as a ROS 2 parameter file, whole or not at all.

@@ -18,6 +18,7 @@ SLEW_TIME = 0.1
 # Speed beyond which a growing motion suspends friction compensation. `benchmark/passivity.py`
 # passes with it, and with delays not with twice as much.
 ALLOWANCE = 0.4
+ACCEPT_READING_ERRORS = "accept_reading_errors"
 # 1.4 times the fastest motion of the first joints in a published exciting trajectory of an MTM
 # (2.95 rad/s).
 SPEED_LIMIT = 4.0
@@ -125,6 +126,10 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
         Parameter(
             "allow_poor_model", False, "",
             "accept a model that identify found unfit for compensation",
+        ),
+        Parameter(
+            ACCEPT_READING_ERRORS, False, "",
+            "command by readings that the model knows to be wrong (reading.*), as they are",
         ),
         Parameter(
             "output", "servo_jf", "",

@@ -40,12 +40,10 @@ from .recording import Recording as Recording
 from .recording import known_coordinates as known_coordinates
 from .samples import Coordinates as Coordinates
 from .samples import join as join
-from .signal_checks import FrozenSpan as FrozenSpan
-from .signal_checks import clipped_efforts as clipped_efforts
-from .signal_checks import frozen_efforts as frozen_efforts
 from .signal_checks import quantisation as quantisation
 from .stream import Given as Given
 from .stream import RecordingFile as RecordingFile
+from .stream import changed as changed
 from .stream import iterate_recording as iterate_recording
 from .stream import opened as opened
 from .timing import TimingSettings as TimingSettings
@@ -55,6 +53,11 @@ from .timing import stale as stale
 from .trajectory import Stretch as Stretch
 from .trajectory import Trajectory as Trajectory
 from .trajectory import read_trajectory as read_trajectory
+from .unread import FrozenSpan as FrozenSpan
+from .unread import clipped_efforts as clipped_efforts
+from .unread import frozen_efforts as frozen_efforts
+from .unread import limited_efforts as limited_efforts
+from .unread import unread_efforts as unread_efforts
 from .velocity import VelocityFit as VelocityFit
 from .velocity import compare_velocity as compare_velocity
 from .writing import BagWriter as BagWriter

@@ -12,13 +12,13 @@ from dvrk_gravity.recording.limits import beyond_the_arm, jumps, position_unit
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.signal_checks import (
     driven_motors,
-    frozen,
     quantisation,
     ripple,
     sampling,
     saturation,
 )
 from dvrk_gravity.recording.timing import TimingSettings
+from dvrk_gravity.recording.unread import frozen
 from dvrk_gravity.recording.velocity import common_factor, compare_velocity
 
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")

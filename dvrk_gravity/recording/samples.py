@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
@@ -45,6 +45,7 @@ class Samples:
         repeated: Number of samples left out with the stamp of the sample before.
         arm: Whose joints these are; ``None`` where it is not known: then units are not known.
         notes: Other findings of the reader.
+        effort_limit: By joint, where its efforts are known to be clipped, N·m or N.
     """
 
     joints: tuple[str, ...]
@@ -60,6 +61,7 @@ class Samples:
     repeated: int = 0
     arm: Arm | None = None
     notes: tuple[Note, ...] = ()
+    effort_limit: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of samples N."""

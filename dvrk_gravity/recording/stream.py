@@ -18,6 +18,9 @@ from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import CHUNK, Coordinates, join
 from dvrk_gravity.validation import path_of
 
+Change = Callable[[Iterator[Recording]], Iterator[Recording]]
+"""What makes other consecutive parts of those of a recording."""
+
 HEAD = 10_000  # samples of a file's first part
 
 
@@ -65,7 +68,7 @@ class RecordingFile:
     def __init__(self, path: str | Path, **options: Unpack[ReadOptions]) -> None:
         """Read the first part; options are those of ``Recording.load``."""
         self._path, self._options = path, options
-        self._changes: tuple[Callable[[Iterator[Recording]], Iterator[Recording]], ...] = ()
+        self._changes: tuple[Change, ...] = ()
         arm = options.get("arm")
         if arm is not None and arm.held:  # those are not among the arm's joints
             whole: ReadOptions = {**options, "arm": None}
@@ -82,7 +85,7 @@ class RecordingFile:
             return self
         options: ReadOptions = {**self._options, "arm": arm}
         result = RecordingFile(self._path, **options)
-        return result._changed(*self._changes) if self._changes else result
+        return result.changed(*self._changes) if self._changes else result
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
         """Return the same file without some spans [start, stop) of its rows.
@@ -90,15 +93,18 @@ class RecordingFile:
         Raises:
             RecordingError: If nothing is left.
         """
-        return self._changed(partial(_without, left_out=tuple(left_out)))
+        return self.changed(partial(_without, left_out=tuple(left_out)))
 
     def mended(self, mend: Callable[[Recording], Recording]) -> RecordingFile:
         """Return the same file with each part corrected by a function that keeps its samples."""
-        return self._changed(partial(map, mend))
+        return self.changed(partial(map, mend))
 
-    def _changed(
-        self, *changes: Callable[[Iterator[Recording]], Iterator[Recording]]
-    ) -> RecordingFile:
+    def changed(self, *changes: Change) -> RecordingFile:
+        """Return the same file with its consecutive parts changed by functions, in order.
+
+        Raises:
+            RecordingError: If nothing is left.
+        """
         result = copy(self)
         result._changes = (*self._changes, *changes)
         first = next(blocks(result.parts(), HEAD), None)
@@ -117,6 +123,20 @@ class RecordingFile:
     def load(self) -> Recording:
         """Return the whole."""
         return join(list(self.parts()))
+
+
+def changed(recording: Recording | RecordingFile, change: Change) -> Recording | RecordingFile:
+    """Return a recording whose consecutive parts were changed by a function.
+
+    Raises:
+        RecordingError: If nothing is left.
+    """
+    if isinstance(recording, RecordingFile):
+        return recording.changed(change)
+    parts = list(change(iter((recording,))))
+    if not parts:
+        raise RecordingError(recording.source, "holds no samples")
+    return join(parts)
 
 
 def _without(

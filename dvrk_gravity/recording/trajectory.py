@@ -27,7 +27,6 @@ from dvrk_gravity.recording.preparation import (
 )
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import Coordinates
-from dvrk_gravity.recording.signal_checks import FrozenSpan, clipped_efforts, frozen_efforts
 from dvrk_gravity.recording.stream import blocks
 from dvrk_gravity.recording.timing import (
     SLOWEST_JITTER,
@@ -35,6 +34,12 @@ from dvrk_gravity.recording.timing import (
     resample,
     split_at_gaps,
     stale,
+)
+from dvrk_gravity.recording.unread import (
+    FrozenSpan,
+    clipped_efforts,
+    frozen_efforts,
+    limited_efforts,
 )
 
 # The motion is filtered less than the torques: friction's sign and products of velocities put
@@ -184,6 +189,7 @@ class _Work:
         """Filter a piece, and keep a part of the samples of its block."""
         self.frozen += frozen_efforts(piece.recording)
         self.frozen += clipped_efforts(piece.recording)
+        self.frozen += limited_efforts(piece.recording)
         old = stale(piece.recording)
         self._stale += int(old[piece.first : piece.stop].sum())
         self._samples += piece.stop - piece.first

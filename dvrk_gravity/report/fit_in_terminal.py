@@ -10,6 +10,7 @@ from dvrk_gravity.identification import (
     POOR,
     RULE,
     Evaluation,
+    ExpectedError,
     Fit,
     JointError,
     JointVerdict,
@@ -30,6 +31,7 @@ def error_table(
     arm: Arm,
     verdicts: Mapping[str, JointVerdict],
     width: int | None = None,
+    expected: Mapping[str, ExpectedError] | None = None,
 ) -> Iterator[str]:
     """Yield a table of errors by joint, with the bound that each is judged by, and the rule.
 
@@ -40,11 +42,13 @@ def error_table(
         arm: The arm.
         verdicts: By joint.
         width: Columns of the terminal, if there is one.
+        expected: By joint, what a model expects of its RMSE; ``None``: without that column.
     """
     broad = 1 + max(map(len, errors))
     unit = arm.effort_units[0]
     head = f"RMSE {unit}"
-    yield f"{'joint':<{broad}}{head:>9}{'|e|/|tau|':>10}{'R2':>9}{'good to':>8}  verdict"
+    band = "" if expected is None else f"{'expected':>14}"
+    yield f"{'joint':<{broad}}{head:>9}{band}{'|e|/|tau|':>10}{'R2':>9}{'good to':>8}  verdict"
     said: dict[JointVerdict, str] = {}
     for joint in arm.joints:
         if joint.name not in errors:
@@ -54,14 +58,22 @@ def error_table(
         other = f" (RMSE in {joint.effort_unit})" if joint.effort_unit != unit else ""
         word = "do not compensate" if verdict.level == POOR else verdict.level
         row = (
-            f"{joint.name:<{broad}}{error.rmse:>9.4f}{error.nrmse:>10.3f}{_in_column(error.r2):>9}"
-            f"{good_to(joint):>8.3f}  {word}{other}"
+            f"{joint.name:<{broad}}{error.rmse:>9.4f}{_band(expected, joint.name)}"
+            f"{error.nrmse:>10.3f}{_in_column(error.r2):>9}{good_to(joint):>8.3f}  {word}{other}"
         )
         plain = verdict.level == GOOD == level_of(joint, error.nrmse)
         why = f"as {said[verdict]}" if verdict.reason and verdict in said else verdict.reason
         yield row if plain or not why else laid_out(why, width, f"{row}: ")
         said.setdefault(verdict, joint.name)
     yield laid_out(f"rule: {RULE}", width)
+
+
+def _band(expected: Mapping[str, ExpectedError] | None, joint: str) -> str:
+    """Return the 95 % band of an RMSE in fourteen characters; none without that column."""
+    if expected is None:
+        return ""
+    found = expected.get(joint)
+    return f"{'-' if found is None else f'{found.low:.4f}-{found.high:.4f}':>14}"
 
 
 def _in_column(r2: float) -> str:
@@ -132,7 +144,11 @@ def evaluation_text(
         yield laid_out(why, width)
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     verdicts = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
-    yield from error_table(result.joints, model.arm, verdicts, width)
+    yield from error_table(
+        result.joints, model.arm, verdicts, width, result.expected if result.expected else None
+    )
+    yield laid_out(result.metric, width)
+    yield laid_out(_expectation(result, model), width)
     if len(result.recordings) > 1:
         for label, joints in result.recordings.items():
             yield laid_out(f"{label}: |e|/|tau| {in_short(joints)}", width)
@@ -152,6 +168,31 @@ def evaluation_text(
     for line in (result.detected, *result.handling) if verbose else ():
         if line:
             yield laid_out(f"data: {line}", width)
+
+
+def _expectation(result: Evaluation, model: TorqueModel) -> str:
+    """Return what a model expects of itself, and where its errors are larger."""
+    if not result.expected:
+        of_file = "it is what the arm's file states" if model.of_file else ""
+        states = "" if model.uncertainty is not None else "it states no uncertainty"
+        why = (
+            of_file
+            or model.unsure
+            or states
+            or ("its known error is of another low-pass, of other coordinates, or of poses")
+        )
+        return f"expected: the model does not know its error here ({why})"
+    above = [
+        f"{name} {result.joints[name].rmse / band.high:.2g} times"
+        for name, band in result.expected.items()
+        if result.joints[name].rmse > band.high
+    ]
+    larger = f"; above it: {', '.join(above)} (`diagnose` finds out why)" if above else ""
+    return (
+        "expected: 95 % band of the RMSE that the model expects of itself here, by the posterior "
+        "of its parameters and its error on data that its fit had not seen; friction of another "
+        f"day and positions outside its range are not in it{larger}"
+    )
 
 
 def compared(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import enum
+from collections import deque
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +94,8 @@ class SimulatedArm:
     on. The position servo always carries the arm's weight, whether or not the compensation of
     effort commands is on. Motor torques saturate at the actuators' limits. Positions that it
     measures and is commanded are the encoders': true ones plus the model's ``joint_offset``; the
-    efforts that it measures are read as the plant's parts say.
+    efforts that it measures are read as the plant's parts say. What it measures, and not what it is
+    commanded, has the model's ``reading_errors`` but for those of recordings' clocks.
 
     Attributes:
         plant: The arm.
@@ -132,7 +135,11 @@ class SimulatedArm:
         self.compensation = np.zeros(arm.n)
         self._weight = np.zeros(arm.n)  # of where the last step's effort acted
         self._builtin = builtin_compensation
-        self._reader = SensorReader(sensors or Sensors(), arm, seed, dt)
+        sensors, self._errors = sensors or Sensors(), plant.model.reading_errors
+        late = sensors.effort_delay + self._errors.delay
+        self._reader = SensorReader(replace(sensors, effort_delay=max(late, 0.0)), arm, seed, dt)
+        self._moved: deque[tuple[Array, Array]] = deque(maxlen=1 + round(max(-late, 0.0) / dt))
+        self._reads_wrongly = self._errors.any
         self._offset = plant.model.joint_offset
         self._readings = [part.reading for part in plant.parts if part.reading is not None]
         self._limit, self._least = arm.actuator_effort_limit, -arm.actuator_effort_limit
@@ -285,7 +292,15 @@ class SimulatedArm:
         for reading in self._readings:
             effort = effort + reading(position, velocity)
         position = position + self._offset
-        return Measurement(plant.time, *self._reader.read(position, velocity, effort))
+        position, velocity, effort = self._reader.read(position, velocity, effort)
+        if self._reads_wrongly:
+            errors = self._errors
+            position = errors.position.dot(position)
+            velocity = errors.velocity * errors.position.dot(velocity)
+            effort = np.clip(errors.effort.dot(effort), -errors.limit, errors.limit)
+            self._moved.append((position, velocity))
+            position, velocity = self._moved[0]
+        return Measurement(plant.time, position, velocity, effort)
 
     def _servo_effort(self, target: Array) -> Array:
         """Return M (w^2 (target - q) + 2 w (velocity - v)), equally stiff in every pose."""

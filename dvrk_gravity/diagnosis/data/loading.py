@@ -30,11 +30,11 @@ from dvrk_gravity.recording import (
     Segment,
     about,
     excerpt,
-    frozen_efforts,
     labels,
     loaded_if_short,
     prepare,
     quantum,
+    unread_efforts,
     without_duplicates,
 )
 
@@ -305,7 +305,7 @@ def _piece(
 def _unread(recording: Recording, arm: Arm) -> list[tuple[Mask, float, float]]:
     """Return (n,) joints, first and last s of each span of invalid efforts."""
     found = []
-    for span in frozen_efforts(recording):
+    for span in unread_efforts(recording):
         joints = np.isin(np.arange(arm.n), arm.joint_names.index(recording.joints[span.joint]))
         if recording.coordinates == "actuator":
             joints = arm.joints_of(joints)
@@ -331,7 +331,7 @@ def _noise_density(recording: Recording, arm: Arm, band: float) -> Array:
         effort = arm.joint_effort(effort)
     high = effort - low(effort)
     read = np.ones(high.shape, dtype=bool)
-    for span in frozen_efforts(recording):
+    for span in unread_efforts(recording):
         read[slice(*span.rows), columns[span.joint]] = False
     if recording.coordinates == "actuator":
         read = ~arm.joints_of(~read)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State
+from dvrk_gravity.effects import State, delayed
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
 
@@ -175,6 +175,20 @@ class MeasuredMotion:
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
         """Return (N, n) torques of a model at other positions in the same motion, N·m."""
         return (model or self.model).torque_at(self._state(q))
+
+    def read_by(self, model: TorqueModel) -> Array:
+        """Return (N, n) efforts that a model predicts to be read, its errors of readings included.
+
+        The samples are taken as read.
+        """
+        errors = model.reading_errors
+        true = np.linalg.inv(errors.position).T
+        state = self._state(self.q @ true)
+        if not self.static:
+            state = replace(state, qd=self.qd @ true, qdd=self.qdd @ true)
+        torque = model.torque_at(state) @ errors.effort.T
+        torque = np.clip(torque, -errors.limit, errors.limit)
+        return delayed(self, torque, errors.delay) if errors.delay else torque
 
     def _state(self, q: Array) -> State:
         if self.static:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from dvrk_gravity.diagnosis.results.other_findings import (
     unexplained_error,
     unknown_finding,
 )
-from dvrk_gravity.effects import AbsorbedByModel, Unknown
+from dvrk_gravity.effects import AbsorbedByModel, ReadingErrors, Unknown
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import TorqueModel
@@ -49,7 +50,10 @@ _LASTING = 0.6  # of an error that lasts as long as a motion does, and noise doe
 
 
 def report(
-    posterior: Posterior, faults: Sequence[Finding] = (), known_payload: float | None = None
+    posterior: Posterior,
+    faults: Sequence[Finding] = (),
+    known_payload: float | None = None,
+    errors: ReadingErrors | None = None,
 ) -> Diagnosis:
     """Return the diagnosis that a posterior amounts to.
 
@@ -57,6 +61,7 @@ def report(
         posterior: What explains the recordings.
         faults: Findings about the recordings themselves, which were corrected.
         known_payload: Mass that a link carries, kg: the payload found is compared with it.
+        errors: Errors of readings that the recordings were corrected for; ``None``: none.
     """
     loaded, wrong, validation = posterior.loaded, posterior.wrong, posterior.validation
     held_out, data = HeldOut(validation), validation.data
@@ -65,6 +70,8 @@ def report(
     theta, covariance, spreads = _fit(validation, named)
     differences = _differences(validation, named, loaded.sources)
     model, left_out, conflicts = _extended(posterior, held_out, named, theta, differences)
+    if errors is not None:
+        model = replace(model, reading_errors=errors.after(model.reading_errors))
     findings = list(faults)
     first = held_out.as_read()
     if wrong:
@@ -175,9 +182,14 @@ def _extended(
         conflicts |= lost
         model, left_out = extended(motion, found, conflicts)
     if found:
-        whole = not any(left_out) and not posterior.wrong
+        # Samples that are kept would be as they were read.
+        as_read = posterior.wrong or any(each.EFFECT.READS_WRONGLY for each, _ in found)
+        whole = not any(left_out) and not as_read
         model = updated(model, posterior.validation, named, held_out, conflicts, whole)
-    return model, left_out, conflicts
+    right = ReadingErrors.none(motion.arm.n)
+    wrong = [errors for each in posterior.wrong if (errors := each.score.reading.errors)]
+    errors = reduce(ReadingErrors.after, [*wrong, model.reading_errors], right)
+    return replace(model, reading_errors=errors), left_out, conflicts
 
 
 def _reading_findings(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.results.findings import NO_TERM, NOT_AS_FOUND
-from dvrk_gravity.effects import Hypothesis, LinearTerm, Term, Values
+from dvrk_gravity.effects import Hypothesis, LinearTerm, ReadingErrors, Term, Values
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     NO_VERDICT,
@@ -51,8 +52,10 @@ def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool
         theta: (k,) its parameters.
     """
     motion = data.motion
+    if motion.reference is not None and candidate.hypothesis.EFFECT.READS_WRONGLY:
+        return False  # relative to what the reference reads, which no model predicts
     model, _ = extended(motion, [(candidate.hypothesis, theta)])
-    merged = data.reduce(motion.torque_at(motion.q, model) - motion.modelled)
+    merged = data.reduce(motion.read_by(model) - motion.modelled)
     found = candidate.columns() @ theta
     size, missing = (np.linalg.norm(torque[data.usable]) for torque in (found, found - merged))
     return bool(missing > _MISSED * size)
@@ -65,9 +68,9 @@ def extended(
 ) -> tuple[TorqueModel, tuple[str, ...]]:
     """Return the model with what was found, and why it lacks each finding; ``""`` if it has it.
 
-    Functions of the state, encoder zeros and effort bias go into the file. Wrong readings (scale,
-    delay, clipping, coupling, coordinates) are to be corrected where they arise, and what depends
-    on time (drift, a push for a while) is no term.
+    Functions of the state, encoder zeros and effort bias go into the file as terms, and wrong
+    readings (scale, delay, clipping, coupling) as errors of readings, ``reading.*``. What depends
+    on time (drift, a push for a while) is neither.
 
     Findings are functions of measured positions, a model's terms of true ones: encoder offsets are
     merged first, so that every other finding can take them into account.
@@ -86,19 +89,31 @@ def extended(
         for i, (each, _) in enumerate(found)
     ]
     order = sorted(range(len(found)), key=lambda i: not found[i][0].shifts_positions)
+    wrong: list[ReadingErrors] = []
     for i in order:
         hypothesis, theta = found[i]
-        changed = None if i in left_out else hypothesis.merge(values, theta, motion)
-        if changed is None:
+        if i in left_out:
+            continue
+        errors = hypothesis.reading_errors(theta)
+        changed = hypothesis.merge(values, theta, motion)
+        if changed is None and errors is None:
             continue
         try:
-            model = TorqueModel.from_parameters(changed, motion.arm)
+            model = TorqueModel.from_parameters(changed or values, motion.arm)
         except ConfigError as error:  # of two offsets, say, the sum may be too large for a file
             reasons[i] = f"a model file refuses it: {error}"
             continue
-        values, reasons[i] = changed, ""
+        values, reasons[i] = changed or values, ""
+        if errors is not None:
+            wrong.append(errors)
+    # Limits were found in applied efforts: a scale found beside them comes after.
+    wrong.sort(key=lambda errors: bool(np.isfinite(errors.limit).any()))
     other_terms = tuple(term for term in motion.model.terms if term.NAME not in names)
-    model = replace(model, terms=(*model.terms, *other_terms))
+    model = replace(
+        model,
+        terms=(*model.terms, *other_terms),
+        reading_errors=reduce(ReadingErrors.after, wrong, motion.model.reading_errors),
+    )
     if "" in reasons and model.verdict != VERDICTS[-1]:
         # Nobody has evaluated this model; an unusable one stays so.
         model = replace(model, verdict=NO_VERDICT, reason=_EXTENDED)

@@ -18,6 +18,8 @@ NOT_AS_FOUND = (
     "range that it was identified on"
 )
 """Why the rest is."""
+OF_ONE = "recordings differ in how they were read"
+"""Why what one of several recordings reads wrongly is left out."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,11 @@ class Finding:
     def in_model(self) -> bool:
         """Whether the extended model has it."""
         return not self.left_out
+
+    @property
+    def of_arm(self) -> bool:
+        """Whether it is about the arm, and not about what is read of it."""
+        return not effects.named(self.effect).READS_WRONGLY
 
     def __repr__(self) -> str:
         """Name effect and joints."""

@@ -27,7 +27,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Known,
     PayloadCheck,
 )
-from dvrk_gravity.effects import Estimate, Kind, Payload, Unknown, is_friction
+from dvrk_gravity.effects import Estimate, Kind, Payload, Unknown, is_friction, or_extended
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.parameters import FRICTION_RATIO
 from dvrk_gravity.units import quantity
@@ -102,6 +102,7 @@ def reading_finding(wrong: WrongReading, before: Array, after: Array, held_out: 
     if reading.scale:
         place = Kind.JOINT.value if affected else "all"
         affected = affected or tuple(names)
+    carried = reading.errors is not None
     return Finding(
         effect=reading.effect.NAME,
         joints=affected,
@@ -119,8 +120,8 @@ def reading_finding(wrong: WrongReading, before: Array, after: Array, held_out: 
         rejected=(),
         sentence=sentences.wrong_reading(reading.words, gain.relative, names[joints[0]]),
         picture=None,
-        left_out=NO_TERM,
-        remedy=reading.remedy,
+        left_out="" if carried else NO_TERM,
+        remedy=or_extended(reading.remedy, carried, reading=True),
     )
 
 

@@ -20,6 +20,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning
 from dvrk_gravity.effects.base.motion import Filtered, Motion, Residual
+from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.errors import EffectError
 
@@ -41,6 +42,7 @@ class Effect(ABC):
         UNEXPLAINED: It stands for structure that no other effect explains, and ranks last.
         MEANINGS: Unit, neutral value and words of each reported parameter.
         REMEDY: What to do about it, in one line; ``{joint}`` is the first joint of a finding.
+        READS_WRONGLY: It is a fault of readings, of which a model may know (``reading.*``).
     """
 
     NAME: ClassVar[str]
@@ -48,6 +50,7 @@ class Effect(ABC):
     UNEXPLAINED: ClassVar[bool] = False
     MEANINGS: ClassVar[Mapping[str, Meaning]] = {}
     REMEDY: ClassVar[str] = ""
+    READS_WRONGLY: ClassVar[bool] = False
 
     @classmethod
     def title(cls) -> str:
@@ -199,6 +202,10 @@ class Hypothesis(ABC):
         """
         return None
 
+    def reading_errors(self, theta: Array) -> ReadingErrors | None:
+        """Return the errors of the readings that (k,) theta amounts to; ``None``: it is none."""
+        return None
+
     def plausible(self, theta: Array) -> bool:
         """Return whether (k,) theta is physically possible.
 
@@ -326,7 +333,9 @@ class Hypothesis(ABC):
     def remedy(self, carried: bool) -> str:
         """Return what to do about it, in one line; ``carried``: the extended model has it."""
         joint = self.names[0] if self.names else self.site.words(self.arm)
-        return or_extended(self.EFFECT.REMEDY.format(joint=joint), carried)
+        return or_extended(
+            self.EFFECT.REMEDY.format(joint=joint), carried, self.EFFECT.READS_WRONGLY
+        )
 
     def __str__(self) -> str:
         """Return effect, joints and form."""
@@ -335,9 +344,10 @@ class Hypothesis(ABC):
         return f"{self.effect} at {where}{detail}"
 
 
-def or_extended(what: str, carried: bool) -> str:
+def or_extended(what: str, carried: bool, reading: bool = False) -> str:
     """Return a remedy, with the extended model as the alternative where that has the effect."""
-    model = "use the extended model, which has it" if carried else ""
+    does = "reads recordings correctly in spite of it" if reading else "has it"
+    model = f"use the extended model, which {does}" if carried else ""
     return "; or ".join(part for part in (what, model) if part)
 
 

@@ -6,6 +6,7 @@ import inspect
 from functools import cache
 
 from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.sensor import SensorEffect
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import EffectError
 
@@ -50,6 +51,11 @@ def effects() -> tuple[type[Effect], ...]:
 def terms() -> tuple[type[Term], ...]:
     """Return the effects that are terms of a torque model."""
     return tuple(effect for effect in effects() if issubclass(effect, Term))
+
+
+def sensor_effects() -> tuple[type[SensorEffect], ...]:
+    """Return the effects that are faults of readings."""
+    return tuple(effect for effect in effects() if issubclass(effect, SensorEffect))
 
 
 def named(name: str) -> type[Effect]:

@@ -1,0 +1,71 @@
+"""Faults of readings as effects: each declares the parameters by which a model knows of it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import as_array, as_value
+from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.reading_errors import ReadingErrors
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameters import Parameter, Value
+
+
+class SensorEffect(Effect):
+    """A fault of a reading, which models may know of; it declares its own parameters."""
+
+    READS_WRONGLY = True
+
+    @classmethod
+    @abstractmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """Return the declarations of its parameters in an arm's files, ``reading.*``."""
+
+    @classmethod
+    @abstractmethod
+    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
+        """Return errors with those that checked values say of this effect.
+
+        Raises:
+            ConfigError: A reading from which nothing can be made out.
+        """
+
+    @classmethod
+    @abstractmethod
+    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
+        """Return the values that :meth:`read` would take; none where it is not among the errors."""
+
+    @classmethod
+    def misleads(cls, arm: Arm, errors: ReadingErrors) -> bool:
+        """Return whether a command that rests on the live readings would be wrong by it."""
+        return bool(cls.written(arm, errors))
+
+
+def read_factors(arm: Arm, values: Mapping[str, Value], name: str) -> Array:
+    """Return a (n,) factor for each joint.
+
+    Raises:
+        ConfigError: A factor of zero.
+    """
+    factors = as_array(values.get(name), arm.n, 1.0)
+    if not factors.all():
+        joint = int(np.argmin(np.abs(factors)))
+        raise ConfigError(f"{name}[{joint}]", 0.0, f"a factor of {arm.joint_names[joint]}, not 0")
+    return factors
+
+
+def written_factors(name: str, values: Array) -> dict[str, Value]:
+    """Return what :func:`read_factors` takes, of (n,) factors or a diagonal (n, n) map."""
+    factors = np.diag(values) if values.ndim == 2 else values
+    mixes = values.ndim == 2 and not is_diagonal(values)
+    return {} if mixes or (factors == 1.0).all() else {name: as_value(factors)}
+
+
+def is_diagonal(values: Array) -> bool:
+    """Return whether a (n, n) map mixes no joints."""
+    return np.array_equal(values, np.diag(np.diag(values)))

@@ -1,0 +1,177 @@
+"""Recordings put right by what a model knows to be wrong with its arm's readings.
+
+Time first, then what each sample reads, then efforts laid over the positions they belong to. What
+is above a limit of the reading was never read: such efforts are marked, and used by nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import get_args
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import ReadingErrors
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import (
+    Coordinates,
+    Recording,
+    RecordingFile,
+    changed,
+    join,
+    limited_efforts,
+)
+
+# Samples at either side that a cubic spline through further ones depends on: to 1e-6, since its
+# coefficients decay by 2 + sqrt(3) a sample (de Boor, A Practical Guide to Splines).
+_SUPPORT = 12
+_GAP = 3.0  # median intervals, across which efforts are not interpolated. Chosen
+
+
+def without_known_errors(
+    recordings: Iterable[Recording | RecordingFile],
+    model: TorqueModel,
+    coordinates: Coordinates | None = None,
+) -> tuple[list[Recording | RecordingFile], tuple[str, ...]]:
+    """Return recordings as they would be read correctly, and a line about what was done.
+
+    Args:
+        recordings: Trajectories or static poses.
+        model: What is known of the arm's readings, ``TorqueModel.reading_errors``.
+        coordinates: Of recordings that do not state theirs; ``None``: joint.
+
+    Raises:
+        RecordingError: A recording without a joint whose position or effort is part of another's,
+            or of which nothing is left.
+    """
+    errors = model.reading_errors
+    known = ", ".join(model.of_readings())
+    if not errors.any:
+        return list(recordings), ()
+    change = partial(_changed, errors=errors, arm=model.arm, coordinates=coordinates)
+    line = f"recordings are corrected for the model's known errors of readings: {known}"
+    return [changed(each, change) for each in recordings], (line,)
+
+
+def stated_coordinates(model: TorqueModel) -> Coordinates | None:
+    """Return the coordinates of recordings that do not state theirs, if a model knows them."""
+    known = model.reading_errors.coordinates
+    return next((system for system in get_args(Coordinates) if system == known), None)
+
+
+def _changed(
+    parts: Iterator[Recording], errors: ReadingErrors, arm: Arm, coordinates: Coordinates | None
+) -> Iterator[Recording]:
+    inverted: tuple[Array, Array] | None = None
+    limit = errors.true_limit()
+    limits = {n: float(v) for n, v in zip(arm.joint_names, limit, strict=True) if np.isfinite(v)}
+
+    def corrected(part: Recording) -> Recording:
+        nonlocal inverted
+        inverted = inverted or _inverted(errors, arm, part, coordinates)
+        position, effort = inverted
+        columns = [arm.joint_names.index(joint) for joint in part.joints]
+        velocity, direction = part.velocity, part.direction
+        part = replace(
+            part,
+            time=None if part.time is None else part.time / errors.clock,
+            position=_mapped(position, part.position),
+            velocity=None
+            if velocity is None
+            else _mapped(position, velocity / errors.velocity[columns]),
+            effort=None if part.effort is None else _mapped(effort, part.effort),
+            direction=None
+            if direction is None
+            else np.where(_mapped(position, direction) < 0.0, -1.0, 1.0),
+            effort_limit={**part.effort_limit, **limits},
+        )
+        if part.time is not None or not limits:
+            return part
+        return part.without([span.rows for span in limited_efforts(part)])
+
+    found = (part for part in map(corrected, parts) if len(part))
+    yield from _aligned(found, errors.delay) if errors.delay else found
+
+
+def _inverted(
+    errors: ReadingErrors, arm: Arm, part: Recording, coordinates: Coordinates | None
+) -> tuple[Array, Array]:
+    """Return the (k, k) maps from read positions and efforts of a part's joints to true ones."""
+    position, effort = errors.position, errors.effort
+    if "actuator" in (part.coordinates, coordinates):
+        forth, back = arm.actuator_to_joint, arm.joint_to_actuator
+        position, effort = back @ position @ forth, forth.T @ effort @ back.T
+    columns = [arm.joint_names.index(joint) for joint in part.joints]
+    absent = [index for index in range(arm.n) if index not in columns]
+    for what, read in (("position", position), ("effort", effort)):
+        rows, mixed = np.nonzero(read[np.ix_(columns, absent)])
+        if len(rows):
+            joint, other = part.joints[rows[0]], arm.joint_names[absent[mixed[0]]]
+            raise RecordingError(
+                part.source,
+                f"lacks {other}, of which the {what} read at {joint} has a part by the model "
+                f"(reading.*): record all joints",
+            )
+    few = np.ix_(columns, columns)
+    true = (np.asarray(np.linalg.inv(read[few])) for read in (position, effort))
+    return next(true), next(true)
+
+
+def _mapped(by: Array, values: Array) -> Array:
+    """Return (N, k) values through a (k, k) map; NaN where one of them is that was not recorded."""
+    unknown = np.isnan(values).all(axis=0)
+    result = np.where(unknown, 0.0, values) @ by.T
+    result[:, (by[:, unknown] != 0.0).any(axis=1)] = np.nan
+    return result
+
+
+def _aligned(parts: Iterable[Recording], delay: float) -> Iterator[Recording]:
+    """Yield consecutive parts with the efforts of ``delay`` s later at each sample.
+
+    Samples whose efforts lie beyond the end of the recording, or in a gap, are left out.
+    """
+    held: Recording | None = None
+    done = -np.inf
+    for part in parts:
+        if part.time is None:
+            yield part
+            continue
+        held = part if held is None else join([held, part])
+        assert held.time is not None
+        margin = _SUPPORT / (held.rate or np.inf)
+        end = held.time[-1] - max(delay, 0.0) - margin
+        ready = _shifted(held, delay, done, float(end))
+        if len(ready):
+            yield ready
+        done = max(done, float(end))
+        held = held.rows(held.time > end - abs(delay) - margin).counted()
+    if held is not None:
+        rest = _shifted(held, delay, done, np.inf)
+        if len(rest):
+            yield rest
+
+
+def _shifted(recording: Recording, delay: float, after: float, until: float) -> Recording:
+    """Return the samples in (after, until] s with their efforts of ``delay`` s later."""
+    time, effort = recording.time, recording.effort
+    assert time is not None
+    rows = (time > after) & (time <= until)
+    then = time + delay
+    rows &= (then >= time[0]) & (then <= time[-1])
+    if effort is None or len(time) < 2:
+        return recording.rows(rows)
+    left = np.clip(np.searchsorted(time, then, side="right") - 1, 0, len(time) - 2)
+    interval = np.diff(time)
+    rows &= interval[left] <= _GAP * np.median(interval)
+    known = ~np.isnan(effort).any(axis=0)
+    moved = effort.copy()
+    moved[:, known] = CubicSpline(time, effort[:, known])(then)
+    # What stayed the same stays so to the last bit, by which frozen and clipped efforts are known.
+    same = effort[left] == effort[left + 1]
+    return replace(recording, effort=np.where(same, effort[left], moved)).rows(rows)
