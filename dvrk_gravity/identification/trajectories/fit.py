@@ -256,7 +256,7 @@ def _held_out(
     columns = design.columns
     scale, positive = columns.scale[index], columns.positive[index]
     predicted = np.empty_like(design.y)
-    for rows, train in zip(folds.tested, selection.train, strict=True):
+    for rows, train in zip(folds.tested, selection.sums.train, strict=True):
         solution = fit(train.select(index), selection.weight, scale, positive)
         theta = physical_links(columns, index, solution)[0] if physical else solution.theta
         predicted[rows] = design.x[rows][:, :, index] @ theta
