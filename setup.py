@@ -40,6 +40,7 @@ setup(
         "setuptools",
         "numpy>=1.26",
         "scipy>=1.11",
+        "clarabel>=0.9",
         "pin>=3.3",
         "pyyaml>=6.0",
         "rosbags>=0.10",

@@ -205,7 +205,7 @@ def posed(recordings: list[Recording], coordinates: Coordinates) -> Problem:
 def mean_error(asked: Problem, columns: Sequence[int]) -> float:
     """Return the held-out |e|/|tau| of a fit of some columns."""
     errors = asked.selection.score(columns).sum(axis=0)
-    power = np.sum([test.power for test in asked.selection.test], axis=0)
+    power = np.sum([test.power for test in asked.selection.sums.test], axis=0)
     return float(np.exp(0.5 * np.mean(np.log(errors / power))))
 
 

@@ -417,7 +417,7 @@ def test_measured_trajectory_is_explained_on_phases_that_were_held_out(measured_
 
 
 def test_physical_links_are_certified_and_cost_little():
-    with few_folds(2):  # bodies are searched for anew for each block that is held out
+    with few_folds(2):
         found = identify([truth(1, 16.0)], ARM, "joint", ["coulomb_friction"], physical=True)
     assert len(found.physical) == 9
     assert min(found.physical.values()) > 0.0

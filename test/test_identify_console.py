@@ -16,8 +16,6 @@ from test_static_fit import truth as arm_of_poses
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, build_tree
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 
 pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
@@ -117,7 +115,6 @@ def test_real_poses_of_the_console_become_a_console_file(measured_data, tmp_path
     ("options", "named"),
     [
         (["--terms", "viscous_friction"], "--terms"),
-        (["--physical"], "--physical"),
         (["--arm", "tilted.yaml"], "upright"),
         (["--arm", "other.yaml"], "an arm of the console"),
     ],
@@ -142,8 +139,3 @@ def test_what_does_not_go_with_the_console_is_refused(
     assert named in error
     assert error.count("\n") == 1
     assert not (tmp_path / "m.yaml").exists()
-
-
-def test_the_library_refuses_it_as_well():
-    with pytest.raises(ConfigError, match="--physical"):
-        identify([motion(1, 2.0)], ARM, physical=True, for_console=True)

@@ -19,7 +19,6 @@ ROOMS: Mapping[str, str] = {
     "arms/mtm/": "beta in closed form is the MTM's weight",
     "effects/": "merging one effect changes others' parameters",
     "model/rigid_columns.py": "weight and inertia are one set of base parameters",
-    "identification/quality/physical.py": "bodies that can exist are made of weight and inertia",
     "model/kinematics.py": "kinematic calibration estimates encoder offsets and a tilt",
     "identification/quality/identifiability.py": "data leave sums of certain effects open",
     "identification/poses/": "what poses determine: weight, cables, held load",

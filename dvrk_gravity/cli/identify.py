@@ -57,9 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="joint or actuator, for all recordings or a comma-separated one for "
                         "each (default: detected)")  # fmt: skip
     options.add_at(parser)
-    parser.add_argument("--physical", action="store_true",
-                        help="physically consistent links (positive definite "
-                        "pseudo-inertias)")  # fmt: skip
+    parser.add_argument("--physical", action=argparse.BooleanOptionalAction,
+                        help="physically consistent links, positive definite pseudo-inertias "
+                        "(default: of trajectories)")  # fmt: skip
     parser.add_argument("--for-console", action="store_true",
                         help="only terms that `convert` can write to a console's file")  # fmt: skip
     options.add_drive_gains(parser)

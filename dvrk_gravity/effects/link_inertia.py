@@ -27,8 +27,8 @@ _WEIGHTLESS = np.zeros(3)
 class LinkInertia(LinearTerm):
     """tau = M(q) qdd + C(q, qd) qd of the links; their weight is the gravity term's.
 
-    Only combinations of the parameters act (42 of the 90); identified ones need not be
-    those of a physical body unless that was asked for.
+    Only combinations of the parameters act (42 of the 90 of an MTM). Identified ones are those of
+    physical bodies unless ``--no-physical`` was given; other models' need not be.
 
     Attributes:
         arm: The arm.

@@ -19,6 +19,7 @@ from .quality.identifiability import base_weights as base_weights
 from .quality.physical import certificate as certificate
 from .quality.physical import nearest_bodies as nearest_bodies
 from .quality.physical import physical_links as physical_links
+from .quality.physical import possible_links as possible_links
 from .quality.physical import pseudo_inertia as pseudo_inertia
 from .quality.uncertainty import held_by_terms as held_by_terms
 from .quality.verdict import GOOD as GOOD

@@ -278,8 +278,8 @@ class Fit:
         validation: How the held-out error was obtained, one sentence.
         coordinates: Of the errors.
         samples: Samples that the fit used.
-        physical: Least over greatest eigenvalue of each link's pseudo-inertia; empty unless
-            physical consistency was asked for.
+        physical: Least over greatest eigenvalue of each link's pseudo-inertia; empty if the links
+            need not be bodies.
         traces: Measured against predicted.
         holding: Gravity torque and its uncertainty, by joint.
         verdict: Whether to compensate with the model; the model carries it, too.

@@ -65,7 +65,7 @@ def identify(
     coordinates: Coordinates | Sequence[Coordinates] | None = None,
     effects: str | Sequence[str] | None = None,
     validate: Given | Iterable[Given] = (),
-    physical: bool = False,
+    physical: bool | None = None,
     report: Report = lambda stage, share: None,
     still: Mapping[str, float] | None = None,
     for_console: bool = False,
@@ -82,7 +82,8 @@ def identify(
             of all joints, joint coordinates for the others.
         effects: Effects that may be used besides the rigid body; ``None``: all.
         validate: Recordings kept out of fit and choice; the held-out errors are then theirs.
-        physical: Ask for physically consistent links: every pseudo-inertia positive definite.
+        physical: Physically consistent links: every pseudo-inertia positive definite. ``None``: of
+            trajectories; static poses do not determine inertia.
         report: Called with the stage and the share of it that is done.
         still: Where joints stood that some recording does not hold: joint position, rad.
         for_console: Fit a model whose compensation the dVRK console can hold.
@@ -117,12 +118,13 @@ def identify(
     if validate:
         _require_new(validate, recordings)
     if for_console:
-        _check_for_console(arm, effects, physical)
+        _check_for_console(arm, effects)
     if all_static(recordings):
         fit = _static(recordings, arm, given, effects, physical, report, for_console)
     else:
         _require_identified(effects, arm)
-        fit = _dynamic(recordings, arm, given, effects, physical, report, still, for_console)
+        bodies = physical is not False
+        fit = _dynamic(recordings, arm, given, effects, bodies, report, still, for_console)
     warnings = (*about_arm(arm.doubts), *fit.warnings)
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
@@ -224,12 +226,10 @@ def _with_gains(
     return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
 
-def _check_for_console(arm: Arm, effects: Sequence[str] | None, physical: bool) -> None:
+def _check_for_console(arm: Arm, effects: Sequence[str] | None) -> None:
     require_console_arm(arm)
     if effects is not None:
         raise ConfigError("--terms", ",".join(effects), "no --terms with --for-console")
-    if physical:
-        raise ConfigError("--physical", True, "no --physical with --for-console")
 
 
 def _each(
@@ -253,7 +253,7 @@ def _static(
     arm: Arm,
     coordinates: Sequence[Coordinates | None],
     effects: Sequence[str] | None,
-    physical: bool,
+    physical: bool | None,
     report: Report,
     for_console: bool,
 ) -> Fit:

@@ -11,7 +11,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation import Folds, beats, fit, make_folds
+from dvrk_gravity.estimation import Folds, NormalEquations, beats, fit, make_folds
 from dvrk_gravity.intake.absent_joints import Source
 from dvrk_gravity.intake.design import build_design, training_equations
 from dvrk_gravity.intake.motion import CalibrationMotion, read, read_motions
@@ -203,17 +203,19 @@ def _held_out_errors(
     motions = [_head(motion) for motion in read_motions([recording], arm, coordinates).parts[:1]]
     q = motions[0].state.q
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
-    design, chosen = build_design(columns, motions), start_columns(columns)
+    chosen = start_columns(columns)
+    design = build_design(columns, motions, chosen=chosen)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
-    plain = replace(design, x=design.x[:, :, chosen])
-    _, train = training_equations(plain, folds, np.ones_like(design.y))
+    weight = np.ones_like(design.y)
+    whole = NormalEquations.of(design.x, design.y, weight)
+    train = training_equations(design, folds, weight, whole)
     # A tenth of the torque is what such a model leaves, correlated over half a second.
     weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
     scale, positive = columns.scale[chosen], columns.positive[chosen]
     error = np.zeros_like(design.y)
     for seen, tested in zip(train, folds.tested, strict=True):
         theta = fit(seen, weight, scale, positive).theta
-        error[tested] = design.y[tested] - plain.x[tested] @ theta
+        error[tested] = design.y[tested] - design.x[tested] @ theta
     effort, informative = design.y, design.informative
     if coordinates == "joint":
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)

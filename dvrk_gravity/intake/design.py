@@ -66,13 +66,15 @@ def build_design(
     columns: Columns,
     motions: Sequence[CalibrationMotion],
     progress: Callable[[float], None] = lambda share: None,
+    chosen: Sequence[int] | None = None,
 ) -> Design:
-    """Evaluate and filter the regressor of all columns.
+    """Evaluate and filter the regressor.
 
     Args:
         columns: The columns.
         motions: At least one.
         progress: Called with the share that is done, 0 to 1.
+        chosen: Numbers of the columns that ``x`` has; ``None``: all.
     """
     total = sum(len(motion) for motion in motions)
     kept: list[tuple[NDArray[Any], ...]] = []
@@ -92,6 +94,7 @@ def build_design(
             history = columns.history(state, before)
             before = history[stop - low.edge - first].copy()
             raw = columns.regressor(state, history, smooth)
+            raw = raw if chosen is None else raw[:, :, chosen]
             # One grid over all chunks.
             offset = (-(start - low.edge)) % stride
             own = slice(start - first + offset, stop - first, stride)
@@ -116,17 +119,17 @@ def build_design(
 
 
 def training_equations(
-    design: Design, folds: Folds, weight: Array
-) -> tuple[NormalEquations, list[NormalEquations]]:
-    """Return the sums over all samples, and those that each fold's fit sees.
+    design: Design, folds: Folds, weight: Array, whole: NormalEquations
+) -> list[NormalEquations]:
+    """Return the sums that each fold's fit sees.
 
     Args:
         design: All samples.
         folds: What is held out.
         weight: (N, n) robust weights.
+        whole: The sums over all samples.
     """
-    whole = NormalEquations.of(design.x, design.y, weight)
-    return whole, [
+    return [
         whole - NormalEquations.of(design.x[excluded], design.y[excluded], weight[excluded])
         for excluded in folds.excluded
     ]

@@ -25,7 +25,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def png(figure: Figure, dpi: float = 110.0) -> bytes:
     """Return a figure as a PNG."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi)
+    # Compressed lightly: a third of the time, for a page larger by a quarter.
+    figure.savefig(stream, format="png", dpi=dpi, pil_kwargs={"compress_level": 1})
     return stream.getvalue()
 
 

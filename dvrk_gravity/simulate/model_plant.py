@@ -32,8 +32,6 @@ class CompletionSettings:
         fastest: Velocity and acceleration of these states, rad/s and rad/s^2 (``Arm.scale``).
             Chosen: both kinds of torque are then of one size.
         hold: How firmly what no torque shows is held at the known arm's. Chosen: enough to decide.
-        evaluations: Of the search at most: half a second; models of real arms end within a
-            hundredth of where 500 do.
         rank: Part of the largest direction below which one is rounding.
         absurd: Times the known arm's torque: no arm's, and the search would overflow.
     """
@@ -41,7 +39,6 @@ class CompletionSettings:
     states: int = 60
     fastest: float = 2.0
     hold: float = 1e-4
-    evaluations: int = 120
     rank: float = 1e-9
     absurd: float = 1e3
 
@@ -127,18 +124,22 @@ def _completed(
     seen, goal = triangle[:, :-1], triangle[:, -1]
     scale = prior_scale(arm)
     bodies = len(scale)
-    found, rotors = nearest_bodies(
-        arm,
-        seen[:, :bodies], seen[:, bodies:], goal, middle, settings.hold / scale,
-        motor / size, np.zeros_like(motor), settings.evaluations,
-    )  # fmt: skip
-    theta = np.concatenate([found, rotors])
-    # What the search leaves, exactly, where bodies and rotors can have it.
     unit = np.concatenate([scale, np.ones_like(motor)])
-    residual = goal - seen @ theta
-    exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=settings.rank) @ residual)
-    if min(certificate(arm, exact[:bodies]).values()) > 0.0 and exact[bodies:].min() >= 0.0:
-        theta = exact
+
+    def exist(both: Array) -> bool:
+        return min(certificate(arm, both[:bodies]).values()) > 0.0 and both[bodies:].min() >= 0.0
+
+    theta = np.concatenate([links.theta, motor / size])
+    if not exist(theta):
+        theta = np.concatenate(
+            nearest_bodies(
+                arm, seen[:, :bodies], seen[:, bodies:], goal, middle, settings.hold / scale
+            )
+        )
+        # What the solver leaves, exactly, where bodies and rotors can have it.
+        residual = goal - seen @ theta
+        exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=settings.rank) @ residual)
+        theta = exact if exist(exact) else theta
     missed = orthogonal @ (seen @ theta - goal)
     off = np.sqrt(np.sum(missed.reshape(count, -1) ** 2, axis=0))
     rows = theta[:bodies].reshape(len(arm.body_names), -1)

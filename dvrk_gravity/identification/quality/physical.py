@@ -2,37 +2,64 @@
 
 A link's ten parameters belong to a body with positive density exactly if the 4 x 4
 matrix [[Sigma, m c], [m c', m]], Sigma its second moments, is positive definite
-(Wensing, Kim, Slotine 2018). Written as L L' with a positive diagonal of L it always
-is; L is then searched by least squares, together with the coefficients that stay linear.
-`identify --physical` asks for such bodies; the simulator, which cannot move others, completes the
-inertia of every model to the nearest of them.
+(Wensing, Kim, Slotine 2018), a linear matrix inequality. So the bodies closest to a fit, in its own
+standard deviations, are a semidefinite program in its parameters, however many samples it has.
+Torque depends on combinations of the parameters only: the others are free, and near those of
+plausible links. The simulator, which moves bodies only, completes the inertia of every model to
+the nearest of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import link_sizes, prior_scale
-from dvrk_gravity.estimation import Solution
-from dvrk_gravity.model import Columns, link_columns
+from dvrk_gravity.effects import base_directions, link_sizes, prior_scale
+from dvrk_gravity.estimation import NotConvergedError, Solution
+from dvrk_gravity.model import Columns
 
-_ROWS, _COLUMNS = np.tril_indices(4)
-_DIAGONAL = _ROWS == _COLUMNS
+# Least pseudo-inertia, as a part of a plausible link's. Chosen: with a tenth of it, the bodies are
+# .01 standard deviations closer to fits of measured arms.
+_LEAST = 1e-4
+# Weight of what torque does not show, in units of plausible size, beside the squared distance from
+# the fit. Chosen: decides between bodies of the same torque.
+_UNSEEN = 1e-6
+_PRECISION = 1e-6  # of the program's solution, in standard deviations
 
 
-# Least entry of L's diagonal over its plausible value. Chosen: a mass, or a second moment, of 4e-4
-# of what is plausible is none, and L stays regular.
-_LEAST = 0.02
+def possible_links(columns: Columns, base: Array) -> Array | None:
+    """Return links that bodies can have and of exactly a fit's torque; ``None`` if none are.
+
+    Args:
+        columns: The columns.
+        base: (b,) coefficients of the links' columns.
+
+    Returns:
+        (10 bodies,) link parameters.
+    """
+    parts = _parts(columns.mounted, columns.ABSENT)
+    seen = parts.seen @ base
+    unseen = _program(
+        np.ones(parts.unseen.shape[1]), parts.plausible - parts.unseen.T @ seen,
+        _triangles(parts.unseen), _triangles(seen), np.zeros((0, parts.unseen.shape[1])),
+        np.zeros(0),
+    )  # fmt: skip
+    links = parts.scale * (seen + parts.unseen @ unseen)
+    return links if min(certificate(columns.arm, links).values()) > 0.0 else None
 
 
 def physical_links(
     columns: Columns, chosen: Sequence[int], solution: Solution
 ) -> tuple[Array, Array]:
-    """Return the best coefficients whose links are physically consistent.
+    """Return the coefficients nearest to a fit's whose links are bodies.
+
+    Nearest in the fit's standard deviations, (theta - fit)' precision (theta - fit). Coefficients
+    that must not be negative stay so; those held at zero stay there.
 
     Args:
         columns: The columns.
@@ -41,37 +68,45 @@ def physical_links(
 
     Returns:
         (p,) coefficients and (10 bodies,) link parameters that belong to them.
+
+    Raises:
+        NotConvergedError: The solver found none.
     """
-    index = list(chosen)
-    bodies = len(link_columns(columns))
-    scale = prior_scale(columns.arm)
-    # (b, 10 bodies): the links' part in the base parameters; see base_directions.
-    seen = columns.base.T / scale**2
-    others = np.arange(bodies, len(index))
-    # |factor (theta - best)|^2 is the misfit of a theta.
-    prior = solution.precision - solution.data
-    prior[:bodies, :bodies] = 0.0
-    hessian = solution.data + prior
-    hessian[np.diag_indices_from(hessian)] += 1e-9 * np.diag(hessian).max()
-    factor = np.linalg.cholesky(hessian).T
-    best = np.linalg.solve(hessian, solution.precision @ solution.theta)
-    size = columns.scale[index][others]
-    positive = columns.positive[index][others] | ~solution.free[others]
-    links, found = nearest_bodies(
-        columns.arm,
-        factor[:, :bodies] @ seen, factor[:, bodies:] * size, factor @ best,
-        np.zeros(len(scale)), 1.0 / scale,
-        solution.theta[others] / size, np.where(positive, 0.0, -np.inf),
+    parts, index = _parts(columns.mounted, columns.ABSENT), np.array(chosen)
+    base = parts.seen.shape[1]
+    signed = np.flatnonzero(columns.positive[index] & solution.free)
+    others = np.flatnonzero(~columns.positive[index] & solution.free)[base:]
+    order = np.concatenate([np.arange(base), signed, others])
+    bound = base + len(signed)
+    # theta = fit + spread y, |y| the distance. Lower triangular: the last ones follow the first.
+    precision = solution.precision[np.ix_(order, order)]
+    factor = np.linalg.cholesky(precision[::-1, ::-1])[::-1, ::-1]
+    spread = np.linalg.inv(factor).T[:, :bound]
+    seen = parts.seen @ solution.theta[:base]
+    size = np.linalg.norm(spread[base:bound], axis=1)
+    found = _program(
+        np.concatenate([np.ones(bound), np.full(parts.unseen.shape[1], _UNSEEN)]),
+        np.concatenate([np.zeros(bound), _UNSEEN * (parts.plausible - parts.unseen.T @ seen)]),
+        _triangles(np.hstack([parts.seen @ spread[:base], parts.unseen])), _triangles(seen),
+        np.pad(spread[base:bound] / size[:, None], ((0, 0), (0, parts.unseen.shape[1]))),
+        solution.theta[signed] / size,
     )  # fmt: skip
-    return np.concatenate([seen @ links, found * size]), links
+    theta = solution.theta.copy()
+    theta[order] += spread @ found[:bound]
+    theta[signed] = np.maximum(theta[signed], 0.0)
+    links = parts.scale * (parts.seen @ theta[:base] + parts.unseen @ found[bound:])
+    if not min(certificate(columns.arm, links).values()) > 0.0:
+        raise NotConvergedError(
+            f"{len(links) // rigid_body.PER_LINK} links: no bodies near the fit were found; "
+            "--no-physical fits without them"
+        )
+    return theta, links
 
 
 def nearest_bodies(
-    arm: Arm,
-    of_links: Array, of_others: Array, right: Array, middle: Array, hold: Array, first: Array,
-    least: Array, evaluations: int = 300,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Return the bodies and other coefficients that solve linear equations best.
+    arm: Arm, of_links: Array, of_others: Array, right: Array, middle: Array, hold: Array
+) -> tuple[Array, Array]:
+    """Return the bodies and non-negative coefficients that solve linear equations best.
 
     Minimises |of_links links + of_others others - right|^2 + |hold (links - middle)|^2.
 
@@ -82,35 +117,20 @@ def nearest_bodies(
         right: (r,) right-hand side.
         middle: (10 bodies,) link parameters preferred where the equations leave them open.
         hold: (10 bodies,) weight of that preference.
-        first: (p,) initial other unknowns.
-        least: (p,) their lower bounds.
-        evaluations: Of the equations, at most.
 
     Returns:
         (10 bodies,) link parameters and (p,) other coefficients.
     """
-    from scipy.optimize import least_squares
-
-    start, lower = _start(arm)
-    bodies = len(start)
-    still = np.zeros((bodies, len(first)))
-
-    def residual(unknown: Array) -> Array:
-        links = _links(unknown[:bodies])
-        missed = of_links @ links + of_others @ unknown[bodies:] - right
-        return np.concatenate([missed, hold * (links - middle)])
-
-    def jacobian(unknown: Array) -> Array:
-        slope = _slope(unknown[:bodies])
-        return np.block([[of_links @ slope, of_others], [hold[:, None] * slope, still]])
-
-    bounds = np.concatenate([lower, least])
-    begin = np.concatenate([start, np.maximum(first, least)])
-    found = least_squares(
-        residual, np.maximum(begin, bounds + 1e-12), jacobian, (bounds, np.inf), x_scale="jac",
-        max_nfev=evaluations,
+    scale, (count, more) = prior_scale(arm), (len(middle), of_others.shape[1])
+    rows = np.hstack([of_links * scale, of_others])
+    held = np.concatenate([hold * scale, np.zeros(more)])
+    unit = np.eye(count + more)
+    found = _program(
+        rows.T @ rows + np.diag(held**2),
+        rows.T @ right + held**2 * np.concatenate([middle / scale, np.zeros(more)]),
+        _triangles(unit[:count]), _triangles(np.zeros(count)), unit[count:], np.zeros(more),
     )  # fmt: skip
-    return _links(found.x[:bodies]), found.x[bodies:]
+    return scale * found[:count], np.maximum(found[count:], 0.0)
 
 
 def certificate(arm: Arm, links: Array) -> dict[str, float]:
@@ -139,54 +159,82 @@ def pseudo_inertia(row: Array) -> Array:
     return np.block([[second, first[:, None]], [first[None], np.array([[m]])]])
 
 
-def _parameters() -> Array:
-    """Return (10, 4, 4): each parameter as a linear function of the pseudo-inertia."""
-    maps = np.zeros((10, 4, 4))
-    maps[0, 3, 3] = 1.0
-    for k in range(3):
-        maps[1 + k, k, 3] = 1.0
-    for index, (i, j) in zip((4, 5, 6, 7, 8, 9), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)),
-                             strict=True):  # fmt: skip
-        maps[index, i, j] = -1.0
-        if i == j:
-            maps[index, :3, :3] += np.eye(3)
-    return 0.5 * (maps + maps.transpose(0, 2, 1))
+def _triangle(matrix: Array) -> Array:
+    """Return (10,) columns of a (4, 4) upper triangle, of the same norm as the matrix."""
+    return np.array([matrix[i, j] * (1.0 if i == j else 2.0**0.5)
+                     for j in range(4) for i in range(j + 1)])  # fmt: skip
 
 
-_MAPS = _parameters()
+_TO_TRIANGLE = np.stack([_triangle(pseudo_inertia(unit)) for unit in np.eye(10)], axis=1)
+# Of a body of plausible mass, about its frame's origin, a third of its extent in each direction.
+_PLAUSIBLE = _triangle(np.diag([1 / 9, 1 / 9, 1 / 9, 1.0]))
 
 
-def _start(arm: Arm) -> tuple[Array, Array]:
-    """Return (10 bodies,) entries of L of plausible links, and their lower bounds."""
-    start, lower = [], []
-    for mass, size in link_sizes(arm):
-        entries = np.where(_DIAGONAL, np.sqrt(mass) * np.where(_ROWS == 3, 1.0, size / 3.0), 0.0)
-        start.append(entries)
-        lower.append(np.where(_DIAGONAL, _LEAST * entries, -np.inf))
-    return np.concatenate(start), np.concatenate(lower)
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Link parameters in units of plausible size: what torque shows of them, and what it does not.
+
+    Attributes:
+        scale: (10 bodies,) those units.
+        seen: (10 bodies, b) orthonormal, of the base parameters.
+        unseen: (10 bodies, u) orthonormal, of the others that are not taken as zero.
+        plausible: (u,) plausible links along ``unseen``.
+    """
+
+    scale: Array
+    seen: Array
+    unseen: Array
+    plausible: Array
 
 
-def _lower_triangles(entries: Array) -> Array:
-    rows = entries.reshape(-1, len(_ROWS))
-    triangles = np.zeros((len(rows), 4, 4))
-    triangles[:, _ROWS, _COLUMNS] = rows
-    return triangles
+@lru_cache(maxsize=8)
+def _parts(arm: Arm, absent: tuple[int, ...]) -> _Parts:
+    scale = prior_scale(arm)
+    seen = base_directions(arm, absent) / scale[:, None]
+    there = np.setdiff1d(np.arange(len(scale)), absent)
+    unseen = np.zeros((len(scale), len(there) - seen.shape[1]))
+    unseen[there] = np.linalg.svd(seen[there])[0][:, seen.shape[1] :]
+    plausible = np.linalg.solve(_TO_TRIANGLE, _PLAUSIBLE)
+    return _Parts(scale, seen, unseen, unseen.T @ np.tile(plausible, len(arm.bodies)))
 
 
-def _links(entries: Array) -> Array:
-    """Return (10 bodies,) parameters of L L'."""
-    triangles = _lower_triangles(entries)
-    return np.einsum("pij,bik,bjk->bp", _MAPS, triangles, triangles).ravel()
+def _triangles(links: Array) -> Array:
+    """Return (10 bodies, …) pseudo-inertias' triangles of links in units of plausible size."""
+    rows = links.reshape(-1, rigid_body.PER_LINK, *links.shape[1:])
+    return np.tensordot(_TO_TRIANGLE, rows, (1, 1)).swapaxes(0, 1).reshape(links.shape)
 
 
-def _slope(entries: Array) -> Array:
-    """Return (10 bodies, 10 bodies) derivatives of the parameters by the entries of L."""
-    triangles = _lower_triangles(entries)
-    # d tr(A L L') / dL = 2 A L for symmetric A.
-    slopes = 2.0 * np.einsum("pij,bjk->bpik", _MAPS, triangles)[:, :, _ROWS, _COLUMNS]
-    size = len(triangles) * rigid_body.PER_LINK
-    full = np.zeros((size, size))
-    for b, block in enumerate(slopes):
-        rows = slice(rigid_body.PER_LINK * b, rigid_body.PER_LINK * (b + 1))
-        full[rows, rows] = block
-    return full
+def _program(
+    quadratic: Array,
+    linear: Array,
+    of_bodies: Array,
+    bodies: Array,
+    of_signed: Array,
+    signed: Array,
+) -> Array:
+    """Return the (k,) x at which a convex quadratic is least under both kinds of constraint.
+
+    Minimises x' quadratic x / 2 - linear' x, by Clarabel's interior point (Goulart and Chen 2024).
+
+    Args:
+        quadratic: (k, k), or the (k,) diagonal.
+        linear: (k,).
+        of_bodies: (10 bodies, k) and
+        bodies: (10 bodies,): triangles of the pseudo-inertias, ``bodies + of_bodies x``.
+        of_signed: (s, k) and
+        signed: (s,): ``signed + of_signed x`` must not be negative.
+    """
+    import clarabel  # not needed by those who only evaluate a model
+    from scipy.sparse import csc_array
+
+    count = len(bodies) // rigid_body.PER_LINK
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _PRECISION
+    cones = [clarabel.PSDTriangleConeT(4)] * count + [clarabel.NonnegativeConeT(len(signed))]
+    whole = np.diag(quadratic) if quadratic.ndim == 1 else np.triu(quadratic)
+    solver = clarabel.DefaultSolver(
+        csc_array(whole), -linear, csc_array(-np.vstack([of_bodies, of_signed])),
+        np.concatenate([bodies - _LEAST * np.tile(_PLAUSIBLE, count), signed]), cones, settings,
+    )  # fmt: skip
+    return np.array(solver.solve().x)

@@ -20,7 +20,11 @@ from dvrk_gravity.estimation import (
     sandwich,
 )
 from dvrk_gravity.identification.quality.identifiability import describe
-from dvrk_gravity.identification.quality.physical import certificate, physical_links
+from dvrk_gravity.identification.quality.physical import (
+    certificate,
+    physical_links,
+    possible_links,
+)
 from dvrk_gravity.identification.quality.uncertainty import (
     KnownError,
     confounded,
@@ -62,7 +66,7 @@ class ColumnFit:
 
     Attributes:
         solution: The coefficients.
-        links: (10 bodies,) link parameters, if physical consistency was asked for.
+        links: (10 bodies,) link parameters, if they are physically consistent.
         predicted: (N, n) torque of the fit, N·m.
         blind: (N, n) torque, each sample predicted by a fit that had not seen it, N·m.
         parameters: Named, with intervals.
@@ -86,7 +90,7 @@ def fit_dynamic(
     arm: Arm,
     coordinates: Coordinates,
     effects: Sequence[str] | None = None,
-    physical: bool = False,
+    physical: bool = True,
     report: Report = lambda stage, share: None,
     form: type[Columns] = Columns,
 ) -> Fit:
@@ -97,7 +101,7 @@ def fit_dynamic(
         arm: The arm.
         coordinates: Of the recordings.
         effects: Effects that may be used besides the rigid body; ``None``: all.
-        physical: Ask for physically consistent links: every pseudo-inertia positive definite.
+        physical: Physically consistent links: every pseudo-inertia positive definite.
         report: Called with the stage and the share of it that is done.
         form: Which columns there are.
 
@@ -177,23 +181,28 @@ def _not_fitted(standing: Sequence[str]) -> list[str]:
     ]
 
 
-def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) -> ColumnFit:
+def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> ColumnFit:
     """Fit the chosen columns and estimate their uncertainty.
 
     Args:
         problem: The problem.
         chosen: Columns of the fit.
-        physical: Ask for physically consistent links.
+        physical: Physically consistent links.
     """
     design, weighting = problem.design, problem.weighting
     columns, index = design.columns, list(chosen)
     solution = solved(problem, chosen)
     links = None
+    # Where bodies of the same torque exist, there is nothing to correct, in held-out blocks either.
+    corrected = False
     if physical:
+        links = possible_links(columns, solution.theta[: columns.base.shape[1]])
+        corrected = links is None
+    if corrected:
         theta, links = physical_links(columns, index, solution)
         solution = replace(solution, theta=theta)
     predicted = design.x[:, :, index] @ solution.theta
-    blind = _held_out(design, problem.folds, problem.selection, index, physical)
+    blind = _held_out(design, problem.folds, problem.selection, index, corrected)
     spread = _spread(problem, index, solution, predicted, blind)
     weight = weighting.sample * weighting.motor
     parameters, identifiability = describe(columns, index, solution, spread, design, weight)
@@ -247,7 +256,7 @@ def _held_out(
     columns = design.columns
     scale, positive = columns.scale[index], columns.positive[index]
     predicted = np.empty_like(design.y)
-    for rows, train in zip(folds.tested, selection.train, strict=True):
+    for rows, train in zip(folds.tested, selection.sums.train, strict=True):
         solution = fit(train.select(index), selection.weight, scale, positive)
         theta = physical_links(columns, index, solution)[0] if physical else solution.theta
         predicted[rows] = design.x[rows][:, :, index] @ theta

@@ -26,7 +26,7 @@ from dvrk_gravity.estimation import (
     make_folds,
     reweighted,
 )
-from dvrk_gravity.identification.trajectories.selection import ColumnSelection, split_equations
+from dvrk_gravity.identification.trajectories.selection import ColumnSelection, FoldSums
 from dvrk_gravity.intake import CalibrationMotion, Design, build_design
 from dvrk_gravity.model import Columns, KinematicCalibration
 
@@ -154,8 +154,9 @@ def pose(
     clock = [motion.source for motion in motions]
     folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = _weigh(design)
-    whole, train, test = split_equations(design, folds, weighting.sample)
-    selection = ColumnSelection(columns, train, test, weighting.motor, effects=effects)
+    whole = NormalEquations.of(design.x, design.y, weighting.sample)
+    sums = FoldSums(design, folds, weighting.sample, whole)
+    selection = ColumnSelection(columns, sums, weighting.motor, effects=effects)
     return Problem(design, folds, weighting, whole, selection)
 
 

@@ -37,6 +37,37 @@ _KINEMATICS = SearchSettings(60)
 
 
 @dataclass(frozen=True, eq=False)
+class FoldSums:
+    """Sums of products over the samples of each fold, when they are first asked for.
+
+    Attributes:
+        design: All samples.
+        folds: What is held out.
+        weight: (N, m) robust weights, for the fits; tests count every informative sample in full.
+        whole: Sums over all samples.
+    """
+
+    design: Design
+    folds: Folds
+    weight: Array
+    whole: NormalEquations
+
+    @cached_property
+    def train(self) -> list[NormalEquations]:
+        """Sums that each fold's fit sees."""
+        return training_equations(self.design, self.folds, self.weight, self.whole)
+
+    @cached_property
+    def test(self) -> list[NormalEquations]:
+        """Sums over each fold's held-out samples."""
+        x, y, informative = self.design.x, self.design.y, self.design.informative
+        return [
+            NormalEquations.of(x[tested], y[tested], informative[tested].astype(float))
+            for tested in self.folds.tested
+        ]
+
+
+@dataclass(frozen=True, eq=False)
 class Chosen:
     """Columns of a model.
 
@@ -66,25 +97,21 @@ class ColumnSelection:
 
     Attributes:
         columns: All columns.
-        train: Sums that each fold's fit sees.
-        test: Sums over each fold's held-out samples.
+        sums: Over the samples that each fold's fit sees, and those that it is tested on.
         weight: (m,) inverse variance of one sample of each motor, correlation included.
         effects: Effects that may be used besides the rigid body; ``None``: all.
         choices: The last trial of every effect and joint.
     """
 
     columns: Columns
-    train: Sequence[NormalEquations]
-    test: Sequence[NormalEquations]
+    sums: FoldSums
     weight: Array
     effects: Sequence[str] | None = None
     choices: list[Choice] = field(default_factory=list)
 
     def with_weights(self, weight: Array) -> ColumnSelection:
         """Return the search with other (m,) weights of motors, and the trials so far."""
-        return ColumnSelection(
-            self.columns, self.train, self.test, weight, self.effects, list(self.choices)
-        )
+        return ColumnSelection(self.columns, self.sums, weight, self.effects, list(self.choices))
 
     def allowed(self, effect: str) -> bool:
         """Whether an effect may be used."""
@@ -96,12 +123,12 @@ class ColumnSelection:
 
     @cached_property
     def _fits(self) -> SignedFits:
-        seen = SeenSums(self.train, self.weight)
+        seen = SeenSums(self.sums.train, self.weight)
         return SignedFits(seen, self.columns.scale, self.columns.positive)
 
     @cached_property
     def _held_out(self) -> HeldOutSums:
-        return HeldOutSums(self.test)
+        return HeldOutSums(self.sums.test)
 
     def compare(self, before: Array, after: Array) -> tuple[float, float]:
         """Return the mean relative gain and its standard error over the blocks.
@@ -189,7 +216,7 @@ class ColumnSelection:
         gain, uncertainty = self.compare(before, after)
         removed = self._by_motor(before, after).sum(axis=0)
         joint = int(np.argmax(removed if gain > 0.0 else -removed))
-        power = max(float(np.sum([test.power[joint] for test in self.test])), 1e-300)
+        power = max(float(np.sum([test.power[joint] for test in self.sums.test])), 1e-300)
         old, new = (float(np.sqrt(e.sum(0)[joint] / power)) for e in (before, after))
         name = self.columns.arm.joint_names[joint]
         reason = improvement("cross-validated error", gain, uncertainty, kept)
@@ -222,21 +249,3 @@ class _MoveSearch:
 
 def _apply(chosen: list[int], move: ModelChange) -> list[int]:
     return sorted((set(chosen) | set(move.add)) - set(move.remove))
-
-
-def split_equations(
-    design: Design, folds: Folds, weight: Array
-) -> tuple[NormalEquations, list[NormalEquations], list[NormalEquations]]:
-    """Return the sums over all samples, those that each fold's fit sees, and those it is tested on.
-
-    Args:
-        design: All samples.
-        folds: What is held out.
-        weight: (N, m) robust weights, for the fits; tests count every informative sample in full.
-    """
-    whole, train = training_equations(design, folds, weight)
-    test = []
-    for tested in folds.tested:
-        counted = design.informative[tested].astype(float)
-        test.append(NormalEquations.of(design.x[tested], design.y[tested], counted))
-    return whole, train, test
