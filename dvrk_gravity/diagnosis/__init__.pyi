@@ -14,6 +14,7 @@ from .data.motion import MeasuredMotion as MeasuredMotion
 from .faults import put_right as put_right
 from .faults import require_gravity as require_gravity
 from .faults import require_predictable as require_predictable
+from .inference.beside import FrictionChange as FrictionChange
 from .inference.confirmation import worsening as worsening
 from .inference.cross_validation import CrossValidation as CrossValidation
 from .inference.held_out import Gain as Gain
@@ -21,7 +22,6 @@ from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
 from .inference.held_out import estimates as estimates
-from .inference.homogeneity import FrictionChange as FrictionChange
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer
 from .inference.nonlinear import refined as refined

@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
@@ -40,27 +41,27 @@ class SelectedEffect:
 
 def explained(selection: Selection, selected: Sequence[Candidate]) -> list[SelectedEffect]:
     """Return the selected hypotheses with those that could stand in their places."""
-    return [_stand_ins(selection, selected, i) for i in range(len(selected))]
+    whole = selection.at(selected)
+    return [_stand_ins(selection, whole, candidate) for candidate in selected]
 
 
-def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
+def refine(selection: Selection, selected: Sequence[Candidate]) -> list[Candidate]:
     """Give every place to the most parsimonious of the best for it, the others being known."""
-    validation, settings = selection.validation, selection.settings
+    selected, settings = list(selected), selection.settings
     for i in range(len(selected)):
         if selected[i] in selection.always:
             continue
-        rest = [*selected[:i], *selected[i + 1 :]]
-        validation.weigh(validation.out_of_fold(selected))
-        moved = refined(validation, selected[i], rest)
-        if validation.misfit([*rest, moved]) < validation.misfit(selected):
+        whole = selection.at(selected)
+        rest, validation = whole.without(selected[i]), whole.validation
+        moved = refined(validation, selected[i], rest.candidates)
+        if validation.misfit([*rest.candidates, moved]) < validation.misfit(selected):
             selected[i] = moved
         if len(selected) == 1 or selection.fixed(selected[i]):
             continue
-        without = validation.score(rest)
-        current = selection.evaluate(rest, selected[i], without)
+        current = selection.evaluate(rest, selected[i])
         if current.day_to_day:  # no other cause is looked for in its place
             continue
-        alternatives = [trial for trial in selection.best(rest, without) if trial.passes]
+        alternatives = [trial for trial in selection.best(rest) if trial.passes]
         if alternatives:
             # Beside those that came later, what was plausible may be so no more.
             standing = [current] if current.plausible else []
@@ -80,64 +81,53 @@ def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
     A cause that is named at the wrong joint needs a second one to make up for that. Where many
     causes act, few of them stand for one another, and looking for those takes too long.
     """
-    validation, settings = selection.validation, selection.settings
-    found = sum(not selection.fixed(candidate) for candidate in selected)
-    if not 2 <= found <= _FEW:
+    found = [candidate for candidate in selected if not selection.fixed(candidate)]
+    if not 2 <= len(found) <= _FEW:
         return selected
-    for i in range(len(selected)):
-        if selection.fixed(selected[i]):
+    whole, settings = selection.at(selected), selection.settings
+    least = whole.score.likelihood - settings.equal_least
+    for old in found:
+        rest = whole.without(old)
+        if selection.evaluate(rest, old).day_to_day:
             continue
-        rest = [*selected[:i], *selected[i + 1 :]]
-        validation.weigh(validation.out_of_fold(selected))
-        whole = validation.score(selected).likelihood
-        without = validation.score(rest)
-        if selection.evaluate(rest, selected[i], without).day_to_day:
-            continue
-        key = selected[i].hypothesis.key
         alternatives = [
             trial.candidate
-            for trial in selection.best(rest, without)
-            if trial.passes and trial.candidate.hypothesis.key != key
+            for trial in selection.best(rest)
+            if trial.passes and trial.candidate.hypothesis.key != old.hypothesis.key
         ]
         for other in alternatives[: settings.refined]:
-            replaced = [*selected[:i], other, *selected[i + 1 :]]
-            for second in rest:
-                if selection.fixed(second):
+            for second in found:
+                if second is old:
                     continue
-                smaller = [kept for kept in replaced if kept is not second]
-                if validation.score(smaller).likelihood >= whole - settings.equal_least:
+                smaller = rest.without(second).extended(other)
+                if smaller.score.likelihood >= least:
                     selection.report(
-                        f"{other.hypothesis} instead of {selected[i].hypothesis} "
-                        f"and {second.hypothesis}"
+                        f"{other.hypothesis} instead of {old.hypothesis} and {second.hypothesis}"
                     )
-                    return merge(selection, smaller)
+                    return merge(selection, list(smaller.candidates))
     return selected
 
 
-def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> SelectedEffect:
-    validation, settings = selection.validation, selection.settings
-    rest = [*selected[:i], *selected[i + 1 :]]
-    validation.weigh(validation.out_of_fold(selected))
-    without = validation.score(rest)
-    current = selection.evaluate(rest, selected[i], without)
-    if current.day_to_day or selection.fixed(selected[i]):
+def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> SelectedEffect:
+    rest, validation = whole.without(selected), whole.validation
+    current = selection.evaluate(rest, selected)
+    if current.day_to_day or selection.fixed(selected):
         return SelectedEffect(current, (), ())
-    key = selected[i].hypothesis.key
     # Needless parameters make no alternative at the same site, but those that white noise would
     # make needful do. Elsewhere it is another cause: a tilt about an axis, a zero of its joint.
-    more, here = current.gain + settings.equal_least, selected[i].hypothesis.site
+    more, here = current.gain + selection.settings.equal_least, selected.hypothesis.site
     alternatives = [
         trial
-        for trial in selection.best(rest, without)
-        if trial.candidate.hypothesis.key != key
+        for trial in selection.best(rest)
+        if trial.candidate.hypothesis.key != selected.hypothesis.key
         and trial.gain > 0.0
         and trial.plausible
         and (
             trial.gain > more
             or trial.candidate.hypothesis.site != here
-            or not contains(validation, trial.candidate, selected[i], rest)
+            or not contains(validation, trial.candidate, selected, rest.candidates)
         )
-        and overlap(validation, selected[i], trial.candidate, rest) > _OVERLAP
+        and overlap(validation, selected, trial.candidate, rest.candidates) > _OVERLAP
     ]
     least = current.gain - selection.margin([current])
     equal = tuple(trial for trial in alternatives if trial.gain > least)

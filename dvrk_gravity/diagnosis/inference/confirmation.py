@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect, merge, refine
-from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.alternatives import merge, refine
+from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
-from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
+from dvrk_gravity.diagnosis.inference.selection import Selection
 from dvrk_gravity.estimation import eliminate_backward
 
 _ATTEMPTS = 3  # at a choice that held-out blocks confirm: a bound on time
@@ -31,7 +30,7 @@ _GUILTY = 0.03
 
 
 def confirmed(
-    selection: Selection, chosen: list[Candidate], noise: Array
+    selection: Selection, chosen: Sequence[Candidate], noise: Array
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that hold in the end, and those that the held-out blocks do not confirm.
 
@@ -46,83 +45,44 @@ def confirmed(
     for attempt in range(_ATTEMPTS):
         selection.report("comparing alternatives")
         chosen = merge(selection, refine(selection, chosen))
-        chosen = selection.eliminate_backward(chosen)
-        validation, significant = selection.validation, selection.is_significant
-        chosen, failed = _held_out_confirms(validation, chosen, significant, noise)
+        chosen = selection.eliminate_backward(chosen).candidates
+        chosen, failed = _held_out_confirms(selection, chosen, noise)
         unconfirmed += failed
         if not failed or attempt == _ATTEMPTS - 1:
             break
-        selection.exclude(effect.hypothesis for effect in failed)
-        chosen = selection.run(chosen)
-    return chosen, unconfirmed
-
-
-def at_the_fit(
-    selection: Selection,
-    selected: Sequence[SelectedEffect],
-    unknown: Sequence[EffectTrial],
-    noise: Array,
-) -> tuple[CrossValidation, list[SelectedEffect], list[EffectTrial], list[Unconfirmed]]:
-    """Return what was selected, linearised at the fit, and what is confirmed no more there.
-
-    What made up for the product of two others, a tilt and weights that are off, is none there; nor
-    need what has no name be.
-    """
-    validation = selection.validation
-    acting, chosen = relinearised(validation, _named(selected))
-    if acting is validation:
-        return validation, list(selected), list(unknown), []
-    kept, failed = _held_out_confirms(acting, chosen, selection.is_significant, noise)
-    if failed:
-        left = {id(candidate) for candidate in kept}
-        selected = [e for e, c in zip(selected, chosen, strict=True) if id(c) in left]
-        acting, chosen = relinearised(validation, _named(selected))
-    held_out = HeldOut(acting)
-    return (
-        acting,
-        [
-            replace(effect, trial=replace(effect.trial, move=candidate))
-            for effect, candidate in zip(selected, chosen, strict=True)
-        ],
-        [
-            trial
-            for trial in unknown
-            if not held_out.unconfirmed([*chosen, trial.candidate], [trial.candidate])
-        ],
-        failed,
-    )
-
-
-def _named(selected: Sequence[SelectedEffect]) -> list[Candidate]:
-    return [effect.trial.candidate for effect in selected]
+        selection = selection.excluding(effect.hypothesis for effect in failed)
+        chosen = selection.run(chosen).candidates
+    return list(chosen), unconfirmed
 
 
 def _held_out_confirms(
-    validation: CrossValidation,
-    chosen: Sequence[Candidate],
-    significant: Callable[[Sequence[Candidate], Candidate], bool],
-    noise: Array,
+    selection: Selection, chosen: Sequence[Candidate], noise: Array
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that blocks show which no choice had seen, and those that they do not.
 
+    Linearised at the fit: what made up for the product of two others, a tilt and weights that are
+    off, is none there.
+
     Args:
-        validation: The validation.
+        selection: The choice.
         chosen: What was chosen.
-        significant: Whether one of those kept that acts in no held-out block is significant.
         noise: (n,) RMS that noise alone leaves, N·m.
     """
     failed: list[Unconfirmed] = []
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-        validation.weigh(validation.out_of_fold(kept))
-        tested = [candidate for candidate in kept if not candidate.hypothesis.refits_model]
-        held_out = HeldOut(validation)
-        found = held_out.unconfirmed(kept, tested, lambda candidate: significant(kept, candidate))
-        found = found or worsening(held_out, kept, noise)
-        failures.update({id(candidate): failure for failure, candidate in found})
+        acting, there = relinearised(selection.validation.weighted(kept), kept)
+        held_out, beside = HeldOut(acting), Beside(acting, tuple(there))
+        tested = [candidate for candidate in there if not candidate.hypothesis.refits_model]
+        found = held_out.unconfirmed(
+            there, tested, lambda candidate: selection.is_significant(beside, candidate)
+        )
+        found = found or worsening(held_out, there, noise)
+        as_chosen = {id(at_fit): candidate for at_fit, candidate in zip(there, kept, strict=True)}
+        failures.update({id(as_chosen[id(each)]): failure for failure, each in found})
         return [
-            (0.0 if failure.gain is None else failure.gain.relative, candidate)
-            for failure, candidate in found
+            (0.0 if failure.gain is None else failure.gain.relative, as_chosen[id(each)])
+            for failure, each in found
         ]
 
     # The weakest goes first: of two that share one torque, either may hold without the other.

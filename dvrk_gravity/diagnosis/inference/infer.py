@@ -13,9 +13,11 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
 from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect, explained, spanned
-from dvrk_gravity.diagnosis.inference.confirmation import at_the_fit, confirmed
+from dvrk_gravity.diagnosis.inference.beside import Beside
+from dvrk_gravity.diagnosis.inference.confirmation import confirmed
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
+from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.readings import (
     WrongReading,
     baseline_effects,
@@ -101,7 +103,7 @@ class _Search:
 
     loaded: Loaded
     wrong: tuple[WrongReading, ...]
-    selection: Selection
+    validation: CrossValidation
     selected: list[SelectedEffect]
     unexplained: list[EffectTrial]
     unconfirmed: list[Unconfirmed]
@@ -112,10 +114,11 @@ class _Search:
 
     def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion, validation = self.loaded.motion, self.selection.validation
+        motion = self.loaded.motion
         if motion.reference is None:
             return (), ()
         named = [effect.trial.candidate for effect in self.selected]
+        validation = self.validation.weighted(named)
         mean, covariance = validation.posterior(named)
         causes: dict[int, list[int]] = {}
         first = validation.model_size
@@ -133,11 +136,11 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     """Return readings, effects and unexplained structure that the samples of selection show."""
     read = correct_readings(loaded, say)
     loaded, validation, pool = read.loaded, read.validation, read.pool
+    data = validation.data
     if contradiction(loaded.warnings) and not read.wrong:
         loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
-        floor = validation.data.noise_rms(loaded.floor, validation.residual([]))
-        nothing = Selection(validation, [], say)
-        return _Search(loaded, (), nothing, [], [], [], [], [], floor, None)
+        floor = data.noise_rms(loaded.floor, validation.residual([]))
+        return _Search(loaded, (), validation, [], [], [], [], [], floor, None)
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
@@ -146,78 +149,75 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     say("comparing hypotheses")
     chosen = _from_friction(selection, selection.run())
 
-    def noise(chosen: Sequence[Candidate]) -> Array:
-        return validation.data.noise_rms(loaded.floor, validation.residual(chosen))
+    def noise(beside: Beside) -> Array:
+        return data.noise_rms(loaded.floor, beside.validation.residual(beside.candidates))
 
     # A model with uncertainty was free within that, and is no further.
     motion = loaded.motion
     certain = motion.model.uncertainty is None and motion.reference is None
-    if certain and np.any(validation.score(chosen).rms > _DOUBTFUL * noise(chosen)):
-        selection, chosen = _with_free_masses(validation, pool, selection, chosen, say)
-    chosen, unconfirmed = confirmed(selection, chosen, noise(chosen))
+    if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
+        selection, chosen = _with_free_masses(selection, chosen, pool)
+    kept, unconfirmed = confirmed(selection, chosen.candidates, noise(chosen))
     # Masses that were only free are no cause: they come last.
-    chosen.sort(key=lambda candidate: candidate.hypothesis.refits_model)
-    selected = explained(selection, chosen)
+    kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
+    selected = explained(selection, kept)
     say("looking for unexplained structure")
-    floor = noise(chosen)
-    validation.release()
-    selected, unexplained = unexplained_structure(validation, selection, selected, floor)
+    floor = noise(selection.at(kept))
+    selection.release()
+    selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
-        loaded, read.wrong, selection, selected, unexplained, unconfirmed, pool, sparse, floor,
+        loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse, floor,
         at_calibration,
     )  # fmt: skip
 
 
 def _confirmed(search: _Search) -> Posterior:
-    """Return what the held-out blocks confirm, linearised at the fit."""
-    validation, selected, unexplained, failed = at_the_fit(
-        search.selection, search.selected, search.unexplained, search.floor
-    )
+    """Return what was found, linearised at the fit."""
+    named = [effect.trial.candidate for effect in search.selected]
+    validation, there = relinearised(search.validation.weighted(named), named)
+    selected = [
+        replace(effect, trial=replace(effect.trial, move=candidate))
+        for effect, candidate in zip(search.selected, there, strict=True)
+    ]
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
-    minor = minor_effects(validation, search.sparse, selected, unexplained, search.at_calibration)
+    validation = validation.weighted([effect.trial.candidate for effect in selected])
+    minor = minor_effects(
+        validation, search.sparse, selected, search.unexplained, search.at_calibration
+    )
     return Posterior(
-        search.loaded, search.wrong, validation, tuple(selected), tuple(unexplained),
-        (*search.unconfirmed, *failed), tuple(minor), tuple(day_to_day), tuple(search.pool),
+        search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
+        tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), tuple(search.pool),
         search.at_calibration,
     )  # fmt: skip
 
 
-def _from_friction(selection: Selection, chosen: list[Candidate]) -> list[Candidate]:
+def _from_friction(selection: Selection, chosen: Beside) -> Beside:
     """Return the better of a selection with a cause at all joints, and one that starts at friction.
 
     One scale of all efforts may explain best alone what friction of all joints and a load explain
     better together, and adding one effect at a time does not lead from one to the other.
     """
-    validation = selection.validation
-    hypotheses = [candidate.hypothesis for candidate in chosen]
+    hypotheses = [candidate.hypothesis for candidate in chosen.candidates]
     if not any(each.common_cause and not effects.is_friction(each.effect) for each in hypotheses):
         return chosen
-    best, best_likelihood = chosen, validation.score(chosen).likelihood
+    found = [chosen]
     for start in selection.pool:
         if start.hypothesis.common_cause and effects.is_friction(start.hypothesis.effect):
             selection.report(f"starting from {start.hypothesis}")
-            other = selection.run([*selection.always, *selection.expected, start])
-            likelihood = validation.score(other).likelihood
-            if likelihood > best_likelihood:
-                best, best_likelihood = other, likelihood
-    validation.weigh(validation.out_of_fold(best))
-    return best
+            found.append(selection.run([*selection.always, *selection.expected, start]))
+    return max(found, key=lambda beside: beside.score.likelihood)
 
 
 def _with_free_masses(
-    validation: CrossValidation,
-    pool: Sequence[Candidate],
-    selection: Selection,
-    chosen: list[Candidate],
-    say: Callable[[str], None],
-) -> tuple[Selection, list[Candidate]]:
+    selection: Selection, chosen: Beside, pool: Sequence[Candidate]
+) -> tuple[Selection, Beside]:
     """Return the better of a selection and one with the model's masses fitted as well.
 
     Masses that were fitted while a cause was missing have absorbed part of it, which shows only
     when they are free.
     """
-    say("comparing hypotheses with the model's own parameters free")
+    selection.report("comparing hypotheses with the model's own parameters free")
     always = [candidate for candidate in pool if candidate.hypothesis.refits_model]
     # The masses take the place of all causes at links, and of scales that they span.
     pool = [
@@ -225,14 +225,13 @@ def _with_free_masses(
         for candidate in pool
         if candidate in always
         or not (
-            candidate.hypothesis.site.kind is Kind.LINK or spanned(validation, candidate, always)
+            candidate.hypothesis.site.kind is Kind.LINK
+            or spanned(chosen.validation, candidate, always)
         )
     ]
-    free = Selection(validation, pool, say, always)
+    free = Selection(selection.validation, pool, selection.report, always)
     other = free.run()
-    validation.weigh(validation.out_of_fold(other))
-    whole = validation.score(other).likelihood
     # Cross-validation already charges for what the masses overfit.
     cost = sum(candidate.cost for candidate in always)
-    gain = whole + cost - validation.score(chosen).likelihood
+    gain = other.score.likelihood + cost - chosen.score.likelihood
     return (free, other) if gain > _FREE_GAIN else (selection, chosen)

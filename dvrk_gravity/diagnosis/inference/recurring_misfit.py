@@ -92,7 +92,7 @@ class AtCalibration:
         data = FilteredData.of(then, FilterSettings(band=uncertainty.band))
         # The efforts went through that filter when they were read.
         left = data.reduce_state(then.effort) - data.reduce(then.modelled)
-        validation = CrossValidation(replace(data, residual=left))
+        validation = CrossValidation.of(replace(data, residual=left))
         return cls(validation)
 
     def expected(self, candidate: Candidate) -> Expected | None:

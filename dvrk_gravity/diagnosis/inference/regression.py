@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.estimation import NORMAL_95, NormalEquations, Regression, block_jackknife
 
 
@@ -107,43 +109,98 @@ def _of_known_error(
 
 
 @dataclass(frozen=True, eq=False)
-class WeightedSamples:
-    """Weighted residuals and columns; those of the model itself are summed once, when asked for.
+class ChoiceSamples:
+    """The samples that fit and choice may see, fold by fold.
 
     Attributes:
-        weights: (R, n) of R samples of n joints, 1/(N·m); zero where nothing can be said.
-        residual: (R, n) N·m.
-        model: (R, n, d) columns of the model's own parameters.
         rows: (R,) which of all samples these are.
-        folds: Those of each fold, of R n values.
+        folds: Those of each fold.
+        block: (R,) number of the block.
+        residual: (R, n) N·m.
+        usable: (R, n) of which something can be said.
+        model: (R, n, d) columns of the model's own parameters.
+        pairs: (P,) and (P,) samples that are whole periods apart.
+    """
+
+    rows: NDArray[np.int64]
+    folds: tuple[slice, ...]
+    block: NDArray[np.int64]
+    residual: Array
+    usable: NDArray[np.bool_]
+    model: Array
+    pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
+
+    @classmethod
+    def of(cls, data: FilteredData) -> ChoiceSamples:
+        """Take the samples of all folds."""
+        order = np.argsort(data.fold, kind="stable")  # in time within a fold
+        rows = order[np.searchsorted(data.fold[order], 0) :]
+        edges = np.searchsorted(data.fold[rows], np.arange(data.blocks.settings.folds + 1))
+        return cls(
+            rows, tuple(slice(int(a), int(b)) for a, b in pairwise(edges) if b > a),
+            data.block[rows], data.residual[rows], data.usable[rows], data.model_columns[rows],
+            data.pairs(rows),
+        )  # fmt: skip
+
+    @cached_property
+    def counts(self) -> Array:
+        """(n,) usable samples, at least one."""
+        return np.asarray(np.maximum(self.usable.sum(axis=0), 1))
+
+    @cached_property
+    def of_model(self) -> list[NormalEquations]:
+        """Sums of the model's columns over each fold, joint by joint."""
+        usable = self.usable.astype(float)
+        return [
+            NormalEquations.of(self.model[rows], self.residual[rows], usable[rows])
+            for rows in self.folds
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedSamples:
+    """The same with a weight for each joint.
+
+    Attributes:
+        samples: The samples.
+        weight: (n,) 1/(N·m); zero where nothing can be said.
         ridge: (d, d) what is known of the model's parameters before any data.
         trace: See :func:`normal_equations.solve`.
     """
 
-    weights: Array
-    residual: Array
-    model: Array
-    rows: NDArray[np.int64]
-    folds: Sequence[slice]
+    samples: ChoiceSamples
+    weight: Array
     ridge: Array
     trace: float
 
     @cached_property
+    def weights(self) -> Array:
+        """(R, n) 1/(N·m); zero where nothing can be said."""
+        return np.asarray(self.samples.usable * self.weight)
+
+    @cached_property
+    def folds(self) -> list[slice]:
+        """Which of the R n values are each fold's."""
+        n = len(self.weight)
+        return [slice(rows.start * n, rows.stop * n) for rows in self.samples.folds]
+
+    @cached_property
     def target(self) -> Array:
         """(R n,) weighted residuals."""
-        return (self.residual * self.weights).reshape(-1)
+        return (self.samples.residual * self.weights).reshape(-1)
 
     @cached_property
     def of_model(self) -> Regression:
         """The least squares of the model's own parameters alone."""
-        design = self.model.reshape(self.weights.size, -1) * self.weights.reshape(-1)[:, None]
-        return Regression(design, self.ridge, self.trace)
+        design = self.samples.model.reshape(self.weights.size, -1) * self.weights.reshape(-1, 1)
+        products = NormalEquations.total(self._folds_of_model).gram[0]
+        return Regression(design, self.ridge, self.trace, products)
 
     @cached_property
     def _folds_of_model(self) -> list[NormalEquations]:
-        """The sums of the same over each fold."""
-        design, target = self.of_model.design[:, None], self.target[:, None]
-        return [NormalEquations.of(design[rows], target[rows]) for rows in self.folds]
+        square, zero = self.weight**2, np.zeros(1)
+        sums = (fold.combined(square) for fold in self.samples.of_model)
+        return [NormalEquations(gram[None], cross[None], zero, zero) for gram, cross in sums]
 
     def design(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R n, k) weighted columns of candidates."""
@@ -152,7 +209,7 @@ class WeightedSamples:
         for candidate in candidates:
             own = slice(first, first + candidate.size)
             weight = self.weights[:, candidate.joints, None]
-            columns[:, candidate.joints, own] = candidate.values[self.rows] * weight
+            columns[:, candidate.joints, own] = candidate.values[self.samples.rows] * weight
             first = own.stop
         return columns.reshape(self.weights.size, width)
 

@@ -243,7 +243,6 @@ def _fit(
     """Return parameters, covariance, and standard deviations of each effect's settings."""
     if not named:
         return np.zeros(0), np.zeros((0, 0)), []
-    validation.weigh(validation.out_of_fold(named))
     along, tangent = tangents(validation, named)
     theta, _ = along.fit(tangent)
     slopes: list[Candidate] = []

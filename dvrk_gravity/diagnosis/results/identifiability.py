@@ -38,7 +38,7 @@ def ambiguities(
         named: The selected effects.
         pool: All hypotheses that need no search.
     """
-    validation.weigh(validation.out_of_fold(named), final=True)
+    validation = validation.weighted(named, final=True)
     found = {candidate.hypothesis.key for candidate in named}
     aligned = [
         candidate

@@ -11,9 +11,9 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FloorFrom
 from dvrk_gravity.diagnosis.data.model_error import part_of_friction
+from dvrk_gravity.diagnosis.inference.beside import Beside, variation
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut, estimates
-from dvrk_gravity.diagnosis.inference.homogeneity import Homogeneity
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
@@ -218,7 +218,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     rows = slice(len(theta) - candidate.size, len(theta))
     theta, covariance = theta[rows], covariance[rows, rows]
     if hypothesis.common_cause:
-        differ = Homogeneity(validation).differ(candidate, theta, named)
+        differ = variation(Beside(validation, tuple(named)), candidate, theta)
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
     claim, of_friction = hypothesis.claim(parameters), is_friction(hypothesis.effect)
