@@ -50,7 +50,7 @@ def test_every_verb_reads_a_recording_in_the_same_coordinates(recording, truth):
     assert evaluate(WEIGHT, recording()).coordinates == truth
     right = put_right([recording()], WEIGHT, None, {})
     assert right.recordings[0].head.coordinates == truth
-    assert [finding.effect for finding in right.findings] == (
+    assert [finding.effect for finding in right.faults] == (
         [] if truth == "joint" else ["wrong_coordinates"]
     )
 
@@ -61,7 +61,7 @@ def test_what_was_said_of_coordinates_is_doubted_by_every_verb_alike():
     assert doubt in put_right([of_motors()], WEIGHT, "joint", {}).warnings
     said = replace(of_motors(), coordinates="actuator")
     right = put_right([said], WEIGHT, None, {})
-    assert (right.findings, right.warnings) == ((), ())
+    assert (right.faults, right.warnings) == ((), ())
 
 
 def diagnosed(model: TorqueModel, folder, capsys) -> tuple[list[str], dict]:

@@ -1,6 +1,9 @@
 from .data.candidate import Candidate as Candidate
 from .data.candidate import Score as Score
 from .data.candidate import most_parsimonious as most_parsimonious
+from .data.faults import put_right as put_right
+from .data.faults import require_gravity as require_gravity
+from .data.faults import require_predictable as require_predictable
 from .data.filtered_data import FilteredData as FilteredData
 from .data.filtered_data import FilterSettings as FilterSettings
 from .data.loading import UNREAD as UNREAD
@@ -11,9 +14,7 @@ from .data.model_error import friction_by_load as friction_by_load
 from .data.model_error import friction_change as friction_change
 from .data.model_error import like_changed_friction as like_changed_friction
 from .data.motion import MeasuredMotion as MeasuredMotion
-from .faults import put_right as put_right
-from .faults import require_gravity as require_gravity
-from .faults import require_predictable as require_predictable
+from .inference.beside import Beside as Beside
 from .inference.beside import FrictionChange as FrictionChange
 from .inference.confirmation import worsening as worsening
 from .inference.cross_validation import CrossValidation as CrossValidation

@@ -1,4 +1,4 @@
-"""Hypotheses beside which others are tried: what they leave, and what friction is expected to do.
+"""Hypotheses beside which others are tested: what they leave, and what friction is expected to do.
 
 Friction changes from day to day. A hypothesis whose torque is a change of friction as other joints
 show is expected; one that stands for several joints must be equal at these.

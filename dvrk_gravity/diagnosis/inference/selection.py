@@ -295,8 +295,7 @@ class Selection:
     @cached_property
     def multiplicity(self) -> Multiplicity:
         """How many torques are compared at each step: that most are screened out is chance, too."""
-        start = self.at((*self.always, *self.expected))
-        return Multiplicity.of([*self.pool, *self._searched(start)])
+        return Multiplicity.of(self.moves(self.at((*self.always, *self.expected))))
 
     def _change_fraction(self, candidate: Candidate, rest: Beside) -> float:
         """Return the fraction of a candidate's evidence not already present at calibration."""

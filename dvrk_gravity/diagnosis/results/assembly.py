@@ -10,6 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
+from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.inference.confirmation import worse
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates, setting_columns
@@ -33,6 +34,7 @@ from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
     expected_error,
+    fault_finding,
     known,
     reading_finding,
     unexplained_error,
@@ -49,13 +51,13 @@ _LASTING = 0.6  # of an error that lasts as long as a motion does, and noise doe
 
 
 def report(
-    posterior: Posterior, faults: Sequence[Finding] = (), known_payload: float | None = None
+    posterior: Posterior, faults: Sequence[Fault] = (), known_payload: float | None = None
 ) -> Diagnosis:
     """Return the diagnosis that a posterior amounts to.
 
     Args:
         posterior: What explains the recordings.
-        faults: Findings about the recordings themselves, which were corrected.
+        faults: Of the recordings themselves, which were corrected.
         known_payload: Mass that a link carries, kg: the payload found is compared with it.
     """
     loaded, wrong, validation = posterior.loaded, posterior.wrong, posterior.validation
@@ -65,7 +67,7 @@ def report(
     theta, covariance, spreads = _fit(validation, named)
     differences = _differences(validation, named, loaded.sources)
     model, left_out, conflicts = _extended(posterior, held_out, named, theta, differences)
-    findings = list(faults)
+    findings = [fault_finding(fault) for fault in faults]
     first = held_out.as_read()
     if wrong:
         first = error_as_read(wrong[0].motion, data, held_out)

@@ -9,6 +9,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FloorFrom
 from dvrk_gravity.diagnosis.data.model_error import part_of_friction
 from dvrk_gravity.diagnosis.inference.beside import Beside, variation
@@ -83,6 +84,23 @@ def unexplained_error(
         picture=None,
         left_out=NO_TERM,
         remedy=Unknown.REMEDY,
+    )
+
+
+def fault_finding(fault: Fault) -> Finding:
+    """Return the finding of a fault of a recording."""
+    return Finding(
+        effect=fault.effect,
+        joints=fault.joints,
+        place=fault.place,
+        parameters={"factor": fault.factor} if fault.factor else {},
+        gain=Gain(*fault.removed, fault.p_value),
+        alternatives=(Alternative(*fault.alternative),) if fault.alternative else (),
+        rejected=(),
+        sentence=fault.sentence,
+        picture=None,
+        left_out=NO_TERM,
+        remedy=fault.remedy,
     )
 
 
