@@ -24,7 +24,11 @@ from dvrk_gravity.diagnosis.inference.readings import (
     correct_readings,
 )
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
-from dvrk_gravity.diagnosis.inference.remaining import minor_effects, unexplained_structure
+from dvrk_gravity.diagnosis.inference.remaining import (
+    minor_effects,
+    unexplained_joints,
+    unexplained_structure,
+)
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.effects import Kind
 from dvrk_gravity.intake import contradiction
@@ -44,11 +48,13 @@ class Posterior:
         validation: The samples, linearised at the fit.
         selected: Effects.
         unexplained: Structure that no effect explains.
+        unexplained_joints: Joints with error beyond noise at which there is no such structure.
         unconfirmed: Effects that the held-out blocks do not confirm.
         minor: Effects that are significant, and smaller than the model's error at calibration.
         day_to_day: Selected changes of friction within day-to-day variation.
         pool: Hypotheses that need no search.
         at_calibration: What the calibration recording shows of the hypotheses.
+        floor: (n,) RMS that noise alone leaves, N·m.
     """
 
     loaded: Loaded
@@ -56,11 +62,13 @@ class Posterior:
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
     unexplained: tuple[EffectTrial, ...]
+    unexplained_joints: tuple[int, ...]
     unconfirmed: tuple[Unconfirmed, ...]
     minor: tuple[EffectTrial, ...]
     day_to_day: tuple[Candidate, ...]
     pool: tuple[Candidate, ...]
     at_calibration: AtCalibration | None
+    floor: Array
 
 
 def silent(line: str) -> None:
@@ -109,7 +117,6 @@ class _Search:
     unconfirmed: list[Unconfirmed]
     pool: list[Candidate]
     sparse: list[Candidate]
-    floor: Array
     at_calibration: AtCalibration | None
 
     def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -139,8 +146,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     data = validation.data
     if contradiction(loaded.warnings) and not read.wrong:
         loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
-        floor = data.noise_rms(loaded.floor, validation.residual([]))
-        return _Search(loaded, (), validation, [], [], [], [], [], floor, None)
+        return _Search(loaded, (), validation, [], [], [], [], [], None)
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
@@ -166,7 +172,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     selection.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
-        loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse, floor,
+        loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse,
         at_calibration,
     )  # fmt: skip
 
@@ -181,14 +187,17 @@ def _confirmed(search: _Search) -> Posterior:
     ]
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
-    validation = validation.weighted([effect.trial.candidate for effect in selected])
+    named = [effect.trial.candidate for effect in selected]
+    validation = validation.weighted(named)
+    floor = validation.data.noise_rms(search.loaded.floor, validation.residual(named))
+    joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
     minor = minor_effects(
         validation, search.sparse, selected, search.unexplained, search.at_calibration
     )
     return Posterior(
         search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
-        tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), tuple(search.pool),
-        search.at_calibration,
+        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), tuple(search.pool),
+        search.at_calibration, floor,
     )  # fmt: skip
 
 

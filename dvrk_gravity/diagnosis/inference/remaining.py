@@ -1,6 +1,7 @@
-"""What remains beside selected effects: structure that none explains, and minor effects.
+"""What remains beside selected effects: unexplained structure or error, and minor effects.
 
-Structure is any smooth function of the state; effects that it refutes are dropped. Minor effects
+Structure is any smooth function of the state; effects that it refutes are dropped. Error beyond
+noise that no such function explains remains, too. Minor effects
 are significant, and expected: smaller than the model's known error, of which they may be a part, or
 present at calibration.
 """
@@ -14,6 +15,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
@@ -31,6 +33,9 @@ _MOST_FUNCTIONS = 3  # functions: a bound on time
 _DOUBTFUL = 1.0 / 3.0
 _REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
 _MOST_MINOR = 3  # effects, one a joint. Chosen
+_ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
+_FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Chosen
+_LASTING = 0.6  # of an error that lasts as long as a motion does, and noise does not. Chosen
 
 
 # Part of a joint's error that such a function must remove: half as much again as an effect. Chosen.
@@ -146,6 +151,48 @@ def _refuted(named: Beside, candidate: Candidate, function: Candidate) -> bool:
     without = rest.score.likelihood
     gain = named.score.likelihood - without
     return gain < _REFUTED * (rest.extended(function).score.likelihood - without)
+
+
+def unexplained_joints(
+    validation: CrossValidation, causes: Sequence[Candidate], unknown: Sequence[EffectTrial],
+    floor: Array,
+) -> tuple[int, ...]:  # fmt: skip
+    """Return joints whose error is beyond noise, and that no other unknown structure names.
+
+    Args:
+        validation: The samples.
+        causes: The selected effects, day-to-day variation included.
+        unknown: Structure that no effect explains.
+        floor: (n,) noise, N·m.
+    """
+    data, held_out = validation.data, HeldOut(validation)
+    error = held_out.error(causes)
+    # Out of fold as well: the edge of a push may lie in a held-out block.
+    rms = np.minimum(held_out.rmse(error), validation.score(causes).rms)
+    # A floor from high frequencies assumes white noise; one from repetition need not.
+    white = (data.noise_source(floor) != "repetition") & ~(held_out.lasting(error) > _LASTING)
+    likely = np.fmax(floor, expected_error(data))
+    uncertainty = data.motion.model.uncertainty
+    if uncertainty is not None:  # an unloaded joint of a file: nothing is expected, nor noise known
+        likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
+    named = {joint for trial in unknown for joint in trial.candidate.hypothesis.joints}
+    large = np.flatnonzero(rms > np.where(white, _FAR_ABOVE, _ABOVE) * likely).tolist()
+    return tuple(joint for joint in large if joint not in named)
+
+
+def expected_error(data: FilteredData) -> Array:
+    """Return (n,) RMS error that a model expects of itself on held-out samples, N·m.
+
+    From its error at calibration, day-to-day friction variation, and its parameters' posterior; NaN
+    of a model without uncertainty.
+    """
+    if data.motion.model.uncertainty is None:
+        return np.full(data.motion.arm.n, np.nan)
+    usable = data.usable[data.held_out]
+    variance = (data.model_columns[data.held_out] ** 2).sum(axis=2)
+    variance = np.minimum(variance, data.motion.arm.effort_limit**2)
+    mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
+    return np.sqrt(data.day_to_day_error**2 + mean)
 
 
 def minor_effects(

@@ -10,7 +10,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.faults import Fault
-from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FloorFrom
+from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
 from dvrk_gravity.diagnosis.data.model_error import part_of_friction
 from dvrk_gravity.diagnosis.inference.beside import Beside, variation
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
@@ -162,21 +162,6 @@ def check_payload(findings: Sequence[Finding], known: float, reference: bool) ->
     return PayloadCheck(known, scale, sentences.payload(mass.shown, known, scale, gain, reference))
 
 
-def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
-    """Return (n,) RMS error that a model expects of itself on held-out samples, N·m.
-
-    From its error at calibration, day-to-day friction variation, and its parameters' posterior; NaN
-    of a model without uncertainty.
-    """
-    if data.motion.model.uncertainty is None:
-        return np.full(data.motion.arm.n, np.nan)
-    usable = data.usable[held_out.rows]
-    variance = (data.model_columns[held_out.rows] ** 2).sum(axis=2)
-    variance = np.minimum(variance, data.motion.arm.effort_limit**2)
-    mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
-    return np.sqrt(data.day_to_day_error**2 + mean)
-
-
 def known(
     validation: CrossValidation,
     held_out: HeldOut,
@@ -192,7 +177,7 @@ def known(
         minor: Effects that are significant, and smaller than that error or than day-to-day friction
             variation.
         named: The selected effects.
-        expected: See :func:`expected_error`.
+        expected: RMS error that the model expects of itself, N·m.
     """
     motion, data = validation.data.motion, validation.data
     if motion.reference is None and motion.model.uncertainty is None:
