@@ -59,12 +59,6 @@ from .results.other_findings import unexplained_error as unexplained_error
 from .results.sentences import FLOORS as FLOORS
 from .results.sentences import effect_found as effect_found
 from .results.sentences import parameter_text as parameter_text
-from .results.simulation_check import DURATION as DURATION
-from .results.simulation_check import WINDOW as WINDOW
-from .results.simulation_check import Drift as Drift
-from .results.simulation_check import InSimulation as InSimulation
-from .results.simulation_check import in_simulation as in_simulation
-from .results.simulation_check import let_go as let_go
 from .run import DiagnosisProblem as DiagnosisProblem
 from .run import arm_for as arm_for
 from .run import build as build

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.compensate import in_simulation
 from dvrk_gravity.diagnosis.data.faults import (
     Fault,
     put_right,
@@ -18,7 +19,6 @@ from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_mo
 from dvrk_gravity.diagnosis.inference.infer import infer, silent
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
-from dvrk_gravity.diagnosis.results.simulation_check import in_simulation
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.intake import (
     check_mass,
