@@ -16,7 +16,6 @@ from .data.model_error import like_changed_friction as like_changed_friction
 from .data.motion import MeasuredMotion as MeasuredMotion
 from .inference.beside import Beside as Beside
 from .inference.beside import FrictionChange as FrictionChange
-from .inference.confirmation import worsening as worsening
 from .inference.cross_validation import CrossValidation as CrossValidation
 from .inference.held_out import Gain as Gain
 from .inference.held_out import HeldOut as HeldOut

@@ -15,7 +15,6 @@ from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.estimation import Regression
 
-_FEW = 4  # effects, up to which one is looked for that takes the places of two: a bound on time
 _OVERLAP = 0.5  # of a torque, that another must reproduce to stand in its place. Chosen
 _REJECTED = 8  # alternatives that are shown though they are worse
 
@@ -72,39 +71,6 @@ def refine(selection: Selection, selected: Sequence[Candidate]) -> list[Candidat
             if (better or not current.plausible) and preferred is not current:
                 selection.report(f"{new.hypothesis} instead of {old.hypothesis}")
                 selected[i] = new
-    return selected
-
-
-def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
-    """Let one hypothesis take the places of two where it explains as well.
-
-    A cause that is named at the wrong joint needs a second one to make up for that. Where many
-    causes act, few of them stand for one another, and looking for those takes too long.
-    """
-    found = [candidate for candidate in selected if not selection.fixed(candidate)]
-    if not 2 <= len(found) <= _FEW:
-        return selected
-    whole, settings = selection.at(selected), selection.settings
-    least = whole.score.likelihood - settings.equal_least
-    for old in found:
-        rest = whole.without(old)
-        if selection.evaluate(rest, old).day_to_day:
-            continue
-        alternatives = [
-            trial.candidate
-            for trial in selection.best(rest)
-            if trial.passes and trial.candidate.hypothesis.key != old.hypothesis.key
-        ]
-        for other in alternatives[: settings.refined]:
-            for second in found:
-                if second is old:
-                    continue
-                smaller = rest.without(second).extended(other)
-                if smaller.score.likelihood >= least:
-                    selection.report(
-                        f"{other.hypothesis} instead of {old.hypothesis} and {second.hypothesis}"
-                    )
-                    return merge(selection, list(smaller.candidates))
     return selected
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.inference.alternatives import merge, refine
+from dvrk_gravity.diagnosis.inference.alternatives import refine
 from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
@@ -24,13 +24,10 @@ _GROWN = 0.05
 # (``SelectionSettings``). Less than the noise may be chance: seen of true causes, up to .45 of it
 # (test_diagnose_hidden.py).
 _KNOWN = 1.36
-# Part of a joint's error that an effect adds which is dropped for it. Chosen: that from which on a
-# gain is worth a finding (``JudgementSettings``).
-_GUILTY = 0.03
 
 
 def confirmed(
-    selection: Selection, chosen: Sequence[Candidate], noise: Array
+    selection: Selection, chosen: Sequence[Candidate]
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that hold in the end, and those that the held-out blocks do not confirm.
 
@@ -39,14 +36,12 @@ def confirmed(
     Args:
         selection: The choice.
         chosen: What it chose.
-        noise: (n,) RMS that noise alone leaves, N·m.
     """
     unconfirmed: list[Unconfirmed] = []
     for attempt in range(_ATTEMPTS):
         selection.report("comparing alternatives")
-        chosen = merge(selection, refine(selection, chosen))
-        chosen = selection.eliminate_backward(chosen).candidates
-        chosen, failed = _held_out_confirms(selection, chosen, noise)
+        chosen = selection.eliminate_backward(refine(selection, chosen)).candidates
+        chosen, failed = _held_out_confirms(selection, chosen)
         unconfirmed += failed
         if not failed or attempt == _ATTEMPTS - 1:
             break
@@ -56,7 +51,7 @@ def confirmed(
 
 
 def _held_out_confirms(
-    selection: Selection, chosen: Sequence[Candidate], noise: Array
+    selection: Selection, chosen: Sequence[Candidate]
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that blocks show which no choice had seen, and those that they do not.
 
@@ -66,7 +61,6 @@ def _held_out_confirms(
     Args:
         selection: The choice.
         chosen: What was chosen.
-        noise: (n,) RMS that noise alone leaves, N·m.
     """
     failed: list[Unconfirmed] = []
 
@@ -77,7 +71,6 @@ def _held_out_confirms(
         found = held_out.unconfirmed(
             there, tested, lambda candidate: selection.is_significant(beside, candidate)
         )
-        found = found or worsening(held_out, there, noise)
         as_chosen = {id(at_fit): candidate for at_fit, candidate in zip(there, kept, strict=True)}
         failures.update({id(as_chosen[id(each)]): failure for failure, each in found})
         return [
@@ -110,31 +103,3 @@ def worse(held_out: HeldOut, chosen: Sequence[Candidate], before: Array, noise: 
     added = np.sqrt(np.maximum(after**2 - least**2, 0.0))
     grown = after > (1.0 + _GROWN) * least
     return np.flatnonzero(grown & (added > harm)).tolist()
-
-
-def worsening(
-    held_out: HeldOut, chosen: Sequence[Candidate], noise: Array
-) -> list[tuple[Unconfirmed, Candidate]]:
-    """Return the chosen candidate that adds most to the error of a joint that is worse.
-
-    None where no joint's error is larger than that of the given model, or where it is hardly less
-    without any of them.
-
-    Args:
-        held_out: The held-out samples.
-        chosen: The candidates.
-        noise: (n,) RMS that noise alone leaves, N·m; see :func:`worse`.
-    """
-    joints = worse(held_out, chosen, held_out.as_read(), noise)
-    after = held_out.rmse(held_out.error(chosen))[joints]
-    found: list[tuple[float, int, Candidate]] = []
-    for candidate in chosen if joints else ():
-        rest = [other for other in chosen if other is not candidate]
-        added = 1.0 - held_out.rmse(held_out.error(rest))[joints] / after
-        found.append((float(added.max()), joints[int(np.argmax(added))], candidate))
-    guilty = [each for each in found if each[0] > _GUILTY]
-    if not guilty:
-        return []
-    _, joint, candidate = max(guilty, key=lambda each: each[0])
-    name = held_out.joint_names[joint]
-    return [(Unconfirmed(candidate.hypothesis, name, None, worsens=True), candidate)]

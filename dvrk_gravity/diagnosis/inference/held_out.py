@@ -70,14 +70,12 @@ class Unconfirmed:
         joint: Name of the joint where it does best.
         gain: What it removes there; ``None``: it acts in no held-out block, where it might fail.
         partial: Of all that it claims only a part shows, see ``RequiresParts.required_parts``.
-        worsens: With it the error at that joint is larger than that of the given model.
     """
 
     hypothesis: Hypothesis
     joint: str
     gain: Gain | None
     partial: bool = False
-    worsens: bool = False
 
 
 class HeldOut:

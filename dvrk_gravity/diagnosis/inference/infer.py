@@ -153,7 +153,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     expected = baseline_effects(validation, pool)
     selection = Selection(validation, sparse, say, expected=expected, at_calibration=at_calibration)
     say("comparing hypotheses")
-    chosen = _from_friction(selection, selection.run())
+    chosen = selection.run()
 
     def noise(beside: Beside) -> Array:
         return data.noise_rms(loaded.floor, beside.validation.residual(beside.candidates))
@@ -163,7 +163,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     certain = motion.model.uncertainty is None and motion.reference is None
     if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
         selection, chosen = _with_free_masses(selection, chosen, pool)
-    kept, unconfirmed = confirmed(selection, chosen.candidates, noise(chosen))
+    kept, unconfirmed = confirmed(selection, chosen.candidates)
     # Masses that were only free are no cause: they come last.
     kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
     selected = explained(selection, kept)
@@ -188,7 +188,6 @@ def _confirmed(search: _Search) -> Posterior:
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
-    validation = validation.weighted(named)
     floor = validation.data.noise_rms(search.loaded.floor, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
     minor = minor_effects(
@@ -199,23 +198,6 @@ def _confirmed(search: _Search) -> Posterior:
         joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), tuple(search.pool),
         search.at_calibration, floor,
     )  # fmt: skip
-
-
-def _from_friction(selection: Selection, chosen: Beside) -> Beside:
-    """Return the better of a selection with a cause at all joints, and one that starts at friction.
-
-    One scale of all efforts may explain best alone what friction of all joints and a load explain
-    better together, and adding one effect at a time does not lead from one to the other.
-    """
-    hypotheses = [candidate.hypothesis for candidate in chosen.candidates]
-    if not any(each.common_cause and not effects.is_friction(each.effect) for each in hypotheses):
-        return chosen
-    found = [chosen]
-    for start in selection.pool:
-        if start.hypothesis.common_cause and effects.is_friction(start.hypothesis.effect):
-            selection.report(f"starting from {start.hypothesis}")
-            found.append(selection.run([*selection.always, *selection.expected, start]))
-    return max(found, key=lambda beside: beside.score.likelihood)
 
 
 def _with_free_masses(

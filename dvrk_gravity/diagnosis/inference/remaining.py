@@ -38,8 +38,9 @@ _FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Ch
 _LASTING = 0.6  # of an error that lasts as long as a motion does, and noise does not. Chosen
 
 
-# Part of a joint's error that such a function must remove: half as much again as an effect. Chosen.
-_LEAST = 1.5 * SelectionSettings().least_gain
+# Part of a joint's error that such a function must remove: three times what an effect must on
+# held-out blocks (``JudgementSettings``), for it has more parameters. Chosen.
+_LEAST = 0.09
 
 
 def unexplained_structure(

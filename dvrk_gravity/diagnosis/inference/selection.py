@@ -37,8 +37,6 @@ class SelectionSettings:
             hypotheses. A convention; a tenth of it would need longer recordings.
         unseen: ... where it acts in no held-out block that could confirm it: as unlikely as to
             pass the test of the choice and theirs.
-        least_gain: Part of a joint's error that a finding must remove. Chosen: what is worth a
-            finding; see `make sensitivity`.
         most_effects: Selected at most, times the joints: a bound on time. Chosen: a model without
             any friction or rotor lacks three or four of each joint.
         screened: Hypotheses that are cross-validated at each step: a bound on time.
@@ -61,7 +59,6 @@ class SelectionSettings:
 
     alpha: float = 0.01
     unseen: float = 0.01**2
-    least_gain: float = 0.06
     most_effects: int = 5
     screened: int = 24
     refined: int = 6
@@ -270,8 +267,7 @@ class Selection:
         torque = validation.torque(candidate, theta)
         expected = rest.friction.explains(candidate.hypothesis.effect, torque)
         matters = used & (size >= settings.least(validation, rest.friction.uncertain))
-        passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
-        passes = passes and possible and bool(matters.any())
+        passes = p_value < settings.alpha and possible and bool(matters.any())
         changed = self._change_fraction(candidate, rest) if passes else 1.0
         if changed < 1.0:
             p_value = validation.p_value(before, after, candidate, inflation, comparisons, changed)
