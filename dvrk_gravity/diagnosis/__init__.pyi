@@ -21,7 +21,6 @@ from .inference.held_out import Gain as Gain
 from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
-from .inference.held_out import estimates as estimates
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer
 from .inference.nonlinear import refined as refined
@@ -34,6 +33,7 @@ from .inference.readings import hypotheses as hypotheses
 from .inference.readings import prepared as prepared
 from .inference.recurring_misfit import AtCalibration as AtCalibration
 from .inference.recurring_misfit import Expected as Expected
+from .inference.regression import estimates as estimates
 from .inference.selection import Selection as Selection
 from .inference.selection import SelectionSettings as SelectionSettings
 from .inference.significance import Multiplicity as Multiplicity

@@ -1,4 +1,4 @@
-"""Which hypotheses could take the places of selected effects, once all of them are known."""
+"""Which selected effects hold, and which could take their places, once all of them are known."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.nonlinear import refined
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut, Unconfirmed
+from dvrk_gravity.diagnosis.inference.nonlinear import refined, relinearised
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
-from dvrk_gravity.estimation import Regression
+from dvrk_gravity.estimation import Regression, eliminate_backward
 
 _OVERLAP = 0.5  # of a torque, that another must reproduce to stand in its place. Chosen
 _REJECTED = 8  # alternatives that are shown though they are worse
-
+_ATTEMPTS = 3  # at a choice that held-out blocks confirm: a bound on time
 _CONTAINED = 1e-3  # of a torque, that may lie outside another's columns. Chosen
 
 
@@ -36,6 +37,64 @@ class SelectedEffect:
     alternatives: tuple[EffectTrial, ...]
     rejected: tuple[EffectTrial, ...]
     doubt: tuple[str, str] = ("", "")
+
+
+def confirmed(
+    selection: Selection, chosen: Sequence[Candidate]
+) -> tuple[list[Candidate], list[Unconfirmed]]:
+    """Return the effects that hold in the end, and those that the held-out blocks do not confirm.
+
+    In the place of one that fails the choice may find a simpler one.
+
+    Args:
+        selection: The choice.
+        chosen: What it chose.
+    """
+    unconfirmed: list[Unconfirmed] = []
+    for attempt in range(_ATTEMPTS):
+        selection.report("comparing alternatives")
+        chosen = selection.eliminate_backward(refine(selection, chosen)).candidates
+        chosen, failed = _held_out_confirms(selection, chosen)
+        unconfirmed += failed
+        if not failed or attempt == _ATTEMPTS - 1:
+            break
+        selection = selection.excluding(effect.hypothesis for effect in failed)
+        chosen = selection.run(chosen).candidates
+    return list(chosen), unconfirmed
+
+
+def _held_out_confirms(
+    selection: Selection, chosen: Sequence[Candidate]
+) -> tuple[list[Candidate], list[Unconfirmed]]:
+    """Return the effects that blocks show which no choice had seen, and those that they do not.
+
+    Linearised at the fit: what made up for the product of two others, a tilt and weights that are
+    off, is none there.
+
+    Args:
+        selection: The choice.
+        chosen: What was chosen.
+    """
+    failed: list[Unconfirmed] = []
+
+    def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
+        acting, there = relinearised(selection.validation.weighted(kept), kept)
+        held_out, beside = HeldOut(acting), Beside(acting, tuple(there))
+        tested = [candidate for candidate in there if not candidate.hypothesis.refits_model]
+        found = held_out.unconfirmed(
+            there, tested, lambda candidate: selection.is_significant(beside, candidate)
+        )
+        as_chosen = {id(at_fit): candidate for at_fit, candidate in zip(there, kept, strict=True)}
+        failures.update({id(as_chosen[id(each)]): failure for failure, each in found})
+        return [
+            (0.0 if failure.gain is None else failure.gain.relative, as_chosen[id(each)])
+            for failure, each in found
+        ]
+
+    # The weakest goes first: of two that share one torque, either may hold without the other.
+    failures: dict[int, Unconfirmed] = {}
+    kept = eliminate_backward(chosen, failing, lambda gone: failed.append(failures[id(gone)]))
+    return kept, failed
 
 
 def explained(selection: Selection, selected: Sequence[Candidate]) -> list[SelectedEffect]:

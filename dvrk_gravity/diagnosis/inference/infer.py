@@ -12,9 +12,13 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
-from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect, explained, spanned
+from dvrk_gravity.diagnosis.inference.alternatives import (
+    SelectedEffect,
+    confirmed,
+    explained,
+    spanned,
+)
 from dvrk_gravity.diagnosis.inference.beside import Beside
-from dvrk_gravity.diagnosis.inference.confirmation import confirmed
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised

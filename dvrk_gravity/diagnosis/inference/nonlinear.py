@@ -276,3 +276,22 @@ def _bend(data: FilteredData, candidate: Candidate, theta: Array) -> tuple[Array
         for change in step * np.eye(len(theta))
     ]
     return np.stack(slopes, axis=2) - columns, curved
+
+
+def setting_columns(
+    validation: CrossValidation, candidate: Candidate, theta: Array
+) -> tuple[list[str], list[Candidate]]:
+    """Return slopes of a candidate's torque by its searched settings, as further columns."""
+    names, slopes = [], []
+    hypothesis = candidate.hypothesis
+    for name in hypothesis.refine:
+        value = hypothesis.setting[name]
+        step = 0.05 if name in hypothesis.edges else 0.02 * abs(value)
+        if step == 0.0:
+            continue
+        up, down = (rebuilt(validation, hypothesis, name, value + s) for s in (step, -step))
+        slope = (up.columns() - down.columns()) @ theta / (2.0 * step)
+        if np.any(slope != 0.0):
+            names.append(name)
+            slopes.append(Candidate.of(hypothesis, slope[:, :, None]))
+    return names, slopes

@@ -18,7 +18,7 @@ from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FilterSettin
 from dvrk_gravity.diagnosis.data.loading import LoadSettings
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.held_out import setting_columns
+from dvrk_gravity.diagnosis.inference.nonlinear import setting_columns
 from dvrk_gravity.estimation import squared_distance
 
 _PARTS = np.linspace(0.0, 1.0, 21)  # of what is expected, that are compared; the first: nothing

@@ -11,16 +11,16 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
 from dvrk_gravity.diagnosis.data.faults import Fault
-from dvrk_gravity.diagnosis.inference.confirmation import worse
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates, setting_columns
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.infer import Posterior
-from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, tangents
+from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
 from dvrk_gravity.diagnosis.inference.readings import (
     error_as_read,
     error_beside_baseline,
     poorly_stated,
 )
+from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.remaining import expected_error
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
@@ -106,7 +106,7 @@ def report(
         ]
     after = held_out.rmse(held_out.error(named))
     seen = np.where(held_out.seen, 1.0, np.nan)
-    grown = [names[joint] for joint in worse(held_out, named, first, floor)]
+    grown = [names[joint] for joint in held_out.worse(named, first, floor)]
     outside = outside_range(
         motion.model, motion.q, None if motion.static else motion.qd, motion.present
     )
