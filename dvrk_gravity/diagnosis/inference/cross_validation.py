@@ -249,9 +249,8 @@ class CrossValidation:
         """
         if not candidate.hypothesis.transient:
             return 1.0
-        return max(
-            float(np.mean(self._acting(candidate)[self.choice.block])), 1.0 / len(self.choice.rows)
-        )
+        part = float(np.mean(self._acting(candidate)[self.choice.block]))
+        return max(part, 1.0 / len(self.choice.rows))
 
     def gain(self, before: Score, after: Score, inflation: Array) -> float:
         """Return the gain in log-likelihood that counts, of independent samples.
@@ -341,10 +340,6 @@ class CrossValidation:
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
         """Return parameters (k,) on all the samples of choice."""
         return self.solution(candidates)[1]
-
-    def moved(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (T, n) torque by which the model's own parameters moved beside candidates."""
-        return np.asarray(self.data.model_columns @ self.solution(candidates)[0])
 
     def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return mean (d + k,) and covariance of the model's directions and of parameters.

@@ -183,7 +183,8 @@ def known(
     motion, data = validation.data.motion, validation.data
     if motion.reference is None and motion.model.uncertainty is None:
         return ()
-    moved = np.where(data.usable, validation.moved(named), np.nan)[held_out.rows]
+    own_parameters, _ = validation.solution(named)
+    moved = np.where(data.usable, data.model_columns @ own_parameters, np.nan)[held_out.rows]
     moved_rms, left = held_out.rmse(moved), held_out.rmse(held_out.error(named))
     found = (
         [_minor(validation, trial, named) for trial in minor] if motion.reference is None else []
