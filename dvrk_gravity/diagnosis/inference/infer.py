@@ -168,6 +168,8 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
         selection, chosen = _with_free_masses(selection, chosen, pool)
     kept, unconfirmed = confirmed(selection, chosen.candidates)
+    if unconfirmed:  # nor is it an alternative
+        selection = selection.excluding(effect.hypothesis for effect in unconfirmed)
     # Masses that were only free are no cause: they come last.
     kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
     selected = explained(selection, kept)
