@@ -43,11 +43,11 @@ def regions(name: str, seed: int) -> list[Held]:
     random, found = np.random.default_rng([seed, 1]), []
     for model, recording in clean_motions(name, seed, random):
         motion = load([recording], model).motion
-        validation, then = CrossValidation(FilteredData.of(motion)), AtCalibration.of(motion)
+        validation, then = CrossValidation.of(FilteredData.of(motion)), AtCalibration.of(motion)
         assert then is not None
         for candidate in _sample(validation, random):
-            validation.weigh(validation.out_of_fold([candidate]), final=True)
-            held = tuple(_hold_zero(validation, candidate, then))
+            weighted = validation.weighted([candidate], final=True)
+            held = tuple(_hold_zero(weighted, candidate, then))
             found.append((name, candidate.hypothesis.effect, held))
     return found
 
@@ -69,11 +69,9 @@ def _hold_zero(
     validation: CrossValidation, candidate: Candidate, then: AtCalibration
 ) -> Iterator[bool]:
     """Yield whether each of ``REGIONS`` holds zero."""
-    significance = validation.significance
-    told = significance.settings
-    significance.settings = replace(told, coherent=0.0)
-    yield _holds_zero(*validation.fit([candidate]))
-    significance.settings = told
+    settings = replace(validation.significance.settings, coherent=0.0)
+    incoherent = replace(validation.significance, settings=settings)
+    yield _holds_zero(*replace(validation, significance=incoherent).fit([candidate]))
     yield _holds_zero(*validation.fit([candidate]))
     theta, covariance = validation.fit([candidate])
     back = then.expected(candidate) or Expected(0.0 * theta, 0.0 * covariance)

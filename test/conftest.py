@@ -121,7 +121,7 @@ def four_folds() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def brief_simulation() -> Iterator[None]:
     """Simulate for moments what `diagnose` shows of two models, where nothing is said of that."""
-    from dvrk_gravity.diagnosis.results import simulation_check
+    from dvrk_gravity.compensate import simulation_check
 
     brief = partial(simulation_check.let_go, duration=0.3)
     with pytest.MonkeyPatch.context() as patch:

@@ -447,10 +447,10 @@ def test_friction_alone_that_is_late_is_no_delay_of_the_efforts(late):
     effort = effort if late == "all" else rest + effort
 
     motion = load([recording(time, q, effort + noise(len(q)), velocity=qd)], model).motion
-    validation = CrossValidation(FilteredData.of(motion))
+    data = FilteredData.of(motion)
     claim = next(TimeDelay.hypotheses(motion))
-    candidate = validation.data.candidate(replace(claim, setting={"delay": 0.08}))
-    validation.weigh(validation.out_of_fold([candidate]), final=True)
+    candidate = data.candidate(replace(claim, setting={"delay": 0.08}))
+    validation = CrossValidation.of(data).weighted([candidate], final=True)
 
     gain = validation.score([candidate]).likelihood - validation.score([]).likelihood
     assert gain > 100.0  # as if all were late

@@ -13,8 +13,9 @@ from made_up_arm import made_up_arm
 from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.diagnosis import diagnose, in_simulation, let_go, load
-from dvrk_gravity.diagnosis.results import simulation_check as comparison
+from dvrk_gravity.compensate import in_simulation, let_go
+from dvrk_gravity.compensate import simulation_check as comparison
+from dvrk_gravity.diagnosis import diagnose, load
 from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis import Candidate, FrictionChange
+from dvrk_gravity.diagnosis import Beside, Candidate, FrictionChange
 from dvrk_gravity.effects import OffsetHypothesis, Site
 
 ARM = Arm.load("mtmr")
@@ -51,15 +51,25 @@ def changed(*changes: float) -> np.ndarray:
     return FRICTION * np.array([*changes, *[0.0] * (7 - len(changes))])
 
 
+def beside(residual: np.ndarray, *selected: Candidate) -> FrictionChange:
+    """Return by how much friction changed beside some causes."""
+    return Beside(Choice(residual), selected).friction
+
+
+def torque(shape: np.ndarray) -> np.ndarray:
+    """Return a torque of some shape at the third joint."""
+    return shape[:, None] * np.eye(7)[2]
+
+
 def test_a_change_as_at_other_joints_is_explained_and_a_larger_one_is_not():
-    day = FrictionChange(Choice(changed(0.4, 0.4, 0.35)))
-    assert day.explains(offset(2, SIGN), np.array([0.35]), []).tolist() == [
+    day, effect = beside(changed(0.4, 0.4, 0.35)), "torque_offset"
+    assert day.explains(effect, torque(0.35 * SIGN)).tolist() == [
         False, False, True, False, False, False, False,
     ]  # fmt: skip
-    assert not day.explains(offset(2, SIGN), np.array([0.7]), []).any()
-    assert not day.explains(offset(2, np.ones(SAMPLES)), np.array([0.35]), []).any()
-    alone = FrictionChange(Choice(changed(0.0, 0.0, 0.35)))
-    assert not alone.explains(offset(2, SIGN), np.array([0.35]), []).any()
+    assert not day.explains(effect, torque(0.7 * SIGN)).any()
+    assert not day.explains(effect, torque(np.full(SAMPLES, 0.35))).any()
+    alone = beside(changed(0.0, 0.0, 0.35))
+    assert not alone.explains(effect, torque(0.35 * SIGN)).any()
 
 
 def test_what_another_cause_does_is_no_change_of_friction_elsewhere():
@@ -67,16 +77,16 @@ def test_what_another_cause_does_is_no_change_of_friction_elsewhere():
     cause = 2.0 * np.cos(np.arange(SAMPLES) / 7.0) - 0.4 * SIGN
     residual = changed(0.4, 0.0, 0.3)
     residual[:, 0] += cause
-    day, candidate = FrictionChange(Choice(residual)), offset(2, SIGN)
-    assert not day.explains(candidate, np.array([0.3]), []).any()
-    assert day.explains(candidate, np.array([0.3]), [offset(0, cause)])[2]
+    effect, change = "torque_offset", torque(0.3 * SIGN)
+    assert not beside(residual).explains(effect, change).any()
+    assert beside(residual, offset(0, cause)).explains(effect, change)[2]
 
 
 def test_more_is_expected_where_a_selected_cause_is_friction_that_changed():
     """For that did not change by just what the cause says; by no larger part than it changed."""
-    day = FrictionChange(Choice(changed(0.4, 0.4, 0.35)))
-    assert day.changed([]) == pytest.approx(0.0)
+    assert beside(changed(0.4, 0.4, 0.35)).uncertain == pytest.approx(0.0)
     most = 0.3  # FRICTION_PART of a friction of 1
-    assert day.changed([offset(2, SIGN)]) == pytest.approx([0.0, 0.0, most, *4 * [0.0]])
-    day = FrictionChange(Choice(changed(0.05, 0.05, 0.04)))
-    assert day.changed([offset(2, SIGN)]) == pytest.approx([0.0, 0.0, 0.04, *4 * [0.0]])
+    day = beside(changed(0.4, 0.4, 0.35), offset(2, SIGN))
+    assert day.uncertain == pytest.approx([0.0, 0.0, most, *4 * [0.0]])
+    day = beside(changed(0.05, 0.05, 0.04), offset(2, SIGN))
+    assert day.uncertain == pytest.approx([0.0, 0.0, 0.04, *4 * [0.0]])

@@ -46,10 +46,10 @@ def told(seed: int) -> list[tuple[CrossValidation, list[Candidate]]]:
     """Return the tilt beside the model's parameters in a base that is level, and in the leaning."""
     model = TorqueModel.stated(ARM)
     motion = load([leaning(model, seed)], model).motion
-    validation = CrossValidation(FilteredData.of(motion))
+    validation = CrossValidation.of(FilteredData.of(motion))
     tilt = validation.data.candidate(next(BaseTilt.hypotheses(motion)))
     level = [refined(validation, tilt, [])]
-    validation.weigh(validation.out_of_fold(level))
+    validation = validation.weighted(level)
     return [(validation, level), relinearised(validation, level)]
 
 
@@ -75,7 +75,7 @@ def test_a_tilt_is_exact_though_masses_are_off(seed):
 
 def test_where_nothing_changes_what_the_model_says_nothing_changes():
     model = TorqueModel.stated(ARM)
-    validation = CrossValidation(FilteredData.of(load([leaning(model, 0)], model).motion))
+    validation = CrossValidation.of(FilteredData.of(load([leaning(model, 0)], model).motion))
     assert relinearised(validation, []) == (validation, [])
 
 

@@ -82,23 +82,28 @@ class Scores:
     def p_value(self, before, after, candidate, inflation, n_comparisons) -> float:
         return evidence.bonferroni(self._p_value, n_comparisons)
 
-    def weigh(self, residual, final=False) -> None: ...
+    def torque(self, candidate, theta) -> np.ndarray:
+        return np.zeros((4, 7))
 
-    def out_of_fold(self, candidates) -> None: ...
+    def weighted(self, candidates, final=False) -> Scores:
+        return self
 
 
 @pytest.mark.parametrize(("searched", "p_value", "enough"), [
     (1, 0.9e-4 / 2, True), (1, 1.1e-4 / 2, False), (901, 0.9e-4 / 2, False), (901, 1e-5 / 2, True),
 ])  # fmt: skip
-def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(searched, p_value, enough):
+def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(
+    searched, p_value, enough, monkeypatch
+):
     """Of a hundred causes one is the best, or that one is the best of 901 of its own."""
     candidate, others = claim(searched), [claim(form=f"form {i}") for i in range(99)]
+    monkeypatch.setattr(Selection, "moves", lambda selection, state: selection.pool)
     selection = Selection(Scores(p_value), [candidate, *others], lambda line: None)
-    coming = selection.evaluate([], candidate, selection.validation.score([]))
+    coming = selection.evaluate(selection.at([]), candidate)
     of = 100 if searched == 1 else searched
     assert coming.p_value == pytest.approx(2 * of * p_value)
     assert coming.passes == enough
-    assert selection.eliminate_backward([candidate]) == ([candidate] if enough else [])
+    assert selection.eliminate_backward([candidate]).candidates == ((candidate,) if enough else ())
 
 
 def test_a_search_counts_once_whether_its_hypotheses_are_made_beforehand_or_found():
@@ -118,7 +123,7 @@ def test_what_could_not_be_accepted_takes_no_place_from_what_could():
     effort[:, 0] += 0.05
     effort[:, 6] += 1e-4
     recording = Recording(JOINT_NAMES, time, q, qd, effort)
-    validation = CrossValidation(FilteredData.of(load([recording], model).motion))
+    validation = CrossValidation.of(FilteredData.of(load([recording], model).motion))
     offsets = [
         validation.data.candidate(OffsetHypothesis(arm=ARM, site=Site.joint(i), joints=(i,)))
         for i in (0, 6)
@@ -250,7 +255,7 @@ def test_a_push_is_as_large_as_while_it_pushes():
     qd = np.gradient(q, time, axis=0)
     effort = model.torque(q, qd) + 0.01 * random.normal(size=q.shape)
     recording = Recording(JOINT_NAMES, time, q, qd, effort)
-    validation = CrossValidation(FilteredData.of(load([recording], model).motion))
+    validation = CrossValidation.of(FilteredData.of(load([recording], model).motion))
     place = {"arm": ARM, "site": Site.joint(0), "joints": (0,)}
     push = PushHypothesis(**place, setting={"start": 9.0, "end": 11.0})
     bias = OffsetHypothesis(**place)
@@ -265,5 +270,5 @@ def test_a_push_is_as_large_as_while_it_pushes():
     shown = replace(
         validation.data, residual=0.2 * validation.data.candidate(push).columns()[..., 0]
     )
-    assert CrossValidation(shown).screen([], [validation.data.candidate(push)], 1, least)
-    assert not CrossValidation(shown).screen([], [validation.data.candidate(bias)], 1, least)
+    assert CrossValidation.of(shown).screen([], [validation.data.candidate(push)], 1, least)
+    assert not CrossValidation.of(shown).screen([], [validation.data.candidate(bias)], 1, least)

@@ -36,7 +36,7 @@ def validation() -> CrossValidation:
     taken = torque - MISSED * (torque - LowPass(SLOW, 100.0)(torque))
     effort = shifted(taken, time, DELAY) + 0.05 * random.normal(size=q.shape)
     recording = Recording(ARM.joint_names, time, q, qd, effort)
-    return CrossValidation(FilteredData.of(load([recording], MODEL).motion))
+    return CrossValidation.of(FilteredData.of(load([recording], MODEL).motion))
 
 
 def least_squares(validation: CrossValidation) -> float:
@@ -57,17 +57,16 @@ class Sharp(DelayHypothesis):
     alternative_form = None
 
 
-def by_secants(validation: CrossValidation) -> Candidate:
+def by_secants(validation: CrossValidation) -> tuple[CrossValidation, Candidate]:
     """Return the delay at the setting that its own fit tells."""
     motion = validation.data.motion
     hypothesis = Sharp(arm=motion.arm, site=THE_ARM, setting={"delay": 0.0})
     found = refined(validation, validation.data.candidate(hypothesis), [])
-    validation.weigh(validation.out_of_fold([found]))
-    return found
+    return validation.weighted([found]), found
 
 
 def test_a_delay_is_that_of_least_squares_though_the_model_misses_what_is_fast(validation):
-    secants = by_secants(validation)
+    validation, secants = by_secants(validation)
     there, (along,) = tangents(validation, [secants])
     (delay,), (by_secant,) = there.parameters([along]), validation.parameters([secants])
 

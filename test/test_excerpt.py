@@ -117,7 +117,7 @@ def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
     They took 107 kB when every hypothesis had columns at all joints, most of them zeros.
     """
     motion = load([moving(10.0, 200.0)], MODEL).motion
-    validation = CrossValidation(FilteredData.of(motion))
+    validation = CrossValidation.of(FilteredData.of(motion))
     pool = [validation.data.candidate(hypothesis) for hypothesis in hypotheses(motion)]
     assert len(pool) > 200
     total = sum(candidate.values.nbytes for candidate in pool)
@@ -129,7 +129,7 @@ def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
 
 def test_sines_are_built_a_few_frequencies_at_a_time():
     motion = load([moving(20.0, 200.0)], MODEL).motion
-    validation = CrossValidation(FilteredData.of(motion))
+    validation = CrossValidation.of(FilteredData.of(motion))
     tracemalloc.start()
     bases = Cogging.search_basis(validation.data)
     kept = sum(basis.cosine.nbytes + basis.sine.nbytes for basis in bases)

@@ -37,7 +37,7 @@ def data() -> FilteredData:
 
 
 def first(data: FilteredData, effect: str, joint: int) -> Candidate:
-    validation = CrossValidation(data)
+    validation = CrossValidation.of(data)
     return next(
         candidate
         for candidate in validation.data.candidates(hypotheses(data.motion))
@@ -64,12 +64,12 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
     vars(data)["known_error"] = KNOWN
     constants = 0.01 * np.eye(7) * np.ones((len(data.residual), 1, 1))
     vars(data)["model_columns"] = constants[:, :, : 0 if sure else 7]
-    validation = CrossValidation(data)
+    validation = CrossValidation.of(data)
     part = validation.significance.settings.coherent
     _, covariance = validation.fit([candidate])
-    told = validation.significance.settings
-    validation.significance.settings = replace(told, coherent=0.0)
-    _, without = validation.fit([candidate])
+    told = validation.significance
+    incoherent = replace(told, settings=replace(told.settings, coherent=0.0))
+    _, without = replace(validation, significance=incoherent).fit([candidate])
     random, scattered = np.random.default_rng(0), []
     size = np.sqrt(np.mean(candidate.columns() ** 2, axis=0))
     shapes = [
@@ -89,8 +89,7 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
         )
         drawn = replace(data, residual=error)
         vars(drawn).update(known_error=KNOWN, model_columns=data.model_columns)
-        fitted = CrossValidation(drawn)
-        fitted.weight = validation.weight
+        fitted = replace(CrossValidation.of(drawn), weight=validation.weight)
         scattered.append(fitted.parameters([candidate]))
     seen = np.cov(np.array(scattered).T).reshape(covariance.shape)
     added = np.sqrt(np.diag(covariance - without))
@@ -112,7 +111,7 @@ def test_of_an_exact_model_they_are_those_of_the_noise(data):
     candidate = first(data, "torque_offset", 0)
     exact = replace(data)
     assert not exact.known_error.any()
-    _, with_known = CrossValidation(data).fit([candidate])
-    _, of_noise = CrossValidation(exact).fit([candidate])
-    coherent = CrossValidation(data).significance.settings.coherent * KNOWN[0]
+    _, with_known = CrossValidation.of(data).fit([candidate])
+    _, of_noise = CrossValidation.of(exact).fit([candidate])
+    coherent = CrossValidation.of(data).significance.settings.coherent * KNOWN[0]
     assert np.sqrt(of_noise[0, 0]) < 0.2 * coherent < coherent < np.sqrt(with_known[0, 0])

@@ -15,9 +15,8 @@ from test_report import Page
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, rigid_body
-from dvrk_gravity.compensate import Settings
+from dvrk_gravity.compensate import Settings, simulation_check
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.results import simulation_check
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import Fit, base_weights, evaluate, gravity_of, identify

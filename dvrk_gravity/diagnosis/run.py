@@ -7,14 +7,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.compensate import in_simulation
+from dvrk_gravity.diagnosis.data.faults import (
+    Fault,
+    put_right,
+    require_gravity,
+    require_predictable,
+)
 from dvrk_gravity.diagnosis.data.loading import Loaded, load
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
-from dvrk_gravity.diagnosis.faults import put_right, require_gravity, require_predictable
 from dvrk_gravity.diagnosis.inference.infer import infer, silent
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
-from dvrk_gravity.diagnosis.results.findings import Finding
-from dvrk_gravity.diagnosis.results.simulation_check import in_simulation
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.intake import (
@@ -46,12 +50,12 @@ class DiagnosisProblem:
 
     Attributes:
         loaded: The motion, beside the model or the reference.
-        faults: Findings about the recordings themselves, which were corrected.
+        faults: Of the recordings themselves, which were corrected.
         errors: Errors of readings that the model knows, and those faults.
     """
 
     loaded: Loaded
-    faults: tuple[Finding, ...]
+    faults: tuple[Fault, ...]
     errors: ReadingErrors
 
 
@@ -155,7 +159,7 @@ def build(
     else:
         require_predictable(loaded.motion, prepared)
         require_gravity(loaded.motion, prepared[0].head.source)
-    return DiagnosisProblem(loaded, read.findings, errors.after(read.errors))
+    return DiagnosisProblem(loaded, read.faults, errors.after(read.errors))
 
 
 def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:

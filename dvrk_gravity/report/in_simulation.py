@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis import DURATION, WINDOW, Drift, InSimulation
+from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
 from dvrk_gravity.report.html import data_url, png, table
 from dvrk_gravity.report.units import milli_position, shown_position
 

@@ -1,4 +1,4 @@
-"""Which hypotheses could take the places of selected effects, once all of them are known."""
+"""Which selected effects hold, and which could take their places, once all of them are known."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.nonlinear import refined
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut, Unconfirmed
+from dvrk_gravity.diagnosis.inference.nonlinear import refined, relinearised
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
-from dvrk_gravity.estimation import Regression
+from dvrk_gravity.estimation import Regression, eliminate_backward
 
-_FEW = 4  # effects, up to which one is looked for that takes the places of two: a bound on time
 _OVERLAP = 0.5  # of a torque, that another must reproduce to stand in its place. Chosen
 _REJECTED = 8  # alternatives that are shown though they are worse
-
+_ATTEMPTS = 3  # at a choice that held-out blocks confirm: a bound on time
 _CONTAINED = 1e-3  # of a torque, that may lie outside another's columns. Chosen
 
 
@@ -38,29 +39,87 @@ class SelectedEffect:
     doubt: tuple[str, str] = ("", "")
 
 
+def confirmed(
+    selection: Selection, chosen: Sequence[Candidate]
+) -> tuple[list[Candidate], list[Unconfirmed]]:
+    """Return the effects that hold in the end, and those that the held-out blocks do not confirm.
+
+    In the place of one that fails the choice may find a simpler one.
+
+    Args:
+        selection: The choice.
+        chosen: What it chose.
+    """
+    unconfirmed: list[Unconfirmed] = []
+    for attempt in range(_ATTEMPTS):
+        selection.report("comparing alternatives")
+        chosen = selection.eliminate_backward(refine(selection, chosen)).candidates
+        chosen, failed = _held_out_confirms(selection, chosen)
+        unconfirmed += failed
+        if not failed or attempt == _ATTEMPTS - 1:
+            break
+        selection = selection.excluding(effect.hypothesis for effect in failed)
+        chosen = selection.run(chosen).candidates
+    return list(chosen), unconfirmed
+
+
+def _held_out_confirms(
+    selection: Selection, chosen: Sequence[Candidate]
+) -> tuple[list[Candidate], list[Unconfirmed]]:
+    """Return the effects that blocks show which no choice had seen, and those that they do not.
+
+    Linearised at the fit: what made up for the product of two others, a tilt and weights that are
+    off, is none there.
+
+    Args:
+        selection: The choice.
+        chosen: What was chosen.
+    """
+    failed: list[Unconfirmed] = []
+
+    def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
+        acting, there = relinearised(selection.validation.weighted(kept), kept)
+        held_out, beside = HeldOut(acting), Beside(acting, tuple(there))
+        tested = [candidate for candidate in there if not candidate.hypothesis.refits_model]
+        found = held_out.unconfirmed(
+            there, tested, lambda candidate: selection.is_significant(beside, candidate)
+        )
+        as_chosen = {id(at_fit): candidate for at_fit, candidate in zip(there, kept, strict=True)}
+        failures.update({id(as_chosen[id(each)]): failure for failure, each in found})
+        return [
+            (0.0 if failure.gain is None else failure.gain.relative, as_chosen[id(each)])
+            for failure, each in found
+        ]
+
+    # The weakest goes first: of two that share one torque, either may hold without the other.
+    failures: dict[int, Unconfirmed] = {}
+    kept = eliminate_backward(chosen, failing, lambda gone: failed.append(failures[id(gone)]))
+    return kept, failed
+
+
 def explained(selection: Selection, selected: Sequence[Candidate]) -> list[SelectedEffect]:
     """Return the selected hypotheses with those that could stand in their places."""
-    return [_stand_ins(selection, selected, i) for i in range(len(selected))]
+    whole = selection.at(selected)
+    return [_stand_ins(selection, whole, candidate) for candidate in selected]
 
 
-def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
+def refine(selection: Selection, selected: Sequence[Candidate]) -> list[Candidate]:
     """Give every place to the most parsimonious of the best for it, the others being known."""
-    validation, settings = selection.validation, selection.settings
+    selected, settings = list(selected), selection.settings
     for i in range(len(selected)):
         if selected[i] in selection.always:
             continue
-        rest = [*selected[:i], *selected[i + 1 :]]
-        validation.weigh(validation.out_of_fold(selected))
-        moved = refined(validation, selected[i], rest)
-        if validation.misfit([*rest, moved]) < validation.misfit(selected):
+        whole = selection.at(selected)
+        rest, validation = whole.without(selected[i]), whole.validation
+        moved = refined(validation, selected[i], rest.candidates)
+        if validation.misfit([*rest.candidates, moved]) < validation.misfit(selected):
             selected[i] = moved
         if len(selected) == 1 or selection.fixed(selected[i]):
             continue
-        without = validation.score(rest)
-        current = selection.evaluate(rest, selected[i], without)
+        current = selection.evaluate(rest, selected[i])
         if current.day_to_day:  # no other cause is looked for in its place
             continue
-        alternatives = [trial for trial in selection.best(rest, without) if trial.passes]
+        alternatives = [trial for trial in selection.best(rest) if trial.passes]
         if alternatives:
             # Beside those that came later, what was plausible may be so no more.
             standing = [current] if current.plausible else []
@@ -74,70 +133,26 @@ def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
     return selected
 
 
-def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
-    """Let one hypothesis take the places of two where it explains as well.
-
-    A cause that is named at the wrong joint needs a second one to make up for that. Where many
-    causes act, few of them stand for one another, and looking for those takes too long.
-    """
-    validation, settings = selection.validation, selection.settings
-    found = sum(not selection.fixed(candidate) for candidate in selected)
-    if not 2 <= found <= _FEW:
-        return selected
-    for i in range(len(selected)):
-        if selection.fixed(selected[i]):
-            continue
-        rest = [*selected[:i], *selected[i + 1 :]]
-        validation.weigh(validation.out_of_fold(selected))
-        whole = validation.score(selected).likelihood
-        without = validation.score(rest)
-        if selection.evaluate(rest, selected[i], without).day_to_day:
-            continue
-        key = selected[i].hypothesis.key
-        alternatives = [
-            trial.candidate
-            for trial in selection.best(rest, without)
-            if trial.passes and trial.candidate.hypothesis.key != key
-        ]
-        for other in alternatives[: settings.refined]:
-            replaced = [*selected[:i], other, *selected[i + 1 :]]
-            for second in rest:
-                if selection.fixed(second):
-                    continue
-                smaller = [kept for kept in replaced if kept is not second]
-                if validation.score(smaller).likelihood >= whole - settings.equal_least:
-                    selection.report(
-                        f"{other.hypothesis} instead of {selected[i].hypothesis} "
-                        f"and {second.hypothesis}"
-                    )
-                    return merge(selection, smaller)
-    return selected
-
-
-def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> SelectedEffect:
-    validation, settings = selection.validation, selection.settings
-    rest = [*selected[:i], *selected[i + 1 :]]
-    validation.weigh(validation.out_of_fold(selected))
-    without = validation.score(rest)
-    current = selection.evaluate(rest, selected[i], without)
-    if current.day_to_day or selection.fixed(selected[i]):
+def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> SelectedEffect:
+    rest, validation = whole.without(selected), whole.validation
+    current = selection.evaluate(rest, selected)
+    if current.day_to_day or selection.fixed(selected):
         return SelectedEffect(current, (), ())
-    key = selected[i].hypothesis.key
     # Needless parameters make no alternative at the same site, but those that white noise would
     # make needful do. Elsewhere it is another cause: a tilt about an axis, a zero of its joint.
-    more, here = current.gain + settings.equal_least, selected[i].hypothesis.site
+    more, here = current.gain + selection.settings.equal_least, selected.hypothesis.site
     alternatives = [
         trial
-        for trial in selection.best(rest, without)
-        if trial.candidate.hypothesis.key != key
+        for trial in selection.best(rest)
+        if trial.candidate.hypothesis.key != selected.hypothesis.key
         and trial.gain > 0.0
         and trial.plausible
         and (
             trial.gain > more
             or trial.candidate.hypothesis.site != here
-            or not contains(validation, trial.candidate, selected[i], rest)
+            or not contains(validation, trial.candidate, selected, rest.candidates)
         )
-        and overlap(validation, selected[i], trial.candidate, rest) > _OVERLAP
+        and overlap(validation, selected, trial.candidate, rest.candidates) > _OVERLAP
     ]
     least = current.gain - selection.margin([current])
     equal = tuple(trial for trial in alternatives if trial.gain > least)

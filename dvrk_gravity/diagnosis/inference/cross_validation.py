@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.inference.regression import (
+    ChoiceSamples,
     CoherentError,
     OwnParameters,
     WeightedSamples,
     block_fit,
 )
 from dvrk_gravity.diagnosis.inference.significance import Significance
-from dvrk_gravity.effects import Effect
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,
     NormalEquations,
@@ -41,36 +40,68 @@ _SCREENED = 32  # columns screened at a time, on which no result depends: faster
 # Correlation times of the model's known error in a block of the jackknife: of an exponential
 # correlation four leave an eighth of the variance unseen (Künsch 1989).
 _CLUSTER = 4.0
+_ROUNDS = 2  # of weights and fits. Chosen: later ones change weights by less than a hundredth
 
 
+@dataclass(frozen=True, eq=False)
 class CrossValidation:
     """Scores sets of candidates on the samples that the choice may see.
 
     Attributes:
         data: Residuals, blocks and folds.
+        choice: The samples that fit and choice may see.
         weight: (n,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
+        intraclass: (n,) correlation of a joint's errors in two copies of a motion.
         significance: p-values of gains.
     """
 
-    def __init__(self, data: FilteredData) -> None:
-        """Set up the folds."""
-        self.data = data
-        self.significance = Significance(data)
-        order = np.argsort(data.fold, kind="stable")  # in time within a fold
-        self._rows = order[np.searchsorted(data.fold[order], 0) :]
-        fold = data.fold[self._rows]
-        edges = np.searchsorted(fold, np.arange(data.blocks.settings.folds + 1))
-        joints = data.residual.shape[1]
-        self._folds = [slice(int(a) * joints, int(b) * joints) for a, b in pairwise(edges) if b > a]
-        self._block = data.block[self._rows]
-        self._residual = data.residual[self._rows]
-        self._usable = data.usable[self._rows]
-        self._counts = np.maximum(self._usable.sum(axis=0), 1)
-        self._pairs = data.pairs(self._rows)
-        self._intraclass = np.zeros(joints)  # (n,) correlation of residuals of two copies
-        self._model = data.model_columns[self._rows]
-        self.weight = np.zeros(joints)
-        self.weigh(self._residual)
+    data: FilteredData
+    choice: ChoiceSamples
+    weight: Array
+    intraclass: Array
+    significance: Significance
+
+    @classmethod
+    def of(cls, data: FilteredData) -> CrossValidation:
+        """Set up the folds, with joints weighted by the given model's error."""
+        choice, zero = ChoiceSamples.of(data), np.zeros(data.residual.shape[1])
+        return cls(data, choice, zero, zero, Significance(data))._weighted_by(choice.residual)
+
+    def weighted(self, candidates: Sequence[Candidate], final: bool = False) -> CrossValidation:
+        """Return the same with joints weighted by the errors beside some candidates.
+
+        From the errors of the given model on, so that they depend on the candidates alone (feasible
+        generalised least squares).
+
+        Args:
+            candidates: The candidates.
+            final: They are all causes: what recurs with the motion is then misfit, and copies of it
+                count once. While causes are missing, it is theirs.
+        """
+        validation = self._weighted_by(self.choice.residual)
+        for _ in range(_ROUNDS):
+            error = validation.out_of_fold(candidates)
+            validation = validation._weighted_by(error)
+        if not final:
+            return validation
+        first, second = self.choice.pairs
+        usable = self.choice.usable[first] & self.choice.usable[second]
+        intraclass = intraclass_correlation(error[first], error[second], usable)
+        return replace(validation, intraclass=intraclass)
+
+    def _weighted_by(self, error: Array) -> CrossValidation:
+        """Return the same with joints weighted by (R, n) errors, at least the known ones."""
+        rms = np.sqrt(self._mean_square(error))
+        rms = np.where(rms > 0.0, np.maximum(rms, self.known_error), 0.0)
+        enough = self.choice.usable.sum(axis=0) > _LEAST_USABLE * len(self.choice.rows)
+        present = self.data.motion.present & (rms > 0.0) & enough
+        weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
+        return replace(self, weight=weight, intraclass=np.zeros(self.joints))
+
+    @cached_property
+    def _weighted(self) -> WeightedSamples:
+        ridge = self._ridge([], self.model_size)
+        return WeightedSamples(self.choice, self.weight, ridge, _TRACE)
 
     @property
     def joints(self) -> int:
@@ -80,7 +111,7 @@ class CrossValidation:
     @property
     def model_size(self) -> int:
         """Number of directions in which the model may be off."""
-        return int(self._model.shape[2])
+        return int(self.choice.model.shape[2])
 
     @property
     def known_error(self) -> Array:
@@ -91,47 +122,16 @@ class CrossValidation:
     def samples(self) -> Array:
         """(n,) independent samples of each joint, about."""
         # Copies of a misfit that recurs with the motion add no evidence.
-        return self._counts / self.redundancy
+        return self.choice.counts / self.redundancy
 
     @property
     def redundancy(self) -> Array:
         """(n,) samples that count as one."""
-        return self.data.samples_per_independent * design_effect(self.data.copies, self._intraclass)
+        return self.data.samples_per_independent * design_effect(self.data.copies, self.intraclass)
 
     def _mean_square(self, error: Array) -> Array:
         """Return (n,) mean squares of (R, n) errors over the usable samples."""
-        return (error**2 * self._usable).sum(axis=0) / self._counts
-
-    def weigh(self, residual: Array, final: bool = False) -> None:
-        """Weigh the joints by (R, n) residuals.
-
-        They are final if all causes are included: what recurs with the motion is then misfit, and
-        copies of it count once. While causes are missing, it is theirs.
-        """
-        rms = np.sqrt(self._mean_square(residual))
-        rms = np.where(rms > 0.0, np.maximum(rms, self.known_error), 0.0)
-        enough = self._usable.sum(axis=0) > _LEAST_USABLE * len(self._rows)
-        present = self.data.motion.present & (rms > 0.0) & enough
-        self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
-        self._weighted = WeightedSamples(
-            self._usable * self.weight, self._residual, self._model, self._rows, self._folds,
-            self._ridge([], self.model_size), _TRACE,
-        )  # fmt: skip
-        self._intraclass = np.zeros(self.joints)
-        if final:
-            first, second = self._pairs
-            usable = self._usable[first] & self._usable[second]
-            self._intraclass = intraclass_correlation(residual[first], residual[second], usable)
-
-    @cached_property
-    def search_bases(self) -> Mapping[type[Effect], Any]:
-        """What effects need to be searched for in a residual, by effect."""
-        return {effect: effect.search_basis(self.data) for effect in effects.effects()}
-
-    def release(self) -> None:
-        """Drop what is large and can be computed again: named effects have been searched for."""
-        self.__dict__.pop("search_bases", None)
-        self.data.motion.release()
+        return np.asarray((error**2 * self.choice.usable).sum(axis=0) / self.choice.counts)
 
     @property
     def _clustered(self) -> int:
@@ -181,7 +181,7 @@ class CrossValidation:
         error = self._weighted.target.copy()
         folds = self._weighted.by_fold(columns)
         whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
-        for rows, fold in zip(self._folds, folds, strict=True):
+        for rows, fold in zip(self._weighted.folds, folds, strict=True):
             rest = whole - fold
             theta = solve(rest.gram[0] + ridge, rest.cross[0], _TRACE)
             own, further = np.split(theta, [self.model_size])
@@ -203,7 +203,7 @@ class CrossValidation:
         likelihood = float(self._log_likelihood(mean).sum())
         likelihood -= negative_log_prior + sum(candidate.cost for candidate in candidates)
         square = ((error * self._weighted.weights) ** 2).sum(axis=1)
-        loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
+        loss = np.bincount(self.choice.block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood, negative_log_prior)
 
     def _log_likelihood(self, mean: Array) -> Array:
@@ -218,7 +218,7 @@ class CrossValidation:
     def _rms(self, weighted: Array) -> Array:
         """Return (…, n) RMS over the usable samples, N·m, of (R n, …) weighted values."""
         values = weighted.reshape(-1, self.joints, *weighted.shape[1:])
-        square = np.einsum("rn...,rn...->...n", values, values) / self._counts
+        square = np.einsum("rn...,rn...->...n", values, values) / self.choice.counts
         return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
 
     def p_value(
@@ -238,8 +238,8 @@ class CrossValidation:
     def _acting(self, candidate: Candidate) -> NDArray[np.bool_]:
         """Return (blocks,) in which a candidate acts."""
         weight = self.weight[candidate.joints] ** 2
-        square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
-        energy = np.bincount(self._block, square, minlength=self.data.count)
+        square = (candidate.values[self.choice.rows] ** 2).sum(axis=2) @ weight
+        energy = np.bincount(self.choice.block, square, minlength=self.data.count)
         return np.asarray(energy > _ACTIVE * energy.max())
 
     def _lasts(self, candidate: Candidate) -> float:
@@ -249,7 +249,8 @@ class CrossValidation:
         """
         if not candidate.hypothesis.transient:
             return 1.0
-        return max(float(np.mean(self._acting(candidate)[self._block])), 1.0 / len(self._rows))
+        part = float(np.mean(self._acting(candidate)[self.choice.block]))
+        return max(part, 1.0 / len(self.choice.rows))
 
     def gain(self, before: Score, after: Score, inflation: Array) -> float:
         """Return the gain in log-likelihood that counts, of independent samples.
@@ -263,7 +264,7 @@ class CrossValidation:
 
     def inflation(self, error: Array, torque: Array) -> Array:
         """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""
-        product = np.where(self._usable, error * torque, 0.0)
+        product = np.where(self.choice.usable, error * torque, 0.0)
         return self.significance.inflation(product, self.samples)
 
     def screen(
@@ -340,10 +341,6 @@ class CrossValidation:
         """Return parameters (k,) on all the samples of choice."""
         return self.solution(candidates)[1]
 
-    def moved(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (T, n) torque by which the model's own parameters moved beside candidates."""
-        return np.asarray(self.data.model_columns @ self.solution(candidates)[0])
-
     def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return mean (d + k,) and covariance of the model's directions and of parameters.
 
@@ -353,7 +350,9 @@ class CrossValidation:
         regression = self.regression(candidates)
         theta = regression.coefficients(self._weighted.target)
         error = self.out_of_fold(candidates)
-        longer = float(np.max(self.significance.correlation(np.where(self._usable, error, 0.0))))
+        longer = float(
+            np.max(self.significance.correlation(np.where(self.choice.usable, error, 0.0)))
+        )
         return theta, self._prior_weight * longer * regression.inverse
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
@@ -370,8 +369,8 @@ class CrossValidation:
         )
         return block_fit(
             self.regression(candidates), self._weighted.target,
-            np.repeat(self._block // self._clustered, self.joints),
-            OwnParameters(self.model_size, self._prior_weight), coherent, self._counts,
+            np.repeat(self.choice.block // self._clustered, self.joints),
+            OwnParameters(self.model_size, self._prior_weight), coherent, self.choice.counts,
         )  # fmt: skip
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:
@@ -383,18 +382,18 @@ class CrossValidation:
 
     def of_choice(self, values: Array) -> Array:
         """Return the (R, n) rows of (T, n) values that the choice may see, zero where unusable."""
-        return np.where(self._usable, values[self._rows], 0.0)
+        return np.where(self.choice.usable, values[self.choice.rows], 0.0)
 
     def torque(self, candidate: Candidate, theta: Array) -> Array:
         """Return (R, n) torque of a candidate with (k,) parameters, zero where unusable."""
-        torque = np.zeros((len(self._rows), self.joints))
-        torque[:, candidate.joints] = candidate.values[self._rows] @ theta
-        return torque * self._usable
+        torque = np.zeros((len(self.choice.rows), self.joints))
+        torque[:, candidate.joints] = candidate.values[self.choice.rows] @ theta
+        return torque * self.choice.usable
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice.
 
         Of what comes once over those in which it is there.
         """
-        mean = (self.torque(candidate, theta) ** 2).sum(axis=0) / self._counts
+        mean = (self.torque(candidate, theta) ** 2).sum(axis=0) / self.choice.counts
         return np.asarray(np.sqrt(mean / self._lasts(candidate)))

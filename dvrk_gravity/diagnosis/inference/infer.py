@@ -12,17 +12,27 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
-from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect, explained, spanned
-from dvrk_gravity.diagnosis.inference.confirmation import at_the_fit, confirmed
+from dvrk_gravity.diagnosis.inference.alternatives import (
+    SelectedEffect,
+    confirmed,
+    explained,
+    spanned,
+)
+from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
+from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.readings import (
     WrongReading,
     baseline_effects,
     correct_readings,
 )
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
-from dvrk_gravity.diagnosis.inference.remaining import minor_effects, unexplained_structure
+from dvrk_gravity.diagnosis.inference.remaining import (
+    minor_effects,
+    unexplained_joints,
+    unexplained_structure,
+)
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.effects import Kind
 from dvrk_gravity.intake import contradiction
@@ -42,11 +52,13 @@ class Posterior:
         validation: The samples, linearised at the fit.
         selected: Effects.
         unexplained: Structure that no effect explains.
+        unexplained_joints: Joints with error beyond noise at which there is no such structure.
         unconfirmed: Effects that the held-out blocks do not confirm.
         minor: Effects that are significant, and smaller than the model's error at calibration.
         day_to_day: Selected changes of friction within day-to-day variation.
         pool: Hypotheses that need no search.
         at_calibration: What the calibration recording shows of the hypotheses.
+        floor: (n,) RMS that noise alone leaves, N·m.
     """
 
     loaded: Loaded
@@ -54,11 +66,13 @@ class Posterior:
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
     unexplained: tuple[EffectTrial, ...]
+    unexplained_joints: tuple[int, ...]
     unconfirmed: tuple[Unconfirmed, ...]
     minor: tuple[EffectTrial, ...]
     day_to_day: tuple[Candidate, ...]
     pool: tuple[Candidate, ...]
     at_calibration: AtCalibration | None
+    floor: Array
 
 
 def silent(line: str) -> None:
@@ -101,21 +115,21 @@ class _Search:
 
     loaded: Loaded
     wrong: tuple[WrongReading, ...]
-    selection: Selection
+    validation: CrossValidation
     selected: list[SelectedEffect]
     unexplained: list[EffectTrial]
     unconfirmed: list[Unconfirmed]
     pool: list[Candidate]
     sparse: list[Candidate]
-    floor: Array
     at_calibration: AtCalibration | None
 
     def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion, validation = self.loaded.motion, self.selection.validation
+        motion = self.loaded.motion
         if motion.reference is None:
             return (), ()
         named = [effect.trial.candidate for effect in self.selected]
+        validation = self.validation.weighted(named)
         mean, covariance = validation.posterior(named)
         causes: dict[int, list[int]] = {}
         first = validation.model_size
@@ -133,91 +147,74 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     """Return readings, effects and unexplained structure that the samples of selection show."""
     read = correct_readings(loaded, say)
     loaded, validation, pool = read.loaded, read.validation, read.pool
+    data = validation.data
     if contradiction(loaded.warnings) and not read.wrong:
         loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
-        floor = validation.data.noise_rms(loaded.floor, validation.residual([]))
-        nothing = Selection(validation, [], say)
-        return _Search(loaded, (), nothing, [], [], [], [], [], floor, None)
+        return _Search(loaded, (), validation, [], [], [], [], [], None)
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
     expected = baseline_effects(validation, pool)
     selection = Selection(validation, sparse, say, expected=expected, at_calibration=at_calibration)
     say("comparing hypotheses")
-    chosen = _from_friction(selection, selection.run())
+    chosen = selection.run()
 
-    def noise(chosen: Sequence[Candidate]) -> Array:
-        return validation.data.noise_rms(loaded.floor, validation.residual(chosen))
+    def noise(beside: Beside) -> Array:
+        return data.noise_rms(loaded.floor, beside.validation.residual(beside.candidates))
 
     # A model with uncertainty was free within that, and is no further.
     motion = loaded.motion
     certain = motion.model.uncertainty is None and motion.reference is None
-    if certain and np.any(validation.score(chosen).rms > _DOUBTFUL * noise(chosen)):
-        selection, chosen = _with_free_masses(validation, pool, selection, chosen, say)
-    chosen, unconfirmed = confirmed(selection, chosen, noise(chosen))
+    if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
+        selection, chosen = _with_free_masses(selection, chosen, pool)
+    kept, unconfirmed = confirmed(selection, chosen.candidates)
+    if unconfirmed:  # nor is it an alternative
+        selection = selection.excluding(effect.hypothesis for effect in unconfirmed)
     # Masses that were only free are no cause: they come last.
-    chosen.sort(key=lambda candidate: candidate.hypothesis.refits_model)
-    selected = explained(selection, chosen)
+    kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
+    selected = explained(selection, kept)
     say("looking for unexplained structure")
-    floor = noise(chosen)
-    validation.release()
-    selected, unexplained = unexplained_structure(validation, selection, selected, floor)
+    floor = noise(selection.at(kept))
+    selection.release()
+    selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
-        loaded, read.wrong, selection, selected, unexplained, unconfirmed, pool, sparse, floor,
+        loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse,
         at_calibration,
     )  # fmt: skip
 
 
 def _confirmed(search: _Search) -> Posterior:
-    """Return what the held-out blocks confirm, linearised at the fit."""
-    validation, selected, unexplained, failed = at_the_fit(
-        search.selection, search.selected, search.unexplained, search.floor
-    )
+    """Return what was found, linearised at the fit."""
+    named = [effect.trial.candidate for effect in search.selected]
+    validation, there = relinearised(search.validation.weighted(named), named)
+    selected = [
+        replace(effect, trial=replace(effect.trial, move=candidate))
+        for effect, candidate in zip(search.selected, there, strict=True)
+    ]
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
-    minor = minor_effects(validation, search.sparse, selected, unexplained, search.at_calibration)
+    named = [effect.trial.candidate for effect in selected]
+    floor = validation.data.noise_rms(search.loaded.floor, validation.residual(named))
+    joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
+    minor = minor_effects(
+        validation, search.sparse, selected, search.unexplained, search.at_calibration
+    )
     return Posterior(
-        search.loaded, search.wrong, validation, tuple(selected), tuple(unexplained),
-        (*search.unconfirmed, *failed), tuple(minor), tuple(day_to_day), tuple(search.pool),
-        search.at_calibration,
+        search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
+        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), tuple(search.pool),
+        search.at_calibration, floor,
     )  # fmt: skip
 
 
-def _from_friction(selection: Selection, chosen: list[Candidate]) -> list[Candidate]:
-    """Return the better of a selection with a cause at all joints, and one that starts at friction.
-
-    One scale of all efforts may explain best alone what friction of all joints and a load explain
-    better together, and adding one effect at a time does not lead from one to the other.
-    """
-    validation = selection.validation
-    hypotheses = [candidate.hypothesis for candidate in chosen]
-    if not any(each.common_cause and not effects.is_friction(each.effect) for each in hypotheses):
-        return chosen
-    best, best_likelihood = chosen, validation.score(chosen).likelihood
-    for start in selection.pool:
-        if start.hypothesis.common_cause and effects.is_friction(start.hypothesis.effect):
-            selection.report(f"starting from {start.hypothesis}")
-            other = selection.run([*selection.always, *selection.expected, start])
-            likelihood = validation.score(other).likelihood
-            if likelihood > best_likelihood:
-                best, best_likelihood = other, likelihood
-    validation.weigh(validation.out_of_fold(best))
-    return best
-
-
 def _with_free_masses(
-    validation: CrossValidation,
-    pool: Sequence[Candidate],
-    selection: Selection,
-    chosen: list[Candidate],
-    say: Callable[[str], None],
-) -> tuple[Selection, list[Candidate]]:
+    selection: Selection, chosen: Beside, pool: Sequence[Candidate]
+) -> tuple[Selection, Beside]:
     """Return the better of a selection and one with the model's masses fitted as well.
 
     Masses that were fitted while a cause was missing have absorbed part of it, which shows only
     when they are free.
     """
-    say("comparing hypotheses with the model's own parameters free")
+    selection.report("comparing hypotheses with the model's own parameters free")
     always = [candidate for candidate in pool if candidate.hypothesis.refits_model]
     # The masses take the place of all causes at links, and of scales that they span.
     pool = [
@@ -225,14 +222,13 @@ def _with_free_masses(
         for candidate in pool
         if candidate in always
         or not (
-            candidate.hypothesis.site.kind is Kind.LINK or spanned(validation, candidate, always)
+            candidate.hypothesis.site.kind is Kind.LINK
+            or spanned(chosen.validation, candidate, always)
         )
     ]
-    free = Selection(validation, pool, say, always)
+    free = Selection(selection.validation, pool, selection.report, always)
     other = free.run()
-    validation.weigh(validation.out_of_fold(other))
-    whole = validation.score(other).likelihood
     # Cross-validation already charges for what the masses overfit.
     cost = sum(candidate.cost for candidate in always)
-    gain = whole + cost - validation.score(chosen).likelihood
+    gain = other.score.likelihood + cost - chosen.score.likelihood
     return (free, other) if gain > _FREE_GAIN else (selection, chosen)

@@ -217,14 +217,14 @@ def relinearised(
         terms = uncertainty.moved(motion.model.terms, own_parameters[: uncertainty.size])
         moved = replace(motion, model=replace(motion.model, terms=terms))
         beside = replace(motion, model=acting)
-        validation = CrossValidation(data.relinearised(beside, own_parameters))
+        acting_data = data.relinearised(beside, own_parameters)
         for i, hypothesis in enumerate(candidate.hypothesis for candidate in result):
             if i in at:
-                result[i] = validation.data.candidate(hypothesis.relinearised(at[i]), moved)
+                result[i] = acting_data.candidate(hypothesis.relinearised(at[i]), moved)
             elif not hypothesis.EFFORT_READING:
                 # A payload weighs in the base as it leans, too; readings have what acts already.
-                result[i] = validation.data.candidate(hypothesis, beside)
-        validation.weigh(validation.out_of_fold(result))
+                result[i] = acting_data.candidate(hypothesis, beside)
+        validation = CrossValidation.of(acting_data).weighted(result)
     return validation, result
 
 
@@ -239,7 +239,6 @@ def tangents(
     data, found = validation.data, validation.parameters(chosen)
     if not any(candidate.hypothesis.fixed_point for candidate in chosen):
         return validation, list(chosen)
-    error = validation.out_of_fold(chosen)
     for _ in range(_SLOPE_ROUNDS):
         curved, result = data.residual, list(chosen)
         for i, (candidate, theta) in enumerate(split(chosen, found)):
@@ -247,8 +246,10 @@ def tangents(
                 bend, torque = _bend(data, candidate, theta)
                 curved = curved + bend @ theta - torque
                 result[i] = Candidate.of(candidate.hypothesis, candidate.columns() + bend)
-        there = CrossValidation(replace(data, residual=curved))
-        there.weigh(error)
+        there = replace(
+            CrossValidation.of(replace(data, residual=curved)),
+            weight=validation.weight, intraclass=validation.intraclass,
+        )  # fmt: skip
         found = there.parameters(result)
     return there, result
 
@@ -275,3 +276,22 @@ def _bend(data: FilteredData, candidate: Candidate, theta: Array) -> tuple[Array
         for change in step * np.eye(len(theta))
     ]
     return np.stack(slopes, axis=2) - columns, curved
+
+
+def setting_columns(
+    validation: CrossValidation, candidate: Candidate, theta: Array
+) -> tuple[list[str], list[Candidate]]:
+    """Return slopes of a candidate's torque by its searched settings, as further columns."""
+    names, slopes = [], []
+    hypothesis = candidate.hypothesis
+    for name in hypothesis.refine:
+        value = hypothesis.setting[name]
+        step = 0.05 if name in hypothesis.edges else 0.02 * abs(value)
+        if step == 0.0:
+            continue
+        up, down = (rebuilt(validation, hypothesis, name, value + s) for s in (step, -step))
+        slope = (up.columns() - down.columns()) @ theta / (2.0 * step)
+        if np.any(slope != 0.0):
+            names.append(name)
+            slopes.append(Candidate.of(hypothesis, slope[:, :, None]))
+    return names, slopes

@@ -13,6 +13,7 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, split
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.nonlinear import begun
@@ -94,10 +95,10 @@ def _wrong_reading(loaded: Loaded, say: Callable[[str], None]) -> WrongReading |
     validation, pool = prepared(motion)
     beside = baseline_effects(validation, pool)
     present = validation.score(beside)
-    best = Selection(validation, pool, say).best(beside, present)
+    best = Selection(validation, pool, say).best(Beside(validation, tuple(beside)))
     least = _SHARE * max((trial.gain for trial in best if trial.plausible), default=0.0)
     before = HeldOut(validation).error(beside) if motion.model.of_file else None
-    validation.release()
+    motion.release()
     del validation, pool, best  # a long recording leaves no room for two
     scores = _compared(motion, passing[:_COMPARED], present)
     say("building hypotheses")
@@ -174,7 +175,7 @@ def _compared(
             validation, pool = prepared(read)
             beside = baseline_effects(validation, pool)
         else:
-            validation, beside = CrossValidation(FilteredData.of(read)), []
+            validation, beside = CrossValidation.of(FilteredData.of(read)), []
         gain = _gain(score, validation, present, validation.score(beside))
         found.append(replace(score, gain=gain))
     return sorted(found, key=lambda score: -score.gain)
@@ -194,7 +195,7 @@ def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
 
 def prepared(motion: MeasuredMotion) -> tuple[CrossValidation, list[Candidate]]:
     """Return the filtered data of a motion, ready for comparisons, and these hypotheses."""
-    validation = CrossValidation(FilteredData.of(motion))
+    validation = CrossValidation.of(FilteredData.of(motion))
     pool = [
         candidate
         for candidate in validation.data.candidates(hypotheses(motion))

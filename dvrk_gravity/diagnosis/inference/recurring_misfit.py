@@ -18,7 +18,7 @@ from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FilterSettin
 from dvrk_gravity.diagnosis.data.loading import LoadSettings
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.held_out import setting_columns
+from dvrk_gravity.diagnosis.inference.nonlinear import setting_columns
 from dvrk_gravity.estimation import squared_distance
 
 _PARTS = np.linspace(0.0, 1.0, 21)  # of what is expected, that are compared; the first: nothing
@@ -92,7 +92,7 @@ class AtCalibration:
         data = FilteredData.of(then, FilterSettings(band=uncertainty.band))
         # The efforts went through that filter when they were read.
         left = data.reduce_state(then.effort) - data.reduce(then.modelled)
-        validation = CrossValidation(replace(data, residual=left))
+        validation = CrossValidation.of(replace(data, residual=left))
         return cls(validation)
 
     def expected(self, candidate: Candidate) -> Expected | None:

@@ -1,6 +1,7 @@
-"""What remains beside selected effects: structure that none explains, and minor effects.
+"""What remains beside selected effects: unexplained structure or error, and minor effects.
 
-Structure is any smooth function of the state; effects that it refutes are dropped. Minor effects
+Structure is any smooth function of the state; effects that it refutes are dropped. Error beyond
+noise that no such function explains remains, too. Minor effects
 are significant, and expected: smaller than the model's known error, of which they may be a part, or
 present at calibration.
 """
@@ -8,14 +9,15 @@ present at calibration.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
+from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
@@ -31,34 +33,35 @@ _MOST_FUNCTIONS = 3  # functions: a bound on time
 _DOUBTFUL = 1.0 / 3.0
 _REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
 _MOST_MINOR = 3  # effects, one a joint. Chosen
+_ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
+_FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Chosen
+_LASTING = 0.6  # of an error that lasts as long as a motion does, and noise does not. Chosen
 
 
-# Part of a joint's error that such a function must remove: half as much again as an effect. Chosen.
-_LEAST = 1.5 * SelectionSettings().least_gain
+# Part of a joint's error that such a function must remove: three times what an effect must on
+# held-out blocks (``JudgementSettings``), for it has more parameters. Chosen.
+_LEAST = 0.09
 
 
 def unexplained_structure(
-    validation: CrossValidation, selection: Selection, selected: list[SelectedEffect], floor: Array
+    selection: Selection, selected: list[SelectedEffect], floor: Array
 ) -> tuple[list[SelectedEffect], list[EffectTrial]]:
     """Return the selected effects that are not refuted, and the structure that none explains.
 
     Args:
-        validation: The samples.
         selection: The model selection.
         selected: The effects it selected.
         floor: (n,) noise, N·m.
     """
-    data = validation.data
-    named = [effect.trial.candidate for effect in selected]
+    data = selection.validation.data
+    named = selection.at([effect.trial.candidate for effect in selected], final=True)
     # Not clean where the floor is unknown.
-    clean = validation.score(named).rms <= _AT_FLOOR * floor
+    clean = named.score.rms <= _AT_FLOOR * floor
     joints = np.flatnonzero(data.motion.present & ~clean).tolist()
     pool = list(data.candidates(unexplained_hypotheses(data.motion, joints)))
-    unknown, beside_all = list[EffectTrial](), list[EffectTrial]()
+    unknown, beside_all, beside = list[EffectTrial](), list[EffectTrial](), named
     while len(unknown) < _MOST_FUNCTIONS:
-        beside = [*named, *(trial.candidate for trial in unknown)]
-        validation.weigh(validation.out_of_fold(beside), final=True)
-        best = selection.best(beside, validation.score(beside), pool)
+        best = selection.best(beside, pool)
         significant = [trial for trial in best if trial.passes and not trial.day_to_day]
         beside_all = beside_all if unknown else significant
         strong = [
@@ -69,15 +72,18 @@ def unexplained_structure(
         if not strong:
             break
         unknown.append(strong[0])
-    held_out = HeldOut(validation)
+        beside = selection.at(beside.extended(strong[0].candidate).candidates, final=True)
+    held_out = HeldOut(beside.validation)
     unknown = [
         trial
         for trial in unknown
-        if not held_out.unconfirmed([*named, trial.candidate], [trial.candidate])
+        if not held_out.unconfirmed([*named.candidates, trial.candidate], [trial.candidate])
     ]
     for trial in unknown:
-        named = [each for each in named if not _refuted(validation, named, each, trial.candidate)]
-    kept = {id(candidate) for candidate in named}
+        refuted = [each for each in named.candidates if _refuted(named, each, trial.candidate)]
+        for candidate in refuted:
+            named = named.without(candidate)
+    kept = {id(candidate) for candidate in named.candidates}
     return [
         replace(effect, doubt=_doubt(selection, named, effect.trial, pool, beside_all))
         for effect in selected
@@ -86,7 +92,7 @@ def unexplained_structure(
 
 
 def _doubt(
-    selection: Selection, named: Sequence[Candidate], effect: EffectTrial,
+    selection: Selection, named: Beside, effect: EffectTrial,
     pool: Sequence[Candidate], beside_all: Sequence[EffectTrial],
 ) -> tuple[str, str]:  # fmt: skip
     """Return why an effect is not certain, and what to record; empty if no alternative stands up.
@@ -102,7 +108,7 @@ def _doubt(
         pool: The functions.
         beside_all: Those of them that are significant beside all effects.
     """
-    candidate, validation = effect.candidate, selection.validation
+    candidate = effect.candidate
     joints = candidate.hypothesis.joints
     for trial in beside_all:
         function = trial.candidate.hypothesis
@@ -113,12 +119,10 @@ def _doubt(
     functions = [each for each in pool if each.hypothesis.joints[0] in joints]
     if selection.fixed(candidate) or not functions:
         return "", ""
-    rest = [other for other in named if other is not candidate]
-    validation.weigh(validation.out_of_fold(named), final=True)
-    without = validation.score(rest)
-    current = selection.evaluate(rest, candidate, without)
+    rest = named.without(candidate)
+    current = selection.evaluate(rest, candidate)
     least = current.gain + selection.settings.equal_least * current.inflation
-    better = [trial for trial in selection.best(rest, without, functions) if trial.gain > least]
+    better = [trial for trial in selection.best(rest, functions) if trial.gain > least]
     if not better:
         return "", ""
     function = better[0].candidate.hypothesis
@@ -140,20 +144,56 @@ def _torque_before(effect: EffectTrial) -> float:
     return _torque(effect) / max(1.0 - effect.removed, 1e-9)
 
 
-def _refuted(
-    validation: CrossValidation,
-    named: Sequence[Candidate],
-    candidate: Candidate,
-    function: Candidate,
-) -> bool:
+def _refuted(named: Beside, candidate: Candidate, function: Candidate) -> bool:
     """Return whether an arbitrary function does so much better that an effect does not fit."""
     if not set(candidate.hypothesis.joints) & set(function.hypothesis.joints):
         return False
-    rest = [other for other in named if other is not candidate]
-    without = validation.score(rest).likelihood
-    gain = validation.score([*rest, candidate]).likelihood - without
-    function_gain = validation.score([*rest, function]).likelihood - without
-    return gain < _REFUTED * function_gain
+    rest = named.without(candidate)
+    without = rest.score.likelihood
+    gain = named.score.likelihood - without
+    return gain < _REFUTED * (rest.extended(function).score.likelihood - without)
+
+
+def unexplained_joints(
+    validation: CrossValidation, causes: Sequence[Candidate], unknown: Sequence[EffectTrial],
+    floor: Array,
+) -> tuple[int, ...]:  # fmt: skip
+    """Return joints whose error is beyond noise, and that no other unknown structure names.
+
+    Args:
+        validation: The samples.
+        causes: The selected effects, day-to-day variation included.
+        unknown: Structure that no effect explains.
+        floor: (n,) noise, N·m.
+    """
+    data, held_out = validation.data, HeldOut(validation)
+    error = held_out.error(causes)
+    # Out of fold as well: the edge of a push may lie in a held-out block.
+    rms = np.minimum(held_out.rmse(error), validation.score(causes).rms)
+    # A floor from high frequencies assumes white noise; one from repetition need not.
+    white = (data.noise_source(floor) != "repetition") & ~(held_out.lasting(error) > _LASTING)
+    likely = np.fmax(floor, expected_error(data))
+    uncertainty = data.motion.model.uncertainty
+    if uncertainty is not None:  # an unloaded joint of a file: nothing is expected, nor noise known
+        likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
+    named = {joint for trial in unknown for joint in trial.candidate.hypothesis.joints}
+    large = np.flatnonzero(rms > np.where(white, _FAR_ABOVE, _ABOVE) * likely).tolist()
+    return tuple(joint for joint in large if joint not in named)
+
+
+def expected_error(data: FilteredData) -> Array:
+    """Return (n,) RMS error that a model expects of itself on held-out samples, N·m.
+
+    From its error at calibration, day-to-day friction variation, and its parameters' posterior; NaN
+    of a model without uncertainty.
+    """
+    if data.motion.model.uncertainty is None:
+        return np.full(data.motion.arm.n, np.nan)
+    usable = data.usable[data.held_out]
+    variance = (data.model_columns[data.held_out] ** 2).sum(axis=2)
+    variance = np.minimum(variance, data.motion.arm.effort_limit**2)
+    mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
+    return np.sqrt(data.day_to_day_error**2 + mean)
 
 
 def minor_effects(
@@ -177,25 +217,24 @@ def minor_effects(
     """
     if not validation.known_error.any():
         return []
-    validation = copy(validation)
     lenient = replace(validation.significance.settings, least=0.0)
-    validation.significance = Significance(validation.data, lenient)
+    significance = Significance(validation.data, lenient)
+    validation = replace(validation, significance=significance)
     chosen = [effect.trial.candidate for effect in selected]
     chosen += [trial.candidate for trial in unknown]
     settings = replace(SelectionSettings(), consequence=0.0, day_to_day=0.0, share=0.0)
     selection = Selection(
         validation, pool, lambda line: None, settings=settings, at_calibration=at_calibration
     )
-    validation.weigh(validation.out_of_fold(chosen))
+    beside = selection.at(chosen)
     # What is more was a finding, had held-out blocks confirmed it.
     most = SelectionSettings().least(validation)
     minor: list[EffectTrial] = []
-    trials = selection.best(chosen, validation.score(chosen))
+    trials = selection.best(beside)
     for_all = [trial for trial in trials if _is_minor(trial, most)][:1]
     if for_all and for_all[0].candidate.hypothesis.common_cause:
         # One for all joints: others are listed as far as they differ from it.
-        beside = [*chosen, for_all[0].candidate]
-        trials = selection.best(beside, validation.score(beside))
+        trials = selection.best(beside.extended(for_all[0].candidate))
         minor += for_all
     joints: set[int] = set()
     for trial in trials:

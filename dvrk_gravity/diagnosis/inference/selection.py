@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import (
     Candidate,
     Score,
     are_possible,
     most_parsimonious,
-    split,
 )
+from dvrk_gravity.diagnosis.inference.beside import Beside, homogeneous, variation
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.homogeneity import FrictionChange, Homogeneity
 from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
-from dvrk_gravity.effects import Hypothesis, Residual
+from dvrk_gravity.effects import Effect, Hypothesis, Residual
 from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select
 
 Report = Callable[[str], None]
@@ -35,8 +37,6 @@ class SelectionSettings:
             hypotheses. A convention; a tenth of it would need longer recordings.
         unseen: ... where it acts in no held-out block that could confirm it: as unlikely as to
             pass the test of the choice and theirs.
-        least_gain: Part of a joint's error that a finding must remove. Chosen: what is worth a
-            finding; see `make sensitivity`.
         most_effects: Selected at most, times the joints: a bound on time. Chosen: a model without
             any friction or rotor lacks three or four of each joint.
         screened: Hypotheses that are cross-validated at each step: a bound on time.
@@ -59,7 +59,6 @@ class SelectionSettings:
 
     alpha: float = 0.01
     unseen: float = 0.01**2
-    least_gain: float = 0.06
     most_effects: int = 5
     screened: int = 24
     refined: int = 6
@@ -119,11 +118,12 @@ class EffectTrial(Trial[Candidate]):
         return self.worth
 
 
+@dataclass(frozen=True, eq=False)
 class Selection:
     """Chooses among a pool of hypotheses.
 
     Attributes:
-        validation: Scores.
+        validation: The samples.
         pool: The candidates that need no search.
         report: Called with a line about every choice.
         always: Parameters of the model itself that are fitted again beside every hypothesis.
@@ -131,104 +131,96 @@ class Selection:
             is looked for in its place.
         at_calibration: What the calibration recording shows of the hypotheses.
         settings: When a hypothesis is selected.
-        multiplicity: How many torques are compared at each step.
+        excluded: Keys of hypotheses that are not chosen.
     """
 
-    def __init__(
-        self,
-        validation: CrossValidation,
-        pool: Sequence[Candidate],
-        report: Report,
-        always: Sequence[Candidate] = (),
-        settings: SelectionSettings | None = None,
-        expected: Sequence[Candidate] = (),
-        at_calibration: AtCalibration | None = None,
-    ) -> None:
-        """Start with nothing selected but what always moves along, and what is expected."""
-        self.validation = validation
-        self.settings = settings or SelectionSettings()
-        self._friction_change = FrictionChange(validation)
-        self.always = list(always)
-        self.expected = list(expected)
-        self.at_calibration = at_calibration
-        self.pool = list(pool)
-        self.multiplicity = Multiplicity.of(self.pool)
-        self._excluded: set[tuple[object, ...]] = set()
-        self._for_all = Homogeneity(validation)
-        self.report = report
+    validation: CrossValidation
+    pool: Sequence[Candidate]
+    report: Report
+    always: Sequence[Candidate] = ()
+    expected: Sequence[Candidate] = ()
+    at_calibration: AtCalibration | None = None
+    settings: SelectionSettings = field(default_factory=SelectionSettings)
+    excluded: Collection[tuple[object, ...]] = ()
 
-    def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
-        """Take hypotheses out of the choice."""
-        self._excluded |= {hypothesis.key for hypothesis in hypotheses}
+    def excluding(self, hypotheses: Iterable[Hypothesis]) -> Selection:
+        """Return the same without some hypotheses."""
+        gone = (hypothesis.key for hypothesis in hypotheses)
+        return replace(self, excluded={*self.excluded, *gone})
 
-    def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
+    def at(self, candidates: Sequence[Candidate], final: bool = False) -> Beside:
+        """Return some of the hypotheses as selected, see :class:`Beside`."""
+        return Beside.of(self.validation, candidates, final)
+
+    def run(self, start: Sequence[Candidate] | None = None) -> Beside:
         """Select until nothing more passes; start by default at what is free or expected."""
-        selected = [*self.always, *self.expected] if start is None else list(start)
-        most = self.settings.most_effects * len(self.validation.weight) + len(self.always)
+        selected = (*self.always, *self.expected) if start is None else start
+        most = self.settings.most_effects * self.validation.joints + len(self.always)
         most -= len(selected)
-        return select(self, selected, SearchSettings(max(most, 0)))[0]
+        return select(self, self.at(selected), SearchSettings(max(most, 0)))[0]
 
     def fixed(self, candidate: Candidate) -> bool:
         """Return whether nothing is looked for in the place of one that is selected."""
         keys = {other.hypothesis.key for other in self.expected}
         return candidate in self.always or candidate.hypothesis.key in keys
 
-    def moves(self, state: list[Candidate]) -> list[Candidate]:
+    def moves(self, state: Beside) -> list[Candidate]:
         """Return the hypotheses to try beside those selected, in no order."""
-        self.validation.weigh(self.validation.out_of_fold(state))
         return [*self.pool, *self._searched(state)]
 
-    def attempt(self, state: list[Candidate], moves: Sequence[Candidate]) -> list[EffectTrial]:
+    def attempt(self, state: Beside, moves: Sequence[Candidate]) -> list[EffectTrial]:
         """Return how the best of some hypotheses do beside those selected."""
-        return self.best(state, self.validation.score(state), moves)
+        return self.best(state, moves)
 
     def choose(self, trials: Sequence[EffectTrial]) -> EffectTrial | None:
         """Return the most parsimonious of the passing trials that are as good as the best."""
         passing = [trial for trial in trials if trial.passes]
         return self.preferred(passing) if passing else None
 
-    def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
+    def take(self, state: Beside, trial: EffectTrial) -> Beside:
         """Return the set with a hypothesis, those left out that are no longer needed."""
         self.report(f"accepted: {trial.move.hypothesis}")
-        *state, newest = self._read([*state, trial.move])
+        *old, newest = self._read(state.extended(trial.move))
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-            old = [each for each in kept if each is not newest and each not in self.always]
+            beside = Beside(state.validation, tuple(kept))
+            tested = [each for each in kept if each is not newest and each not in self.always]
             return [
-                (found.worth, found.move) for found in self._without(kept, old) if not found.passes
+                (found.worth, found.move)
+                for found in self._without(beside, tested)
+                if not found.passes
             ]
 
-        return eliminate_backward(
-            [*state, newest], failing,
-            lambda gone: self.report(f"no longer needed: {gone.hypothesis}"),
+        return self.at(
+            eliminate_backward(
+                [*old, newest], failing,
+                lambda gone: self.report(f"no longer needed: {gone.hypothesis}"),
+            )
         )  # fmt: skip
 
-    def _read(self, chosen: Sequence[Candidate]) -> list[Candidate]:
+    @staticmethod
+    def _read(chosen: Beside) -> list[Candidate]:
         """Return a set with readings of what acts beside the others in it."""
         return [
-            refined(self.validation, candidate, [o for o in chosen if o is not candidate])
+            refined(chosen.validation, candidate, chosen.without(candidate).candidates)
             if candidate.hypothesis.EFFORT_READING
             else candidate
-            for candidate in chosen
+            for candidate in chosen.candidates
         ]
 
-    def best(
-        self,
-        selected: Sequence[Candidate],
-        before: Score,
-        pool: Sequence[Candidate] | None = None,
-    ) -> list[EffectTrial]:
+    def best(self, selected: Beside, pool: Sequence[Candidate] | None = None) -> list[EffectTrial]:
         """Return the best hypotheses beside the selected ones, settings refined, best first."""
-        validation, settings = self.validation, self.settings
-        if pool is None:
-            pool = [*self.pool, *self._searched(selected)]
-        # Whatever was looked at counts: that most did not get past the screen is chance, too.
-        self.multiplicity = self.multiplicity.with_those_of(pool)
-        known = {candidate.hypothesis.key for candidate in selected} | self._excluded
-        pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
+        validation, settings = selected.validation, self.settings
+        known = {each.hypothesis.key for each in selected.candidates} | {*self.excluded}
+        pool = [
+            candidate
+            for candidate in (self.moves(selected) if pool is None else pool)
+            if candidate.hypothesis.key not in known
+        ]
         least = settings.least(validation)
-        screened = validation.screen(selected, pool, settings.screened, least)
-        trials = [self.evaluate(selected, candidate, before) for candidate in screened]
+        beside = selected.candidates
+        screened = validation.screen(beside, pool, settings.screened, least)
+        trials = [self.evaluate(selected, candidate) for candidate in screened]
         if not trials:
             return []
         limit = (1.0 - settings.close) * max(trial.gain for trial in trials)
@@ -242,87 +234,75 @@ class Selection:
             seen.add(name)
             adjustable = hypothesis.refine or hypothesis.fixed_point
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
-                adjusted = refined(validation, trial.candidate, selected)
-                again = self.evaluate(selected, adjusted, before)
+                again = self.evaluate(selected, refined(validation, trial.candidate, beside))
                 trial = again if again.gain > trial.gain else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
 
-    def evaluate(
-        self, selected: Sequence[Candidate], candidate: Candidate, before: Score
-    ) -> EffectTrial:
+    def evaluate(self, rest: Beside, candidate: Candidate) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""
-        after = self.validation.score([*selected, candidate])
-        fitted = split([*selected, candidate], self.validation.parameters([*selected, candidate]))
-        possible = are_possible(candidate, fitted)
-        return self._trial(candidate, selected, before, after, fitted[-1][1], possible)
+        return self._trial(candidate, rest, rest.extended(candidate))
 
-    def _trial(
-        self, candidate: Candidate, beside: Sequence[Candidate], before: Score, after: Score,
-        theta: Array, possible: bool,
-    ) -> EffectTrial:  # fmt: skip
+    def _trial(self, candidate: Candidate, rest: Beside, whole: Beside) -> EffectTrial:
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
         Bonferroni's correction is for all torques that were compared (:class:`Multiplicity`).
         """
-        inflation = self.validation.inflation(after.error, before.error - after.error)
+        validation, settings = rest.validation, self.settings
+        before, after = rest.score, whole.score
+        theta = next(values for other, values in whole.fitted if other is candidate)
+        possible = are_possible(candidate, whole.fitted)
+        inflation = validation.inflation(after.error, before.error - after.error)
         comparisons = self.multiplicity.n_comparisons(candidate)
-        p_value = self.validation.p_value(before, after, candidate, inflation, comparisons)
-        used = (self.validation.weight > 0.0) & candidate.acts
+        p_value = validation.p_value(before, after, candidate, inflation, comparisons)
+        used = (validation.weight > 0.0) & candidate.acts
         removed = 1.0 - after.rms / np.maximum(before.rms, 1e-300)
-        size = np.where(used, self.validation.size(candidate, theta), 0.0)
-        if self.validation.model_size:
+        size = np.where(used, validation.size(candidate, theta), 0.0)
+        if validation.model_size:
             # What the model's parameters would make up for as best they can is not theirs.
             with_torque = np.maximum(np.hypot(after.rms, size), 1e-300)
             removed = np.fmax(removed, 1.0 - after.rms / with_torque)
         most = float(np.max(removed[used], initial=0.0))
-        gain, settings = after.likelihood - before.likelihood, self.settings
-        expected = self._friction_change.explains(candidate, theta, beside)
-        least = settings.least(self.validation, self._friction_change.changed(beside))
-        matters = used & (size >= least)
-        passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
-        passes = passes and possible and bool(matters.any())
-        changed = self._change_fraction(candidate, beside) if passes else 1.0
+        gain = after.likelihood - before.likelihood
+        torque = validation.torque(candidate, theta)
+        expected = rest.friction.explains(candidate.hypothesis.effect, torque)
+        matters = used & (size >= settings.least(validation, rest.friction.uncertain))
+        passes = p_value < settings.alpha and possible and bool(matters.any())
+        changed = self._change_fraction(candidate, rest) if passes else 1.0
         if changed < 1.0:
-            p_value = self.validation.p_value(
-                before, after, candidate, inflation, comparisons, changed
-            )
+            p_value = validation.p_value(before, after, candidate, inflation, comparisons, changed)
         seen_before = passes and p_value >= settings.alpha
         day_to_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
+        largest = float(np.max(inflation[candidate.acts]))
         if passes and candidate.hypothesis.common_cause:
-            passes = self._homogeneous(candidate, beside, after, theta, inflation, day_to_day)
+            # Friction varies from day to day at all joints, but not equally: there what is common
+            # has to be more, in squares, than what differs.
+            likelihood = after.likelihood + settings.equal_least * largest
+            passes = (
+                variation(rest, candidate, theta) < 1.0
+                if day_to_day
+                else homogeneous(rest, candidate, theta, likelihood, settings.least(validation))
+            )
         return EffectTrial(
             candidate, gain, passes and not seen_before, after, p_value, most, possible,
-            np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])), day_to_day,
-            seen_before,
+            np.where(expected, 0.0, size), largest, day_to_day, seen_before,
         )  # fmt: skip
 
-    def _homogeneous(
-        self, candidate: Candidate, beside: Sequence[Candidate], after: Score, theta: Array,
-        inflation: Array, day_to_day: bool,
-    ) -> bool:  # fmt: skip
-        """Return whether what a candidate takes to be equal at several joints is.
+    @cached_property
+    def multiplicity(self) -> Multiplicity:
+        """How many torques are compared at each step: that most are screened out is chance, too."""
+        return Multiplicity.of(self.moves(self.at((*self.always, *self.expected))))
 
-        Friction varies from day to day at all joints, but not equally: there what is common has to
-        be more, in squares, than what differs.
-        """
-        if day_to_day:
-            return self._for_all.differ(candidate, theta, beside) < 1.0
-        settings, validation = self.settings, self.validation
-        clearly = settings.equal_least * float(np.max(inflation[candidate.acts]))
-        least = settings.least(validation)
-        return self._for_all.hold(candidate, theta, beside, after.likelihood + clearly, least)
-
-    def _change_fraction(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
+    def _change_fraction(self, candidate: Candidate, rest: Beside) -> float:
         """Return the fraction of a candidate's evidence not already present at calibration."""
         expected = None if self.at_calibration is None else self.at_calibration.expected(candidate)
         if expected is None:
             return 1.0
-        theta, covariance = self.validation.fit([*beside, candidate])
+        theta, covariance = rest.validation.fit([*rest.candidates, candidate])
         own = slice(len(theta) - candidate.size, len(theta))
         return expected.changed_fraction(theta[own], covariance[own, own])
 
-    def is_significant(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
+    def is_significant(self, selected: Beside, candidate: Candidate) -> bool:
         """Return whether one of those selected is significant without held-out blocks.
 
         What comes once, and is over before one of them, is not: a joint that slips once looks so.
@@ -332,40 +312,40 @@ class Selection:
         (trial,) = self._without(selected, [candidate])
         return trial.p_value < self.settings.unseen
 
-    def _without(
-        self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]
-    ) -> list[EffectTrial]:
+    def _without(self, selected: Beside, looked_at: Iterable[Candidate]) -> list[EffectTrial]:
         """Return how some of the selected do beside all others."""
-        whole, theta = self.validation.score(selected), self.validation.parameters(selected)
-        parameters = split(selected, theta)
-        trials = []
-        for candidate in looked_at:
-            rest = [other for other in selected if other is not candidate]
-            before = self.validation.score(rest)
-            fitted = next(values for other, values in parameters if other is candidate)
-            possible = are_possible(candidate, parameters)
-            trials.append(self._trial(candidate, rest, before, whole, fitted, possible))
-        return trials
+        return [self._trial(each, selected.without(each), selected) for each in looked_at]
 
-    def _searched(self, selected: Sequence[Candidate]) -> list[Candidate]:
-        """Return the hypotheses that are found in what is not explained."""
+    @cached_property
+    def _search_bases(self) -> Mapping[type[Effect], Any]:
+        """What effects need to be searched for in a residual, by effect."""
         data = self.validation.data
+        return {effect: effect.search_basis(data) for effect in effects.effects()}
+
+    def _searched(self, selected: Beside) -> list[Candidate]:
+        """Return the hypotheses that are found in what is not explained."""
+        data, validation = self.validation.data, selected.validation
         allowed = data.fold >= 0
-        weight = allowed[:, None] * self.validation.weight**2
-        residual = Residual(data, self.validation.residual(selected), weight, allowed)
+        weight = allowed[:, None] * validation.weight**2
+        residual = Residual(data, validation.residual(selected.candidates), weight, allowed)
         found = (
             hypothesis
-            for effect, basis in self.validation.search_bases.items()
+            for effect, basis in self._search_bases.items()
             for hypothesis in effect.search(basis, residual)
         )
-        return list(self.validation.data.candidates(found))
+        return list(data.candidates(found))
+
+    def release(self) -> None:
+        """Drop what is large and can be computed again: named effects have been searched for."""
+        self.__dict__.pop("_search_bases", None)
+        self.validation.data.motion.release()
 
     def margin(self, trials: Sequence[EffectTrial]) -> float:
         """Return how much less than the best of some gains still counts as equal."""
         best = max(trials, key=lambda trial: trial.gain)
         return max(self.settings.equal_least * best.inflation, self.settings.equal * best.gain)
 
-    def eliminate_backward(self, selected: Sequence[Candidate]) -> list[Candidate]:
+    def eliminate_backward(self, selected: Sequence[Candidate]) -> Beside:
         """Return those that are still significant and worth having when all is known.
 
         The weakest goes first, since others may take its place. Parameters of the model that moved
@@ -373,10 +353,10 @@ class Selection:
         """
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-            self.validation.weigh(self.validation.out_of_fold(kept), final=True)
+            beside = self.at(kept, final=True)
             return [
                 (trial.gain, trial.candidate)
-                for trial in self._without(kept, kept)
+                for trial in self._without(beside, kept)
                 if not (
                     trial.gain + trial.candidate.cost > 0.0
                     if trial.candidate in self.always
@@ -384,9 +364,10 @@ class Selection:
                 )
             ]
 
-        return eliminate_backward(
+        kept = eliminate_backward(
             selected, failing, lambda gone: self.report(f"not confirmed: {gone.hypothesis}")
         )
+        return self.at(kept, final=True)
 
     def preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
         """Return the day-to-day variation or the most parsimonious of those as good as the best."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,21 +35,21 @@ class SignificanceSettings:
     dof: float = 30.0
 
 
+@dataclass(frozen=True, eq=False)
 class Significance:
     """Likelihoods and p-values of errors.
 
     Attributes:
+        data: What is known of errors before any fit.
         settings: What the model's known error is taken to be.
     """
 
-    def __init__(self, data: FilteredData, settings: SignificanceSettings | None = None) -> None:
-        """Take what is known of errors before any fit."""
-        self.settings = settings or SignificanceSettings()
-        self._data = data
+    data: FilteredData
+    settings: SignificanceSettings = field(default_factory=SignificanceSettings)
 
     def log_likelihood(self, mean: Array, samples: Array) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squares of (n,) independent errors."""
-        known = self._data.known_error**2
+        known = self.data.known_error**2
         return evidence.log_likelihood(mean, known, samples, self.settings.dof)
 
     def gain(self, before: Array, after: Array, samples: Array) -> Array:
@@ -62,7 +62,7 @@ class Significance:
             after: (n,) likewise with it.
             samples: (n,) independent ones.
         """
-        least = (self.settings.least * self._data.known_error) ** 2
+        least = (self.settings.least * self.data.known_error) ** 2
         with_it, without = (
             self.log_likelihood(np.maximum(mean, least), samples) for mean in (after, before)
         )
@@ -93,7 +93,7 @@ class Significance:
             trials: Of how many gains it is the best.
             transient: What gains comes once, and not with a state.
         """
-        if self._data.known_error.any():
+        if self.data.known_error.any():
             if not transient:
                 return evidence.variance_ratio(ratio, parameters, self.settings.dof, trials)
             return evidence.bonferroni(evidence.likelihood_ratio(ratio, parameters), trials)
@@ -112,7 +112,7 @@ class Significance:
             product: (R, n) of what is left with the torque, N·m, zero where nothing counts.
             samples: (n,) independent ones.
         """
-        known = np.where(self._data.known_error > 0.0, self.settings.coherent, 0.0)
+        known = np.where(self.data.known_error > 0.0, self.settings.coherent, 0.0)
         return self.correlation(product) + samples * known**2
 
     def correlation(self, error: Array) -> Array:
@@ -123,11 +123,11 @@ class Significance:
         """
         longer = np.ones(error.shape[1])
         looked = error.any(axis=0)
-        if self._data.band is None or not looked.any():
+        if self.data.band is None or not looked.any():
             return longer
         part = np.zeros(len(error), dtype=np.int64)
         length = correlation_time(error[:, looked], part, len(error) // 4)
-        longer[looked] = np.fmax(1.0, length / self._data.samples_per_independent)
+        longer[looked] = np.fmax(1.0, length / self.data.samples_per_independent)
         return longer
 
 
@@ -147,8 +147,9 @@ class Multiplicity:
     searched: int
 
     @classmethod
-    def of(cls, pool: Sequence[Candidate]) -> Multiplicity:
+    def of(cls, pool: Iterable[Candidate]) -> Multiplicity:
         """Return how many hypotheses stand for, whether or not their search is over."""
+        pool = list(pool)
         found = Counter(candidate.hypothesis.key for candidate in pool)
         stands_for = {each.hypothesis.key: each.hypothesis.n_comparisons for each in pool}
         alone = sum(count for key, count in found.items() if stands_for[key] == 1)
@@ -156,11 +157,6 @@ class Multiplicity:
             max(count, stands_for[key]) for key, count in found.items() if stands_for[key] > 1
         )
         return cls(alone, searched)
-
-    def with_those_of(self, pool: Sequence[Candidate]) -> Multiplicity:
-        """Return the greater of these and those of another pool."""
-        other = Multiplicity.of(pool)
-        return Multiplicity(max(self.alone, other.alone), max(self.searched, other.searched))
 
     def n_comparisons(self, candidate: Candidate) -> int:
         """Return of how many torques one is the best, of either kind."""

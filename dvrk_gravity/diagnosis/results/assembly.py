@@ -11,16 +11,18 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
-from dvrk_gravity.diagnosis.inference.confirmation import worse
+from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates, setting_columns
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.infer import Posterior
-from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, tangents
+from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
 from dvrk_gravity.diagnosis.inference.readings import (
     error_as_read,
     error_beside_baseline,
     poorly_stated,
 )
+from dvrk_gravity.diagnosis.inference.regression import estimates
+from dvrk_gravity.diagnosis.inference.remaining import expected_error
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.results.effect_findings import (
@@ -33,7 +35,7 @@ from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, order
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
-    expected_error,
+    fault_finding,
     known,
     reading_finding,
     unexplained_error,
@@ -44,14 +46,10 @@ from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import TorqueModel
 
-_ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
-_FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Chosen
-_LASTING = 0.6  # of an error that lasts as long as a motion does, and noise does not. Chosen
-
 
 def report(
     posterior: Posterior,
-    faults: Sequence[Finding] = (),
+    faults: Sequence[Fault] = (),
     known_payload: float | None = None,
     errors: ReadingErrors | None = None,
 ) -> Diagnosis:
@@ -59,7 +57,7 @@ def report(
 
     Args:
         posterior: What explains the recordings.
-        faults: Findings about the recordings themselves, which were corrected.
+        faults: Of the recordings themselves, which were corrected.
         known_payload: Mass that a link carries, kg: the payload found is compared with it.
         errors: Errors of readings that the recordings were corrected for; ``None``: none.
     """
@@ -72,7 +70,7 @@ def report(
     model, left_out, conflicts = _extended(posterior, held_out, named, theta, differences)
     if errors is not None:
         model = replace(model, reading_errors=errors.after(model.reading_errors))
-    findings = list(faults)
+    findings = [fault_finding(fault) for fault in faults]
     first = held_out.as_read()
     if wrong:
         first = error_as_read(wrong[0].motion, data, held_out)
@@ -101,15 +99,21 @@ def report(
         effect_findings.append(finding)
     findings += ordered(effect_findings, poorly_stated(motion))
     different = any(differences)
-    expected = expected_error(data, held_out)
-    floor = data.noise_rms(loaded.floor, validation.residual(named))
+    floor, expected = posterior.floor, expected_error(data)
+    source = data.noise_source(floor)
     if not different:
-        for trial in posterior.unexplained:
-            findings.append(unknown_finding(held_out, validation, named, trial))
-        findings += _unexplained_errors(posterior, held_out, named, floor, expected, findings)
+        findings += [
+            unknown_finding(held_out, validation, named, trial) for trial in posterior.unexplained
+        ]
+        # Day-to-day friction variation is listed as known.
+        left = held_out.rmse(held_out.error([*named, *posterior.day_to_day]))
+        findings += [
+            unexplained_error(motion.arm, j, left[j], floor[j], expected[j], source)
+            for j in posterior.unexplained_joints
+        ]
     after = held_out.rmse(held_out.error(named))
     seen = np.where(held_out.seen, 1.0, np.nan)
-    grown = [names[joint] for joint in worse(held_out, named, first, floor)]
+    grown = [names[joint] for joint in held_out.worse(named, first, floor)]
     outside = outside_range(
         motion.model, motion.q, None if motion.static else motion.qd, motion.present
     )
@@ -122,7 +126,7 @@ def report(
         after=by_joint(names, seen * after),
         floor=by_joint(names, floor),
         expected=by_joint(names, expected),
-        floor_from=data.noise_source(floor),
+        floor_from=source,
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
         warnings=loaded.warnings,
@@ -208,39 +212,6 @@ def _reading_findings(
     return [reading_finding(wrong, before, after, held_out) for wrong in posterior.wrong]
 
 
-def _unexplained_errors(
-    posterior: Posterior,
-    held_out: HeldOut,
-    named: Sequence[Candidate],
-    floor: Array,
-    expected: Array,
-    findings: Sequence[Finding],
-) -> list[Finding]:
-    """Return joints whose error is beyond noise, and that no other unknown structure names."""
-    validation = posterior.validation
-    motion, source = validation.data.motion, validation.data.noise_source(floor)
-    # Day-to-day friction variation is listed as known.
-    causes = [*named, *posterior.day_to_day]
-    error = held_out.error(causes)
-    # Out of fold as well: the edge of a push may lie in a held-out block.
-    rms = np.minimum(held_out.rmse(error), validation.score(causes).rms)
-    # A floor from high frequencies assumes white noise; one from repetition need not.
-    white = (source != "repetition") & ~(held_out.lasting(error) > _LASTING)
-    likely = np.fmax(floor, expected)
-    uncertainty = motion.model.uncertainty
-    if uncertainty is not None:  # an unloaded joint of a file: nothing is expected, nor noise known
-        likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
-    unknown = [finding for finding in findings if finding.effect == Unknown.NAME]
-    known_at = {name for finding in unknown for name in finding.joints}
-    large = rms > np.where(white, _FAR_ABOVE, _ABOVE) * likely
-    after = held_out.rmse(error)
-    return [
-        unexplained_error(motion.arm, joint, after[joint], floor[joint], expected[joint], source)
-        for joint in np.flatnonzero(large).tolist()
-        if motion.arm.joint_names[joint] not in known_at
-    ]
-
-
 def _scale_error(arm: Arm) -> float:
     """Return the relative standard error of torques, from drive gains.
 
@@ -255,7 +226,6 @@ def _fit(
     """Return parameters, covariance, and standard deviations of each effect's settings."""
     if not named:
         return np.zeros(0), np.zeros((0, 0)), []
-    validation.weigh(validation.out_of_fold(named))
     along, tangent = tangents(validation, named)
     theta, _ = along.fit(tangent)
     slopes: list[Candidate] = []

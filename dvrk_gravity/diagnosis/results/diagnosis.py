@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate import InSimulation
 from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
-from dvrk_gravity.diagnosis.results.simulation_check import InSimulation
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 

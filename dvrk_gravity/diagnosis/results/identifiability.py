@@ -13,7 +13,8 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import reproduced
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut
+from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Contender
@@ -38,7 +39,7 @@ def ambiguities(
         named: The selected effects.
         pool: All hypotheses that need no search.
     """
-    validation.weigh(validation.out_of_fold(named), final=True)
+    validation = validation.weighted(named, final=True)
     found = {candidate.hypothesis.key for candidate in named}
     aligned = [
         candidate

@@ -9,18 +9,21 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.data.filtered_data import FilteredData, FloorFrom
+from dvrk_gravity.diagnosis.data.faults import Fault
+from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
 from dvrk_gravity.diagnosis.data.model_error import part_of_friction
+from dvrk_gravity.diagnosis.inference.beside import Beside, variation
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut, estimates
-from dvrk_gravity.diagnosis.inference.homogeneity import Homogeneity
+from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
+from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.effect_findings import picture_of
 from dvrk_gravity.diagnosis.results.findings import (
     ERROR,
     NO_TERM,
+    OF_ONE,
     PARAMETERS,
     Alternative,
     Finding,
@@ -86,6 +89,23 @@ def unexplained_error(
     )
 
 
+def fault_finding(fault: Fault) -> Finding:
+    """Return the finding of a fault of a recording."""
+    return Finding(
+        effect=fault.effect,
+        joints=fault.joints,
+        place=fault.place,
+        parameters={"factor": fault.factor} if fault.factor else {},
+        gain=Gain(*fault.removed, fault.p_value),
+        alternatives=(Alternative(*fault.alternative),) if fault.alternative else (),
+        rejected=(),
+        sentence=fault.sentence,
+        picture=None,
+        left_out=OF_ONE if fault.of_one else "",
+        remedy=fault.remedy,
+    )
+
+
 def reading_finding(wrong: WrongReading, before: Array, after: Array, held_out: HeldOut) -> Finding:
     """Return the finding that the recording was read wrongly.
 
@@ -145,21 +165,6 @@ def check_payload(findings: Sequence[Finding], known: float, reference: bool) ->
     return PayloadCheck(known, scale, sentences.payload(mass.shown, known, scale, gain, reference))
 
 
-def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
-    """Return (n,) RMS error that a model expects of itself on held-out samples, N·m.
-
-    From its error at calibration, day-to-day friction variation, and its parameters' posterior; NaN
-    of a model without uncertainty.
-    """
-    if data.motion.model.uncertainty is None:
-        return np.full(data.motion.arm.n, np.nan)
-    usable = data.usable[held_out.rows]
-    variance = (data.model_columns[held_out.rows] ** 2).sum(axis=2)
-    variance = np.minimum(variance, data.motion.arm.effort_limit**2)
-    mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
-    return np.sqrt(data.day_to_day_error**2 + mean)
-
-
 def known(
     validation: CrossValidation,
     held_out: HeldOut,
@@ -175,12 +180,13 @@ def known(
         minor: Effects that are significant, and smaller than that error or than day-to-day friction
             variation.
         named: The selected effects.
-        expected: See :func:`expected_error`.
+        expected: RMS error that the model expects of itself, N·m.
     """
     motion, data = validation.data.motion, validation.data
     if motion.reference is None and motion.model.uncertainty is None:
         return ()
-    moved = np.where(data.usable, validation.moved(named), np.nan)[held_out.rows]
+    own_parameters, _ = validation.solution(named)
+    moved = np.where(data.usable, data.model_columns @ own_parameters, np.nan)[held_out.rows]
     moved_rms, left = held_out.rmse(moved), held_out.rmse(held_out.error(named))
     found = (
         [_minor(validation, trial, named) for trial in minor] if motion.reference is None else []
@@ -219,7 +225,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     rows = slice(len(theta) - candidate.size, len(theta))
     theta, covariance = theta[rows], covariance[rows, rows]
     if hypothesis.common_cause:
-        differ = Homogeneity(validation).differ(candidate, theta, named)
+        differ = variation(Beside(validation, tuple(named)), candidate, theta)
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
     claim, of_friction = hypothesis.claim(parameters), is_friction(hypothesis.effect)

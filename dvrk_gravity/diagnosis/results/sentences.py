@@ -262,9 +262,7 @@ def nothing_found(
 def rejected(unconfirmed: Unconfirmed) -> str:
     """Return why an effect that explains the data best is no finding."""
     joint, gain = unconfirmed.joint, unconfirmed.gain
-    if unconfirmed.worsens:
-        why = f"it makes the error at {joint} larger than the given model's"
-    elif gain is None:
+    if gain is None:
         why = "it acts in no held-out block that could confirm it"
     elif unconfirmed.partial:
         why = "part of what it implies is absent"

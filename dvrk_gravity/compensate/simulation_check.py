@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import Settings
-from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.effects import Motion
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import ModelArm, Plant, SimulatedArm, simulate
@@ -100,7 +100,7 @@ class InSimulation:
 def in_simulation(
     given: TorqueModel,
     extended: TorqueModel,
-    motion: MeasuredMotion,
+    motion: Motion,
     held_out: Sequence[tuple[float, float]],
 ) -> InSimulation:
     """Compare two models in the simulator.
@@ -225,7 +225,7 @@ def _drift(
     return Drift(part, np.arange(before.shape[1]) / _RATE, before, after)
 
 
-def _poses(motion: MeasuredMotion) -> Array:
+def _poses(motion: Motion) -> Array:
     """Return (P, n) poses of the motion that are far apart."""
     arm = motion.arm
     q = np.clip(motion.q[:: max(1, len(motion.q) // 500)], arm.lower, arm.upper)
@@ -237,7 +237,7 @@ def _poses(motion: MeasuredMotion) -> Array:
     return q[chosen]
 
 
-def _starts(motion: MeasuredMotion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
+def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
     """Return the first samples of the predicted pieces, evenly spread over held-out spans."""
     inside = np.zeros(len(motion.q), dtype=bool)
     for first, last in held_out:
@@ -248,7 +248,7 @@ def _starts(motion: MeasuredMotion, held_out: Sequence[tuple[float, float]]) -> 
     return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
 
 
-def _missed(simulated: ModelArm, motion: MeasuredMotion, starts: NDArray[np.int64]) -> Array:
+def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> Array:
     """Return (n,) RMS error of predicted positions at the end of each piece."""
     plant = simulated.plant()
     arm, offset = plant.model.arm, plant.model.joint_offset
@@ -256,7 +256,8 @@ def _missed(simulated: ModelArm, motion: MeasuredMotion, starts: NDArray[np.int6
     missed = []
     for row in starts.tolist():
         begin = motion.time[row]
-        rows = slice(row, row + int(1.0 + 1.5 * WINDOW * (motion.rate or 1.0)))
+        step = motion.time[row + 1] - begin
+        rows = slice(row, row + int(1.0 + 1.5 * WINDOW / step))
         efforts = _applied(plant, motion, rows, offset)
         effort, there = (
             np.stack([np.interp(begin + at, motion.time[rows], column) for column in of.T], -1)
@@ -269,7 +270,7 @@ def _missed(simulated: ModelArm, motion: MeasuredMotion, starts: NDArray[np.int6
     return np.sqrt(np.mean(np.square(missed), axis=0))
 
 
-def _applied(plant: Plant, motion: MeasuredMotion, rows: slice, offset: Array) -> Array:
+def _applied(plant: Plant, motion: Motion, rows: slice, offset: Array) -> Array:
     """Return (N, n) efforts that acted on the arm: measured ones without sensor bias."""
     efforts = motion.effort[rows].copy()
     for part in plant.parts:

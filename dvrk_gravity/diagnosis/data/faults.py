@@ -18,9 +18,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.loading import LoadSettings, load
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.inference.held_out import Gain
-from dvrk_gravity.diagnosis.results.findings import NO_TERM, OF_ONE, Alternative, Finding
 from dvrk_gravity.effects import (
+    Estimate,
     ReadingErrors,
     State,
     TimeScale,
@@ -59,18 +58,47 @@ _SAMPLES = 4000  # that are looked at: a bound on time
 
 
 @dataclass(frozen=True, eq=False)
+class Fault:
+    """A fault of a recording, which was corrected.
+
+    Attributes:
+        effect: Name in the vocabulary.
+        joints: Names of the joints; empty for all.
+        place: What is wrong.
+        removed: Part of the error that the correction removes, and its 95 % interval.
+        p_value: Of the correction.
+        sentence: The fault in words, with figures.
+        remedy: What to do about it.
+        factor: By which something is wrong; ``None``: by none.
+        alternative: Another effect that would look the same, its joints, and why.
+        of_one: Whether it is one of several recordings that has it.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    place: str
+    removed: tuple[float, float, float]
+    p_value: float
+    sentence: str
+    remedy: str
+    factor: Estimate | None = None
+    alternative: tuple[str, tuple[str, ...], str] | None = None
+    of_one: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class PutRight:
     """Corrected recordings, and their faults.
 
     Attributes:
         recordings: The recordings.
-        findings: The faults, those of all joints first.
+        faults: The faults, those of all joints first.
         warnings: That given coordinates look wrong.
         errors: The faults that all recordings share, as errors of readings.
     """
 
     recordings: list[Recording | RecordingFile]
-    findings: tuple[Finding, ...]
+    faults: tuple[Fault, ...]
     warnings: tuple[DataWarning, ...]
     errors: ReadingErrors
 
@@ -79,12 +107,12 @@ class PutRight:
         """The same as warnings about a reference, of which there are no findings."""
         faults = (
             DataWarning(
-                "velocity_mismatch" if finding.parameters else "coordinates",
+                "velocity_mismatch" if fault.factor else "coordinates",
                 None,
-                {name: estimate.value for name, estimate in finding.parameters.items()},
-                f"reference: {finding.sentence}",
+                {"factor": fault.factor.value} if fault.factor else {},
+                f"reference: {fault.sentence}",
             )
-            for finding in self.findings
+            for fault in self.faults
         )
         return (*faults, *self.warnings)
 
@@ -104,27 +132,26 @@ def put_right(
             a finding if they are not joint coordinates.
         still: Where joints stood that the recordings do not hold.
     """
-    right, findings, warnings = [], list[Finding](), list[DataWarning]()
+    right, faults, warnings = [], list[Fault](), list[DataWarning]()
     several = len(recordings) > 1
     read = ReadingErrors.none(model.arm.n)
 
-    def note(finding: Finding, recording: Recording, errors: ReadingErrors) -> None:
+    def note(fault: Fault, recording: Recording, errors: ReadingErrors) -> None:
         nonlocal read
-        sentence = f"{recording.source}: {finding.sentence}" if several else finding.sentence
+        sentence = f"{recording.source}: {fault.sentence}" if several else fault.sentence
         # Of several recordings each may have been written in another way.
-        left_out = OF_ONE if several else ""
         carried = bool(model.terms) and not several  # without a model nothing is extended
-        remedy = or_extended(finding.remedy, carried, reading=True)
-        findings.append(replace(finding, sentence=sentence, left_out=left_out, remedy=remedy))
+        remedy = or_extended(fault.remedy, carried, reading=True)
+        faults.append(replace(fault, sentence=sentence, of_one=several, remedy=remedy))
         if not several:
             read = read.after(errors)
 
     for recording in recordings:
         head = beginning(recording)
         while found := velocity_fault(head):
-            fault, finding = _velocity_finding(found, head, model, still)
-            note(finding, head, _errors(fault, model.arm))
-            recording, head = _mended(recording, fault.mend), fault.mend(head)
+            found, fault = _velocity_fault(found, head, model, still)
+            note(fault, head, _errors(found, model.arm))
+            recording, head = _mended(recording, found.mend), found.mend(head)
         stated = head.coordinates
         given = stated if stated == "actuator" else coordinates
         decision = decide_coordinates(head, model.arm, given)
@@ -132,11 +159,11 @@ def put_right(
         if decision.coordinates != stated:
             recording = _mended(recording, partial(replace, coordinates=decision.coordinates))
             if given is None and decision.errors is not None:
-                finding = _coordinates_finding(model.arm, decision.coordinates, decision.errors)
+                fault = _wrong_coordinates(model.arm, decision.coordinates, decision.errors)
                 right_one = ReadingErrors.none(model.arm.n)
-                note(finding, head, replace(right_one, coordinates=decision.coordinates))
+                note(fault, head, replace(right_one, coordinates=decision.coordinates))
         right.append(recording)
-    return PutRight(right, tuple(findings), tuple(warnings), read)
+    return PutRight(right, tuple(faults), tuple(warnings), read)
 
 
 def _errors(fault: VelocityFault, arm: Arm) -> ReadingErrors:
@@ -168,11 +195,11 @@ def _mended(
     return mend(recording) if isinstance(recording, Recording) else recording.mended(mend)
 
 
-def _velocity_finding(
+def _velocity_fault(
     fault: VelocityFault, recording: Recording, model: TorqueModel, still: Mapping[str, float]
-) -> tuple[VelocityFault, Finding]:
-    """Return the fault as the model decides it, of the clock or of the velocities, as a finding."""
-    alternatives: tuple[Alternative, ...] = ()
+) -> tuple[VelocityFault, Fault]:
+    """Return the fault as the model decides it, of the clock or of the velocities, and in words."""
+    alternative = None
     if fault.clock:
         better = _clock_fits_better(fault.mend(recording), fault.factor.value, model, still)
         if better < -_SIGNIFICANT:
@@ -182,7 +209,7 @@ def _velocity_finding(
                 "velocities of all joints equally too large or too small would look the "
                 "same, and the model's torques do not separate the two: a stopwatch does"
             )
-            alternatives = (Alternative(VelocityScale.NAME, fault.joints, why),)
+            alternative = VelocityScale.NAME, fault.joints, why
     shown, rate = fault.factor.shown, recording.rate or 0.0
     effect: type[TimeScale | VelocityScale] = TimeScale if fault.clock else VelocityScale
     joints = () if fault.clock else fault.joints
@@ -201,31 +228,14 @@ def _velocity_finding(
             f"the velocity of {of} is {shown} times the differentiated position{looks}; the rest "
             "is judged with it corrected"
         )
-    gain = Gain(*fault.removed, fault.p_value)
-    finding = _finding(effect.NAME, joints, place, gain, sentence, effect.REMEDY)
-    return fault, replace(finding, parameters={"factor": fault.factor}, alternatives=alternatives)
+    return fault, Fault(
+        effect.NAME, joints, place, fault.removed, fault.p_value, sentence, effect.REMEDY,
+        fault.factor, alternative,
+    )  # fmt: skip
 
 
-def _finding(
-    effect: str, joints: tuple[str, ...], place: str, gain: Gain, sentence: str, remedy: str
-) -> Finding:
-    return Finding(
-        effect=effect,
-        joints=joints,
-        place=place,
-        parameters={},
-        gain=gain,
-        alternatives=(),
-        rejected=(),
-        sentence=sentence,
-        picture=None,
-        left_out=NO_TERM,
-        remedy=remedy,
-    )
-
-
-def _coordinates_finding(arm: Arm, right: Coordinates, errors: CoordinateErrors) -> Finding:
-    """Return the finding that a recording is in other coordinates than it was taken for."""
+def _wrong_coordinates(arm: Arm, right: Coordinates, errors: CoordinateErrors) -> Fault:
+    """Return the fault that a recording is in other coordinates than it was taken for."""
     reading = next(
         each for each in readings(arm, np.ones(arm.n, dtype=bool)) if each.coordinates == right
     )
@@ -235,12 +245,15 @@ def _coordinates_finding(arm: Arm, right: Coordinates, errors: CoordinateErrors)
     high, removed, low = (
         1.0 - np.exp(mean + sign * NORMAL_95 * error) for sign in (-1.0, 0.0, 1.0)
     )
-    gain = Gain(removed, low, high, float(norm.cdf(mean / max(error, 1e-9))))
+    p_value = float(norm.cdf(mean / max(error, 1e-9)))
     sentence = (
         f"The recording is read wrongly: {reading.words}; read correctly, {100 * removed:.0f} % "
         "of the error that a plain model leaves on held-out blocks is gone"
     )
-    return _finding(WrongCoordinates.NAME, (), reading.words, gain, sentence, reading.remedy)
+    return Fault(
+        WrongCoordinates.NAME, (), reading.words, (removed, low, high), p_value, sentence,
+        reading.remedy,
+    )  # fmt: skip
 
 
 def _clock_fits_better(
