@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
@@ -160,6 +159,8 @@ def _shifted(motion: Motion, torque: Array, late: float) -> Array:
 
     By cubic splines: straight lines between samples are means, and take noise away.
     """
+    from scipy.interpolate import CubicSpline
+
     result = np.empty_like(torque)
     for part in motion.parts:
         time = motion.time[part]
@@ -170,6 +171,8 @@ def _shifted(motion: Motion, torque: Array, late: float) -> Array:
 
 def _smoothed(motion: Motion, torque: Array) -> Array:
     """Return (N, n) the mean of a torque over a while about each sample, or what there is of it."""
+    from scipy.interpolate import CubicSpline
+
     result = np.empty_like(torque)
     for part in motion.parts:
         sums = CubicSpline(motion.time[part], torque[part], axis=0).antiderivative()
@@ -184,6 +187,8 @@ def _slope_by_delay(motion: Motion, torque: Array, late: float) -> Array:
     Over a while, in which noise is nearly gone: in a column it makes a delay look smaller, and
     surer, than it is. Zero where all of that is outside what was recorded.
     """
+    from scipy.interpolate import CubicSpline
+
     result = np.empty_like(torque)
     for part in motion.parts:
         time = motion.time[part]
