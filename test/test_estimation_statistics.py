@@ -189,35 +189,6 @@ def test_holm_is_as_in_the_textbook():
     )
 
 
-@pytest.mark.parametrize("count", [10, 11, 50, 51, 200])
-def test_paired_tests_are_scipy_s(count):
-    gains = np.random.default_rng(count).normal(0.2, size=count)
-    expected = [
-        stats.ttest_1samp(gains, 0.0, alternative="greater").pvalue,
-        stats.wilcoxon(gains, alternative="greater").pvalue,
-    ]
-    np.testing.assert_allclose(evidence.paired(gains), expected, rtol=1e-12)
-
-
-def test_gains_of_zero_are_no_evidence():
-    assert evidence.signed_rank(np.zeros(5)) == 1.0
-    assert evidence.signed_rank(np.array([0.0, 1.0, 2.0, 3.0])) == 1.0 / 8.0
-
-
-def test_a_bootstrap_interval_is_scipy_s():
-    samples = np.random.default_rng(1).gamma(4.0, size=(2, 30))
-
-    def ratio(new, old, axis):
-        return new.sum(axis=axis) / old.sum(axis=axis)
-
-    expected = stats.bootstrap(
-        tuple(samples), ratio, paired=True, method="percentile", n_resamples=500,
-        rng=np.random.default_rng(0),
-    ).confidence_interval  # fmt: skip
-    found = evidence.bootstrap_interval(ratio, samples, 500)
-    np.testing.assert_allclose(found, [expected.low, expected.high], rtol=1e-12)
-
-
 def test_bootstrap_intervals_of_a_ratio_hold_their_share():
     random = np.random.default_rng(4)
 
