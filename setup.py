@@ -45,7 +45,6 @@ setup(
         "pyyaml>=6.0",
         "rosbags>=0.10",
         "lz4>=4.0",
-        "lazy_loader>=0.4",
         "backports.zstd>=1.0",
         "matplotlib>=3.6",
         "jinja2>=3.0",

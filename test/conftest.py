@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -58,6 +59,13 @@ def measured_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no measured data in {folder} (DVRK_GRAVITY_DATA names another folder)")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def interruptible() -> None:
+    """Let processes see Ctrl-C even where a shell runs the tests in the background, ignoring it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import os
+import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -16,10 +20,10 @@ from conftest import REPOSITORY, syntax
 PACKAGE = REPOSITORY / "dvrk_gravity"
 # Each room imports only those before it (CONTRIBUTING.md says what they hold).
 ROOMS = (
-    "arrays", "errors", "validation", "units", "files", "parameters", "arms", "parameters.nodes",
-    "gravity", "newton_euler", "effects", "model", "console", "recording", "estimation", "intake",
-    "identification", "planning", "simulate", "exports", "compensate", "diagnosis", "report", "ros",
-    "cli",
+    "faces", "arrays", "errors", "validation", "units", "files", "parameters", "arms",
+    "parameters.nodes", "gravity", "newton_euler", "effects", "model", "console", "recording",
+    "estimation", "intake", "identification", "planning", "simulate", "exports", "compensate",
+    "diagnosis", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
@@ -173,6 +177,37 @@ def test_what_the_package_imports_is_declared_in_package_xml_or_setup_py():
             assert name.startswith("dvrk_gravity") or (
                 f'"{DISTRIBUTIONS.get(name, name)}>=' in setup
             ), f"{module} imports {name}"
+
+
+def test_each_room_has_the_names_of_its_stub():
+    for stub in PACKAGE.rglob("__init__.pyi"):
+        package = ".".join(stub.parent.relative_to(PACKAGE.parent).parts)
+        assert importlib.import_module(package).__all__ == sorted(face(package)), package
+
+
+def test_rooms_are_imported_from_an_archive_too(tmp_path):
+    with zipfile.ZipFile(tmp_path / "package.zip", "w") as archive:
+        for path in PACKAGE.rglob("*.py*"):
+            if path.suffix != ".pyc":
+                archive.write(path, path.relative_to(PACKAGE.parent))
+    program = "from dvrk_gravity.parameters import Parameter"
+    process = subprocess.run(
+        [sys.executable, "-c", f"{program}; print(Parameter.__module__)"],
+        env={**os.environ, "PYTHONPATH": str(tmp_path / "package.zip"), "EAGER_IMPORT": "1"},
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (process.stdout.strip(), process.stderr) == ("dvrk_gravity.parameters.parameter", "")
+
+
+def test_what_is_slow_to_load_is_loaded_by_what_computes_with_it():
+    program = (
+        "import sys; from dvrk_gravity import diagnose, evaluate, identify; "
+        "print({name.split('.')[0] for name in sys.modules} & {'scipy', 'matplotlib', 'jinja2'})"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert process.stdout.strip() == "set()"
 
 
 def test_a_class_has_a_name_of_its_own():

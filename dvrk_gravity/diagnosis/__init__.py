@@ -1,5 +1,5 @@
 """What does a model get wrong about a recording? Named effects, with proof on held-out data."""
 
-import lazy_loader
+from dvrk_gravity.faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__spec__)

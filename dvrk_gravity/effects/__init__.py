@@ -7,11 +7,10 @@ registered by :func:`register`, or by their package's entry point in the group
 
 from importlib import import_module
 
-import lazy_loader
-
 from dvrk_gravity.effects.base import registry
+from dvrk_gravity.faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__spec__)
 
 # By parsimony: where data cannot separate two causes, the earlier one is preferred. Effects from
 # outside come after these.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects.base.arrays import Range, Values, as_value, numbers, read_rows, write_rows
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import (
@@ -116,17 +116,20 @@ class PreslidingHysteresis(Friction):
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
-        elements = self.elements(state)
-        joint = (self.joint * elements[..., 0, :]).sum(axis=-2)
-        motor = (self.motor * elements[..., 1, :]).sum(axis=-2)
-        return joint + self.arm.joint_effort(motor)
+        levels = np.stack([self.joint, self.motor], axis=1)
+        elements = self.elements(state, used=levels != 0.0)
+        felt = (levels * elements).sum(axis=-3)
+        return felt[..., 0, :] + self.arm.joint_effort(felt[..., 1, :])
 
-    def elements(self, state: State, before: Array | None = None) -> Array:
+    def elements(
+        self, state: State, before: Array | None = None, used: Mask | None = None
+    ) -> Array:
         """Return (…, K, 2, n) states z of the elements, -1 to 1: at the joints, at the motors.
 
         Args:
             state: As :meth:`torque` takes it.
             before: (K, 2, n) states at the first of (N, n) samples, if known.
+            used: (K, 2, n) elements that are asked for, by default all; others' states are zero.
         """
         count, n = len(self.displacement), state.q.shape[-1]
         known = velocities(self.arm, state)
@@ -141,10 +144,12 @@ class PreslidingHysteresis(Friction):
         position = np.stack([state.q, self.arm.actuator_position(state.q)], axis=-2)
         if before is None:
             before = np.broadcast_to(np.sign(motion[0]), (count, 2, n))
-        states = np.empty((len(position), count, 2, n))
-        for k, kind, index in np.ndindex(count, 2, n):
-            states[:, k, kind, index] = dahl(
-                position[:, kind, index], float(self.displacement[k]), float(before[k, kind, index])
+        states = np.zeros((len(position), count, 2, n))
+        used = np.ones((count, 2, n), dtype=bool) if used is None else used
+        for kind, index in np.argwhere(used.any(axis=0)):
+            some = np.flatnonzero(used[:, kind, index])
+            states[:, some, kind, index] = dahl(
+                position[:, kind, index], self.displacement[some], before[some, kind, index]
             )
         return states
 
@@ -276,7 +281,7 @@ class PreslidingHypothesis(Hypothesis):
         position = motion.q @ row
         state = np.zeros(len(position))
         for part in motion.parts:
-            state[part] = dahl(position[part], self._length, 0.0)
+            state[part] = dahl(position[part], np.array([self._length]), np.zeros(1))[:, 0]
         if self.known is None:
             return spread(row, state)
         return spread(row, state, motion.sign(row))
@@ -322,29 +327,34 @@ def _known_coulomb(motion: Motion, where: Site) -> float:
     return term.at(where) if isinstance(term, CoulombFriction) else 0.0
 
 
-def dahl(position: Array, displacement: float, first: float) -> Array:
-    """Return (N,) states of an element in [-1, 1] along (N,) positions, from its first state on.
+def dahl(position: Array, displacements: Array, first: Array) -> Array:
+    """Return (N, K) states of elements in [-1, 1] along (N,) positions, from (K,) first ones on.
 
     Between reversals z = s + (z0 - s) exp(-way / displacement), which is exact: what happens on
     the way is known as soon as the states at the reversals are, and these follow one another.
     """
     step = np.diff(position)
+    states = np.empty((len(position), len(displacements)))
+    states[:1] = first
     if not len(step):
-        return np.full(len(position), first)
+        return states
     sign = np.sign(step)
     starts = np.flatnonzero(np.diff(sign, prepend=np.nan))  # of runs that go one way
     way = np.concatenate([[0.0], np.cumsum(np.abs(step))])
     ends = np.append(starts[1:], len(step))
-    retained = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
-    at_start, state = [], first
-    for goal, kept in zip(sign[starts].tolist(), retained, strict=True):
-        at_start.append(state)
-        # Where nothing moves, nothing is lost: of a zero step all is kept.
-        state = goal + (state - goal) * kept
+    goals = sign[starts].tolist()
     run = np.repeat(np.arange(len(starts)), ends - starts)
-    along = np.exp(-(way[1:] - way[starts][run]) / displacement)
-    states = sign + (np.array(at_start)[run] - sign) * along
-    return np.concatenate([[first], states])
+    since = way[1:] - way[starts][run]
+    for k, displacement in enumerate(displacements):
+        retained = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
+        at_start, state = [], float(first[k])
+        for goal, kept in zip(goals, retained, strict=True):
+            at_start.append(state)
+            # Where nothing moves, nothing is lost: of a zero step all is kept.
+            state = goal + (state - goal) * kept
+        along = np.exp(-since / displacement)
+        states[1:, k] = sign + (np.array(at_start)[run] - sign) * along
+    return states
 
 
 class Elements:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
@@ -188,6 +187,8 @@ def delayed(motion: Motion, torque: Array, late: float) -> Array:
 
     By cubic splines: straight lines between samples are means, and take noise away.
     """
+    from scipy.interpolate import CubicSpline
+
     result = np.empty_like(torque)
     for part in motion.parts:
         time = motion.time[part]
@@ -198,6 +199,8 @@ def delayed(motion: Motion, torque: Array, late: float) -> Array:
 
 def _smoothed(motion: Motion, torque: Array) -> Array:
     """Return (N, n) the mean of a torque over a while about each sample, or what there is of it."""
+    from scipy.interpolate import CubicSpline
+
     result = np.empty_like(torque)
     for part in motion.parts:
         sums = CubicSpline(motion.time[part], torque[part], axis=0).antiderivative()
@@ -212,6 +215,8 @@ def _slope_by_delay(motion: Motion, torque: Array, late: float) -> Array:
     Over a while, in which noise is nearly gone: in a column it makes a delay look smaller, and
     surer, than it is. Zero where all of that is outside what was recorded.
     """
+    from scipy.interpolate import CubicSpline
+
     result = np.empty_like(torque)
     for part in motion.parts:
         time = motion.time[part]

@@ -4,6 +4,6 @@ Knows nothing of effects, arms or ROS; identification (of trajectories and of po
 stand on it. Arrays are (n, m): samples first, channels (joints or motors) second.
 """
 
-import lazy_loader
+from dvrk_gravity.faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__spec__)

@@ -1,5 +1,5 @@
 """From recordings to a torque model, its uncertainty and its verdict."""
 
-import lazy_loader
+from dvrk_gravity.faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__spec__)

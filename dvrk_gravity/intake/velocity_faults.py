@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
-from scipy.stats import norm
 
 from dvrk_gravity.effects import UNITS, Estimate
 from dvrk_gravity.estimation import NORMAL_95
@@ -124,7 +124,7 @@ def _fault(
         tuple(fits),
         Estimate(value, low, high, ""),
         (removed(value), ends[0], ends[-1]),
-        float(2.0 * norm.sf(abs(value - 1.0) / deviation)),
+        2.0 * NormalDist().cdf(-abs(value - 1.0) / deviation),
         unit,
         exact or value,
         whole,

@@ -96,7 +96,8 @@ class ModelUncertainty:
         for term in terms:
             if term.NAME in self.deviations and isinstance(term, LinearTerm):
                 memory = term.memory(state)
-                total += term.columns(state, memory) @ self.deviations[term.NAME]
+                # One product of all samples: of stacks, `@` is a product for each sample.
+                total += np.tensordot(term.columns(state, memory), self.deviations[term.NAME], 1)
             vector = term.gravity_vector
             if vector is not None and self.gravity.any():
                 here = term.torque(State(state.q))

@@ -9,6 +9,6 @@ Pinocchio computes the dynamics.
     loads.tau, loads.reactions
 """
 
-import lazy_loader
+from dvrk_gravity.faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__spec__)

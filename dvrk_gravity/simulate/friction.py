@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv
 
 from dvrk_gravity.arrays import Array
 
@@ -172,6 +171,8 @@ def _move(mass: Array, momentum: Array, states: _States) -> Array:
     count = states.dof
     if count == 0:
         return np.zeros(len(momentum))
+    from scipy.linalg.lapack import dposv  # slow to load
+
     if count == len(momentum):
         return dposv(mass.T, momentum)[1]
     reduced = states.free_transposed.dot(mass).dot(states.free)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError, ShapeError
@@ -41,6 +40,8 @@ class SetPointFilter:
             start: (n,) position, rad.
             dt: Time between two calls of :meth:`step`, s.
         """
+        from scipy.linalg import expm  # slow to load
+
         rates = (np.eye(LAGS, k=-1) - np.eye(LAGS)) / TIME_CONSTANT
         self._carry = expm(rates * dt)
         self._take = (1.0 - self._carry.sum(axis=1))[:, None]

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from statistics import NormalDist
 
 import numpy as np
-from scipy.stats import norm
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
@@ -245,7 +245,7 @@ def _wrong_coordinates(arm: Arm, right: Coordinates, errors: CoordinateErrors) -
     high, removed, low = (
         1.0 - np.exp(mean + sign * NORMAL_95 * error) for sign in (-1.0, 0.0, 1.0)
     )
-    p_value = float(norm.cdf(mean / max(error, 1e-9)))
+    p_value = NormalDist().cdf(mean / max(error, 1e-9))
     sentence = (
         f"The recording is read wrongly: {reading.words}; read correctly, {100 * removed:.0f} % "
         "of the error that a plain model leaves on held-out blocks is gone"

@@ -276,7 +276,7 @@ def model_columns(motion: MeasuredMotion) -> Array:
     )
     torque = uncertainty.torque(model.terms, state)
     if uncertainty.offset.any():
-        torque -= motion.slope @ uncertainty.offset
+        torque -= np.tensordot(motion.slope, uncertainty.offset, 1)
     return np.concatenate([torque, _extrapolated(motion, uncertainty), friction_by_load(motion)], 2)
 
 

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
@@ -61,6 +60,8 @@ def refined(
     validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate]
 ) -> Candidate:
     """Return a candidate with its non-linear settings at their best beside the others."""
+    from scipy.optimize import minimize_scalar  # slow to load
+
     hypothesis = candidate.hypothesis
     if hypothesis.EFFORT_READING:
         return _likeliest_form(validation, candidate, others)

@@ -66,8 +66,7 @@ def block_fit(
         coherent: Error that may look like a cause.
         counts: (n,) samples that count.
     """
-    from scipy.stats import norm
-    from scipy.stats import t as student
+    from scipy.special import ndtr, stdtrit
 
     order = np.argsort(block, kind="stable")
     edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
@@ -82,7 +81,7 @@ def block_fit(
     coupling = inverse[:, :first]
     held = own_parameters.prior * coupling @ regression.ridge[:first, :first] @ coupling.T
     held += _of_known_error(design, inverse, first, coherent, counts)
-    wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
+    wider = stdtrit(max(len(pieces) - 1, 1), ndtr(NORMAL_95)) / NORMAL_95
     return theta[first:], wider**2 * (covariance[first:, first:] + held)
 
 

@@ -230,7 +230,7 @@ def difference(
         i: Which of them.
         sources: Names of the recordings.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     cause, data = named[i], validation.data
     seen = data.fold >= 0
@@ -248,7 +248,7 @@ def difference(
     contrast = np.kron(np.eye(count)[1:] - np.eye(count)[0], np.eye(size))
     change = contrast @ theta
     apart = squared_distance(change, contrast @ covariance @ contrast.T)
-    if chi2.sf(apart, len(change)) > _ALPHA:
+    if chdtrc(len(change), apart) > _ALPHA:
         return None
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
     known_error = SelectionSettings().least(validation)
@@ -267,7 +267,7 @@ def difference(
         ((theta[mine > 0.0], covariance[np.ix_(mine > 0.0, mine > 0.0)]) for mine in of_recording),
         strict=True,
     ):
-        absent = chi2.sf(squared_distance(values, spread), size) > _ALPHA
+        absent = chdtrc(size, squared_distance(values, spread)) > _ALPHA
         found = estimates(cause.hypothesis, values, spread, {})
         claims[number] = "" if absent else cause.hypothesis.claim(found)
     sentence = sentences.difference(cause.hypothesis.subject, claims, sources)
