@@ -92,6 +92,7 @@ from .link_weight import LinkWeight as LinkWeight
 from .payload import Payload as Payload
 from .payload import PayloadHypothesis as PayloadHypothesis
 from .payload import heaviest as heaviest
+from .payload import place_of as place_of
 from .presliding_hysteresis import PreslidingHypothesis as PreslidingHypothesis
 from .presliding_hysteresis import PreslidingHysteresis as PreslidingHysteresis
 from .rotor_inertia import RotorInertia as RotorInertia

@@ -173,6 +173,7 @@ def _confirmed(search: _Search) -> Posterior:
     validation, selected, unexplained, failed = at_the_fit(
         search.selection, search.selected, search.unexplained, search.floor
     )
+    selected += _stated(search, [effect.trial.candidate for effect in selected])
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     minor = minor_effects(validation, search.sparse, selected, unexplained, search.at_calibration)
@@ -181,6 +182,20 @@ def _confirmed(search: _Search) -> Posterior:
         (*search.unconfirmed, *failed), tuple(minor), tuple(day_to_day), tuple(search.pool),
         search.at_calibration,
     )  # fmt: skip
+
+
+def _stated(search: _Search, chosen: Sequence[Candidate]) -> list[SelectedEffect]:
+    """Return what is known to be there, and was not selected."""
+    selection = search.selection
+    found = {candidate.hypothesis.key for candidate in chosen}
+    return [
+        SelectedEffect(
+            selection.evaluate(chosen, candidate, selection.validation.score(chosen)), (), (),
+            ("its torque is not significant", "record a motion in which it weighs more"),
+        )
+        for candidate in search.pool
+        if candidate.hypothesis.STATED and candidate.hypothesis.key not in found
+    ]  # fmt: skip
 
 
 def _from_friction(selection: Selection, chosen: list[Candidate]) -> list[Candidate]:

@@ -1,10 +1,10 @@
 """Mass and place of a load: their posterior over all bodies and places that the data allow.
 
 Torque shows a load's weight moment well, its mass only by inertia, and hardly on which body it
-is. A point mass m at p of a body adds ``X (1, p, p p') m`` with columns X of that body: quadratic in
-the place, linear in the mass. Of Gaussian errors the likelihood is a quadratic form in these ten
-numbers, and the mass is integrated in closed form. Places are drawn by tempering from their prior to
-the posterior (sequential Monte Carlo; Del Moral, Doucet and Jasra 2006), which also gives each
+is. A point mass m at p of a body adds ``X (1, p, p p') m`` with columns X of that body: quadratic
+in the place, linear in the mass. Of Gaussian errors the likelihood is a quadratic form in these ten
+numbers, and the mass is integrated in closed form. Places are drawn by tempering from their prior
+to the posterior (sequential Monte Carlo; Del Moral, Doucet and Jasra 2006), which also gives each
 body's marginal likelihood. A body on which few places explain the data thereby weighs less.
 """
 
@@ -89,14 +89,20 @@ class LoadPosterior:
         target = target - base @ solve(gram, base.T @ target, _TRACE)
         random = np.random.default_rng(0)
         places, masses, evidence = [], [], []
-        for body, (_, extent) in enumerate(link_sizes(arm)):
+        stated, sizes = data.motion.payload_at, list(enumerate(link_sizes(arm)))
+        if stated is not None:
+            sizes = [(body, size) for body, size in sizes if body == stated[0]]
+        for body, (_, extent) in sizes:
             columns = data.motion.link_torque(body, point_mass_directions(arm, body))
             here = replace(load.hypothesis, site=Site.link(body), joints=())
             own = validation.design([Candidate.of(here, data.reduce(columns))]) * weight[:, None]
             products = own.T @ base
             precision = own.T @ own - products @ solve(gram, products.T, _TRACE)
             form = _Form(precision, sign * own.T @ target, heaviest(arm))
-            place, likelihood = _tempered(form, extent, random)
+            if stated is None:
+                place, likelihood = _tempered(form, extent, random)
+            else:
+                place, likelihood = np.tile(stated[1], (_DRAWS, 1)), 0.0
             places.append(place)
             masses.append(sign * form.draw(place, random))
             evidence.append(likelihood)
@@ -111,18 +117,16 @@ class LoadPosterior:
         Args:
             hypothesis: The payload.
         """
-        body, chance = hypothesis.site.index, np.repeat(self.share, self.mass.shape[1])
-        thetas = np.column_stack([np.ones(len(self.place[body])), self.place[body]])
-        thetas *= self.mass[body][:, None]
-        draws = [hypothesis.parameters(theta) for theta in thetas]
-        found = {name: np.array([draw[name] for draw in draws]) for name in draws[0]}
-        result = {
-            name: (values, np.ones(len(values)))
-            for name, values in found.items()
-        } | {"mass": (self.mass.ravel(), chance)}  # fmt: skip
+        bodies = len(self.share)
+        body = hypothesis.site.index if bodies > 1 else 0
+        mass, place, equal = self.mass[body], self.place[body], np.ones(len(self.mass[body]))
+        draws = {"mass": (self.mass.ravel(), np.repeat(self.share, self.mass.shape[1]))}
+        for axis, along in zip(hypothesis.setting, place.T, strict=True):
+            draws[f"first_moment_{axis}"] = mass * along, equal
+            draws[axis] = along, equal
         return {
             name: Estimate(*_quantiles(*weighted), hypothesis.unit(name))
-            for name, weighted in result.items()
+            for name, weighted in draws.items()
         }
 
 
