@@ -40,17 +40,19 @@ _TRACE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class LoadPosterior:
-    """Equally probable draws of a load on each body of an arm.
+    """Equally probable draws of a load on each body of an arm, or at the place that was stated.
 
     Attributes:
         mass: (bodies, S) kg; negative where a load was taken off.
         place: (bodies, S, 3) m, in the body's link frame.
         share: (bodies,) probability that this body carries it.
+        value: kg, the mass that is reported; ``None``: the median.
     """
 
     mass: Array
     place: Array
     share: Array
+    value: float | None = None
 
     @classmethod
     def of(
@@ -63,51 +65,44 @@ class LoadPosterior:
             chosen: All causes that were found.
             load: The payload among them.
         """
-        arm, data = load.hypothesis.arm, validation.data
-        rest = [other for other in chosen if other is not load]
-        fitted = split(chosen, validation.parameters(chosen))
-        theta = next(values for other, values in fitted if other is load)
-        sign = np.sign(theta[0]) or 1.0
-        before, after = (validation.out_of_fold(causes) for causes in (rest, chosen))
-        independent = validation.inflation(after, before - after) * validation.redundancy
-        weight = np.tile(1.0 / np.sqrt(independent), len(after))
-        changed = data.reduce(
-            load_columns(data.motion, load.hypothesis.regressor(data.motion) @ theta)
-        )
-        friction = Candidate.of(load.hypothesis, changed)
-        base = validation.regression(rest).design
-        known = np.concatenate(
-            [
-                np.ones(validation.model_size),
-                *(other.ridge for other in rest),
-                np.ones(friction.size),
-            ]
-        )
-        base = np.hstack([base, validation.design([friction])]) * weight[:, None]
-        target = (validation.of_choice(data.residual) * validation.weight).ravel() * weight
-        gram = base.T @ base + np.diag(known)
-        target = target - base @ solve(gram, base.T @ target, _TRACE)
         random = np.random.default_rng(0)
-        places, masses, evidence = [], [], []
-        stated, sizes = data.motion.payload_at, list(enumerate(link_sizes(arm)))
+        problem = _Problem.of(validation, chosen, load, changed=True)
+        stated = validation.data.motion.payload_at
         if stated is not None:
-            sizes = [(body, size) for body, size in sizes if body == stated[0]]
-        for body, (_, extent) in sizes:
-            columns = data.motion.link_torque(body, point_mass_directions(arm, body))
-            here = replace(load.hypothesis, site=Site.link(body), joints=())
-            own = validation.design([Candidate.of(here, data.reduce(columns))]) * weight[:, None]
-            products = own.T @ base
-            precision = own.T @ own - products @ solve(gram, products.T, _TRACE)
-            form = _Form(precision, sign * own.T @ target, heaviest(arm))
-            if stated is None:
-                place, likelihood = _tempered(form, extent, random)
-            else:
-                place, likelihood = np.tile(stated[1], (_DRAWS, 1)), 0.0
+            return cls._at(validation, chosen, load, problem, *stated, random)
+        places, masses, evidence = [], [], []
+        for body, (_, extent) in enumerate(link_sizes(load.hypothesis.arm)):
+            form = problem.form(body)
+            place, likelihood = _tempered(form, extent, random)
             places.append(place)
-            masses.append(sign * form.draw(place, random))
+            masses.append(problem.sign * form.draw(place, random))
             evidence.append(likelihood)
         share = np.exp(np.array(evidence) - max(evidence))
         return cls(np.array(masses), np.array(places), share / share.sum())
+
+    @classmethod
+    def _at(
+        cls, validation: CrossValidation, chosen: Sequence[Candidate], load: Candidate,
+        problem: _Problem, body: int, place: Array, random: np.random.Generator,
+    ) -> LoadPosterior:  # fmt: skip
+        """Return the posterior of the mass at a place that is known.
+
+        A constant or a spring at a joint looks like the load there. That the load is there is
+        known: the mass that is reported leaves them nothing that the load explains, and the
+        interval holds both.
+        """
+        kept = [
+            each
+            for each in chosen
+            if each is load or each.hypothesis.variable != "position" or not each.hypothesis.joints
+        ]
+        places = np.tile(place, (_DRAWS, 1))
+        alone, beside = (
+            each.sign * each.form(body).draw(places, random)
+            for each in (_Problem.of(validation, kept, load, changed=False), problem)
+        )
+        mass, value = np.concatenate([alone, beside]), float(np.median(alone))
+        return cls(mass[None], np.tile(place, (1, 2 * _DRAWS, 1)), np.ones(1), value)
 
     def estimates(self, hypothesis: Hypothesis) -> dict[str, Estimate]:
         """Return the parameters of a payload with 95 % intervals: of mass on whatever body.
@@ -124,10 +119,19 @@ class LoadPosterior:
         for axis, along in zip(hypothesis.setting, place.T, strict=True):
             draws[f"first_moment_{axis}"] = mass * along, equal
             draws[axis] = along, equal
-        return {
+        result = {
             name: Estimate(*_quantiles(*weighted), hypothesis.unit(name))
             for name, weighted in draws.items()
         }
+        if self.value is None:
+            return result
+        part = self.value / (result["mass"].value or 1.0)
+        scaled = {
+            name: replace(each, value=part * each.value)
+            for name, each in result.items()
+            if name not in hypothesis.setting
+        }
+        return result | scaled
 
 
 def _quantiles(values: Array, weight: Array) -> tuple[float, float, float]:
@@ -137,6 +141,66 @@ def _quantiles(values: Array, weight: Array) -> tuple[float, float, float]:
     rows = np.minimum(np.searchsorted(reached, [0.5, 0.025, 0.975]), len(values) - 1)
     middle, low, high = values[order][rows].tolist()
     return middle, low, high
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Samples in which a load is looked for, beside all else that may be off.
+
+    Attributes:
+        validation: The samples.
+        load: The payload.
+        sign: Whether it was put on or taken off.
+        weight: (R n,) of the samples, so that a unit error is one standard deviation.
+        base: (R n, d) weighted columns of what may be off.
+        gram: (d, d) their products, and what is known of them.
+        target: (R n,) weighted residual.
+    """
+
+    validation: CrossValidation
+    load: Candidate
+    sign: float
+    weight: Array
+    base: Array
+    gram: Array
+    target: Array
+
+    @classmethod
+    def of(
+        cls, validation: CrossValidation, chosen: Sequence[Candidate], load: Candidate,
+        changed: bool,
+    ) -> _Problem:  # fmt: skip
+        """Return it; ``changed``: springs, constants and load friction may have changed."""
+        data = validation.data
+        rest = [other for other in chosen if other is not load]
+        fitted = split(chosen, validation.parameters(chosen))
+        theta = next(values for other, values in fitted if other is load)
+        before, after = (validation.out_of_fold(causes) for causes in (rest, chosen))
+        independent = validation.inflation(after, before - after) * validation.redundancy
+        weight = np.tile(1.0 / np.sqrt(independent), len(after))
+        base, size = validation.regression(rest).design, 0
+        if changed:
+            torque = load.hypothesis.regressor(data.motion) @ theta
+            columns = Candidate.of(load.hypothesis, data.reduce(load_columns(data.motion, torque)))
+            base, size = np.hstack([base, validation.design([columns])]), columns.size
+        ridges = [np.ones(validation.model_size), *(other.ridge for other in rest), np.ones(size)]
+        base = base * weight[:, None]
+        target = (validation.of_choice(data.residual) * validation.weight).ravel() * weight
+        gram = base.T @ base + np.diag(np.concatenate(ridges))
+        target = target - base @ solve(gram, base.T @ target, _TRACE)
+        sign = -1.0 if theta[0] < 0.0 and load.hypothesis.against_reference else 1.0
+        return cls(validation, load, sign, weight, base, gram, target)
+
+    def form(self, body: int) -> _Form:
+        """Return the likelihood of a mass at a place of a body."""
+        hypothesis, data = self.load.hypothesis, self.validation.data
+        columns = data.motion.link_torque(body, point_mass_directions(hypothesis.arm, body))
+        here = replace(hypothesis, site=Site.link(body), joints=())
+        own = self.validation.design([Candidate.of(here, data.reduce(columns))])
+        own *= self.weight[:, None]
+        products = own.T @ self.base
+        precision = own.T @ own - products @ solve(self.gram, products.T, _TRACE)
+        return _Form(precision, self.sign * own.T @ self.target, heaviest(hypothesis.arm))
 
 
 @dataclass(frozen=True, eq=False)
