@@ -27,6 +27,7 @@ from .base.links import base_directions as base_directions
 from .base.links import beta_map as beta_map
 from .base.links import identifiable_links as identifiable_links
 from .base.links import link_sizes as link_sizes
+from .base.links import mass_directions as mass_directions
 from .base.links import place_terms as place_terms
 from .base.links import point_mass_directions as point_mass_directions
 from .base.links import prior_scale as prior_scale
