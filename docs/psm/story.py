@@ -144,7 +144,7 @@ def _steps() -> Iterator[str]:
 
 def _at_the_place(model: TorqueModel) -> Iterator[str]:
     """Yield what the weight weighs at its place, by the model and by difference."""
-    yield "\n## 6. Weighed where it is\n"
+    yield "\n## 6. The mass at its known place\n"
     yield f"    python -m dvrk_gravity diagnose {LOADED} {AS_READ} \\"
     yield f"      --model psm.yaml --payload-at {PLACE} --out out\n"
     yield "| compared with | mass, g | 95 % | by scales |"

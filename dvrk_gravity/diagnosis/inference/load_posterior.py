@@ -104,13 +104,15 @@ class LoadPosterior:
         mass, value = np.concatenate([alone, beside]), float(np.median(alone))
         return cls(mass[None], np.tile(place, (1, 2 * _DRAWS, 1)), np.ones(1), value)
 
-    def estimates(self, hypothesis: Hypothesis) -> dict[str, Estimate]:
+    def estimates(self, hypothesis: Hypothesis, theta: Array) -> dict[str, Estimate]:
         """Return the parameters of a payload with 95 % intervals: of mass on whatever body.
 
-        Its place is that on the body that the hypothesis names.
+        Its place is that on the body that the hypothesis names. The values are those of the best
+        fit, if its mass is in the interval, else medians.
 
         Args:
             hypothesis: The payload.
+            theta: Its parameters by the best fit.
         """
         bodies = len(self.share)
         body = hypothesis.site.index if bodies > 1 else 0
@@ -123,8 +125,19 @@ class LoadPosterior:
             name: Estimate(*_quantiles(*weighted), hypothesis.unit(name))
             for name, weighted in draws.items()
         }
+        fitted = hypothesis.parameters(theta)
         if self.value is None:
-            return result
+            if not result["mass"].low <= fitted["mass"] <= result["mass"].high:
+                return result
+            return {
+                name: replace(
+                    each,
+                    value=fitted[name],
+                    low=min(each.low, fitted[name]),
+                    high=max(each.high, fitted[name]),
+                )
+                for name, each in result.items()
+            }
         part = self.value / (result["mass"].value or 1.0)
         scaled = {
             name: replace(each, value=part * each.value)

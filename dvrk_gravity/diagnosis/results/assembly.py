@@ -87,7 +87,9 @@ def report(
             spread += hypothesis.absorbed_variance(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         if isinstance(hypothesis, PayloadHypothesis):
-            parameters = LoadPosterior.of(validation, named, named[i]).estimates(hypothesis)
+            parameters = LoadPosterior.of(validation, named, named[i]).estimates(
+                hypothesis, theta[rows]
+            )
         finding = effect_finding(
             held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
         )
