@@ -101,6 +101,18 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
         Settings.from_parameters(found.model.parameters())
 
 
+def test_a_load_is_weighed_at_its_place(bare, loaded, world):
+    place = f"{world.arm.body_names[-1]}:{','.join(map(str, COM))}"
+    found = diagnose(loaded, arm=UR5, reference=bare, payload_at=place)
+    load = next(finding for finding in found.findings if finding.effect == "payload")
+    mass = load.parameters["mass"]
+    assert mass.value == pytest.approx(MASS, rel=0.02)
+    assert mass.low < MASS < mass.high
+    assert mass.high - mass.low < 0.2 * MASS
+    assert load.parameters["z"].low == load.parameters["z"].high == COM[2]
+    assert found.model.term("payload").mass == pytest.approx(MASS, rel=0.03)
+
+
 def test_what_is_wrong_with_both_recordings_is_said_once(bare, loaded):
     def frozen(recording: Recording, first: int) -> Recording:
         position = recording.position.copy()

@@ -33,6 +33,7 @@ FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "psm.md"
 DATA = Path(os.environ.get("DVRK_GRAVITY_DATA", FOLDER.parents[2] / "shared" / "data")) / "psm"
 FITTED, BARE, LOADED = "psm_one.csv", "psm_one_bare.csv", "psm_one_105g_insertion.csv"
+PLACE = "link2:0.024,0.535,0"
 AS_READ = "--coordinates actuator"
 # |e|/|tau| by motor of a PSM on another trajectory than the fit's, physically consistent model, by
 # the authors of WPI-AIM/dvrk_dynamics_identification.
@@ -65,7 +66,7 @@ the program.
 - *Not identifiable.* `back`, `middle` and link 2 rotate equally about parallel axes. Torque
   determines neither their single masses nor which of them carries a load. A load is reported on
   link 2, in its frame, whose origin is the remote centre and whose y axis points up along the
-  insertion.
+  insertion. The interval of its mass holds all bodies and places that explain the data.
 """
 
 
@@ -138,6 +139,26 @@ def _steps() -> Iterator[str]:
         f"      --reference {BARE} --out out\n"
     )
     yield from _against_references()
+    yield from _at_the_place(model)
+
+
+def _at_the_place(model: TorqueModel) -> Iterator[str]:
+    """Yield what the weight weighs at its place, by the model and by difference."""
+    yield "\n## 6. The mass at its known place\n"
+    yield f"    python -m dvrk_gravity diagnose {LOADED} {AS_READ} \\"
+    yield f"      --model psm.yaml --payload-at {PLACE} --out out\n"
+    yield "| compared with | mass, g | 95 % | by scales |"
+    yield "|---|---|---|---|"
+    arm, place = Arm.load("psm"), {"coordinates": "actuator", "payload_at": PLACE}
+    for name, found in (
+        ("the model", diagnose(DATA / LOADED, model, **place)),
+        (f"`{BARE}`", diagnose(DATA / LOADED, arm=arm, reference=DATA / BARE, **place)),
+    ):
+        print(found.sentence, flush=True)
+        payload = next(finding for finding in found.findings if finding.effect == Payload.NAME)
+        mass = payload.parameters["mass"]
+        interval = f"{1e3 * mass.low:.0f} to {1e3 * mass.high:.0f}"
+        yield f"| {name} | {1e3 * mass.value:.1f} | {interval} | {1e3 * MASS:.0f} |"
 
 
 def _against_references() -> Iterator[str]:

@@ -42,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", help=f"{options.arms()}, without --model")
     parser.add_argument("--known-payload", metavar="KG", type=float,
                         help="known mass of a payload, to check the effort scale")  # fmt: skip
+    parser.add_argument("--payload-at", metavar="LINK[:X,Y,Z]",
+                        help="a load is at this place, m in the link's frame (default: the link's "
+                        "end): weigh it there")  # fmt: skip
     options.add_drive_gains(parser)
     parser.add_argument(
         "--out", required=True, metavar="DIR",
@@ -93,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
             diagnosis = diagnose(
                 recordings, model, command_line.Stages(progress, STAGES), simulated=True,
                 still=still, coordinates=args.coordinates, reference=reference, arm=arm,
-                known_payload=args.known_payload,
+                known_payload=args.known_payload, payload_at=args.payload_at,
             )  # fmt: skip
     except ConfigError as error:
         of_model = args.model is not None and not error.field.startswith("--")

@@ -19,7 +19,7 @@ from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_mo
 from dvrk_gravity.diagnosis.inference.infer import infer, silent
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
-from dvrk_gravity.effects import ReadingErrors
+from dvrk_gravity.effects import ReadingErrors, place_of
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.intake import (
     check_mass,
@@ -69,6 +69,7 @@ def diagnose(
     reference: Given | None = None,
     arm: Arm | str | Path | None = None,
     known_payload: float | None = None,
+    payload_at: str | None = None,
 ) -> Diagnosis:
     """Find what a model gets wrong about recordings, confirmed on held-out data.
 
@@ -85,6 +86,8 @@ def diagnose(
         reference: A baseline recording of the same motion: findings are what changed since.
         arm: The arm, where there is no model.
         known_payload: Mass that a link carries, kg: the payload found is compared with it.
+        payload_at: ``LINK[:X,Y,Z]``, m: a load is there (:func:`effects.place_of`); its mass is
+            reported whatever it is.
 
     Returns:
         Findings, gains on held-out blocks, and the extended model.
@@ -98,7 +101,7 @@ def diagnose(
         check_mass(known_payload)
     say = progress or silent
     say("reading")
-    problem = build(recordings, model, still, coordinates, reference, arm)
+    problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
     posterior = infer(problem.loaded, say)
     say("measuring gains on held-out blocks")
     diagnosis = report(posterior, problem.faults, known_payload, problem.errors)
@@ -120,10 +123,12 @@ def build(
     coordinates: Coordinates | None = None,
     reference: Given | None = None,
     arm: Arm | str | Path | None = None,
+    payload_at: str | None = None,
 ) -> DiagnosisProblem:
     """Return recordings without their own faults, beside a model or a reference; see `diagnose`."""
     model = None if model is None else TorqueModel.of(model)
     arm = arm_for(model, None if arm is None else Arm.of(arm), reference is not None)
+    place = None if payload_at is None else place_of(arm, payload_at)
     coordinates = known_coordinates(coordinates)
     whole = opened(recordings, coordinates or "joint", arm)
     still = known_still(still, arm)
@@ -159,6 +164,8 @@ def build(
     else:
         require_predictable(loaded.motion, prepared)
         require_gravity(loaded.motion, prepared[0].head.source)
+    if place is not None:
+        loaded = replace(loaded, motion=replace(loaded.motion, payload_at=place))
     return DiagnosisProblem(loaded, read.faults, errors.after(read.errors))
 
 

@@ -28,6 +28,9 @@ from .base.links import base_directions as base_directions
 from .base.links import beta_map as beta_map
 from .base.links import identifiable_links as identifiable_links
 from .base.links import link_sizes as link_sizes
+from .base.links import mass_directions as mass_directions
+from .base.links import place_terms as place_terms
+from .base.links import point_mass_directions as point_mass_directions
 from .base.links import prior_scale as prior_scale
 from .base.links import rotors_beside_links as rotors_beside_links
 from .base.links import samples as samples
@@ -94,6 +97,8 @@ from .link_inertia import LinkInertia as LinkInertia
 from .link_weight import LinkWeight as LinkWeight
 from .payload import Payload as Payload
 from .payload import PayloadHypothesis as PayloadHypothesis
+from .payload import heaviest as heaviest
+from .payload import place_of as place_of
 from .presliding_hysteresis import PreslidingHypothesis as PreslidingHypothesis
 from .presliding_hysteresis import PreslidingHysteresis as PreslidingHysteresis
 from .rotor_inertia import RotorInertia as RotorInertia

@@ -51,7 +51,7 @@ class LinkCom(Effect):
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """For each link along each axis and all; entries of beta; all weights."""
-        if not motion.present.all():
+        if not motion.present.all() or motion.payload_at is not None:
             return
         arm = motion.arm
         for joint in joints_with_weight(arm):
@@ -88,6 +88,7 @@ class MomentHypothesis(Hypothesis):
     """
 
     EFFECT = LinkCom
+    EXPLAINED_BY = "payload"
 
     axes: tuple[int, ...]
 

@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.links import (
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.site import Site, last_link
+from dvrk_gravity.effects.base.site import Site, last_link, links_of_joints
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.link_com import with_link
 from dvrk_gravity.errors import ConfigError
@@ -34,6 +34,7 @@ _WEIGHTLESS = np.zeros(3)
 _LEAST = 1e-4  # kg, of which the place can be found
 _HEAVY, _AWAY = 5.0, 1.0  # kg and m. Chosen
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
+_REACH = 3.0  # m, of a place that is stated: a longer one is in other units. Chosen
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is reported, ...
 _PART_OF_WAY = 0.5  # ... or this part of its distance
 _UNSEEN = 1e-6  # m, of an interval about 0 along a joint's axis, where a mass makes no torque
@@ -156,6 +157,13 @@ class Payload(Term):
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         if not motion.present.all():
             return
+        if motion.payload_at is not None:
+            link, place = motion.payload_at
+            yield PlacedPayloadHypothesis(
+                arm=motion.arm, site=Site.link(link), form=motion.arm.body_names[link],
+                setting=dict(zip(AXES, place.tolist(), strict=True)),
+            )  # fmt: skip
+            return
         for link in identifiable_links(motion.arm):
             yield PayloadHypothesis(
                 arm=motion.arm, site=Site.link(link),
@@ -226,6 +234,74 @@ class PayloadHypothesis(Hypothesis):
             return {**values, **{f"{name}.{key}": value for key, value in named.items()}}
         change = self._directions(self.setting) @ theta
         return with_link(self.arm, values, self.site.index, change)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlacedPayloadHypothesis(PayloadHypothesis):
+    """A link carries a point mass at a place that is known: its mass is the one parameter."""
+
+    STATED = True
+
+    fixed_point: tuple[str, ...] = ()
+    refine_first: bool = False
+
+    def _directions(self, setting: Setting) -> Array:
+        place = np.array([1.0, *(setting[axis] for axis in AXES)])
+        return (super()._directions(setting) @ place)[:, None]
+
+    def parameters(self, theta: Array) -> dict[str, float]:
+        mass = float(theta[0])
+        moments = {f"first_moment_{axis}": mass * self.setting[axis] for axis in AXES}
+        return {"mass": mass, **moments, **{axis: self.setting[axis] for axis in AXES}}
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        place = ", ".join(f"{axis} {1e3 * self.setting[axis]:.4g}" for axis in AXES)
+        return f"{super().claim(parameters)}, at {place} mm in the link's frame as stated"
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        place = [self.setting[axis] for axis in AXES]
+        free = PayloadHypothesis(arm=self.arm, site=self.site, form=self.form, setting=self.setting)
+        return free.merge(values, theta[0] * np.array([1.0, *place]), motion)
+
+
+def place_of(arm: Arm, text: str) -> tuple[int, Array]:
+    """Return the body and (3,) place, m, of ``LINK[:X,Y,Z]`` in that link's frame.
+
+    ``LINK`` is a link's name or a joint's, for the link that it moves. Without coordinates it is
+    the link's end: where the next link is attached at zero, or the origin of the last link's frame.
+
+    Raises:
+        ConfigError: No link or joint of that name, or other than three finite numbers.
+    """
+    name, colon, rest = text.partition(":")
+    joints = dict(zip(arm.joint_names, links_of_joints(arm), strict=True))
+    bodies = {body: index for index, body in enumerate(arm.body_names)} | joints
+    if name not in bodies:
+        known = ", ".join((*arm.body_names, *arm.joint_names))
+        raise ConfigError(
+            "--payload-at", text, f"LINK or LINK:X,Y,Z with a link or joint of {known}"
+        )
+    body = bodies[name]
+    if not colon:
+        return body, _end_of(arm, body)
+    try:
+        place = np.array([float(part) for part in rest.split(",")])
+    except ValueError:
+        place = np.zeros(0)
+    if place.shape != (3,) or not (np.abs(place) <= _REACH).all():
+        expected = f"{name}:X,Y,Z in m within {_REACH:g} m of the link's frame"
+        raise ConfigError("--payload-at", text, expected)
+    return body, place
+
+
+def _end_of(arm: Arm, body: int) -> Array:
+    """Return (3,) where the next link of the chain is attached, in a body's link frame, m."""
+    links = links_of_joints(arm)
+    following = [other for other in links if arm.bodies[other].parent == body]
+    if not following:
+        return np.zeros(3)
+    frame = arm.bodies[body].frame
+    return np.asarray(frame.actInv(arm.bodies[following[0]].placement.translation))
 
 
 def _centre(parameters: Mapping[str, Estimate]) -> str:

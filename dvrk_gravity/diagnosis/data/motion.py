@@ -66,6 +66,7 @@ class MeasuredMotion:
         changed_springs: Joints whose springs do.
         timed: Velocities were measured, which checks the clock.
         beside: (N, n) torque of known causes that the model lacks, N·m.
+        payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
     """
 
     model: TorqueModel
@@ -88,6 +89,7 @@ class MeasuredMotion:
     changed_springs: tuple[int, ...] = ()
     timed: bool = True
     beside: Array | None = None
+    payload_at: tuple[int, Array] | None = None
 
     @classmethod
     def joined(cls, motions: Sequence[MeasuredMotion]) -> MeasuredMotion:

@@ -184,13 +184,14 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
 
 
 def _confirmed(search: _Search) -> Posterior:
-    """Return what was found, linearised at the fit."""
+    """Return what was found, linearised at the fit, and what is known to be there."""
     named = [effect.trial.candidate for effect in search.selected]
     validation, there = relinearised(search.validation.weighted(named), named)
     selected = [
         replace(effect, trial=replace(effect.trial, move=candidate))
         for effect, candidate in zip(search.selected, there, strict=True)
     ]
+    selected += _stated(validation, search.pool, there)
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
@@ -204,6 +205,22 @@ def _confirmed(search: _Search) -> Posterior:
         joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), tuple(search.pool),
         search.at_calibration, floor,
     )  # fmt: skip
+
+
+def _stated(
+    validation: CrossValidation, pool: Sequence[Candidate], chosen: Sequence[Candidate]
+) -> list[SelectedEffect]:
+    """Return what is known to be there, and was not selected."""
+    found = {candidate.hypothesis.key for candidate in chosen}
+    selection = Selection(validation, pool, silent)
+    return [
+        SelectedEffect(
+            selection.evaluate(Beside(validation, tuple(chosen)), candidate), (), (),
+            ("its torque is not significant", "record a motion in which it weighs more"),
+        )
+        for candidate in pool
+        if candidate.hypothesis.STATED and candidate.hypothesis.key not in found
+    ]  # fmt: skip
 
 
 def _with_free_masses(

@@ -208,7 +208,7 @@ def prepared(motion: MeasuredMotion) -> tuple[CrossValidation, list[Candidate]]:
 def baseline_effects(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Candidate]:
     """Return the effects that any joint has and an arm's own file states poorly.
 
-    Only those of plausible size. None where an identified model is tested.
+    Only those of plausible size. Where an identified model is tested, only a load that is stated.
 
     Args:
         validation: The samples.
@@ -219,7 +219,7 @@ def baseline_effects(validation: CrossValidation, pool: Sequence[Candidate]) -> 
     found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
     for candidate in pool:
         hypothesis = candidate.hypothesis
-        if hypothesis.effect in names and candidate.size == 1:
+        if hypothesis.STATED or (hypothesis.effect in names and candidate.size == 1):
             found.setdefault((hypothesis.effect, hypothesis.joints), candidate)
     expected = list(found.values())
     while expected:

@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.infer import Posterior
+from dvrk_gravity.diagnosis.inference.load_posterior import LoadPosterior
 from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
 from dvrk_gravity.diagnosis.inference.readings import (
     error_as_read,
@@ -41,7 +42,7 @@ from dvrk_gravity.diagnosis.results.other_findings import (
     unexplained_error,
     unknown_finding,
 )
-from dvrk_gravity.effects import AbsorbedByModel, ReadingErrors, Unknown
+from dvrk_gravity.effects import AbsorbedByModel, PayloadHypothesis, ReadingErrors, Unknown
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import TorqueModel
@@ -90,6 +91,10 @@ def report(
         if isinstance(hypothesis, AbsorbedByModel):
             spread += hypothesis.absorbed_variance(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
+        if isinstance(hypothesis, PayloadHypothesis):
+            parameters = LoadPosterior.of(validation, named, named[i]).estimates(
+                hypothesis, theta[rows]
+            )
         finding = effect_finding(
             held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
         )

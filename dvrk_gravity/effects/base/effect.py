@@ -104,6 +104,9 @@ class Hypothesis(ABC):
             acts, other causes' included.
         COHERENT_ERRORS: What a model misses resembles it at all joints with the same sign, so that
             errors add over joints: presliding resembles a delay, whatever the joint.
+        EXPLAINED_BY: Effect that is named in its place where that explains as well: a centre of
+            mass is displaced by something that is there.
+        STATED: It is known to be there: fitted from the start, and reported whatever its size.
 
     Attributes:
         arm: The arm.
@@ -141,6 +144,8 @@ class Hypothesis(ABC):
     CLAIM: ClassVar[str] = ""
     EFFORT_READING: ClassVar[bool] = False
     COHERENT_ERRORS: ClassVar[bool] = False
+    EXPLAINED_BY: ClassVar[str] = ""
+    STATED: ClassVar[bool] = False
 
     arm: Arm
     site: Site

@@ -186,6 +186,28 @@ def mass_directions(arm: Arm, body: int, com: Array) -> Array:
     return np.column_stack([base, *slopes])
 
 
+def place_terms(place: Array) -> Array:
+    """Return (S, 10) products of (S, 3) places: 1, x, y, z, xx, yy, zz, xy, xz, yz."""
+    x, y, z = place.T
+    return np.stack([np.ones(len(place)), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], 1)
+
+
+def point_mass_directions(arm: Arm, body: int) -> Array:
+    """Return (10, 10) inertial parameters per kg of a point mass, by :func:`place_terms`.
+
+    Args:
+        arm: The arm.
+        body: Index of the link, in whose frame the place is.
+    """
+    # Of ten places that determine a quadratic.
+    axes = np.eye(3)
+    places = np.vstack([np.zeros(3), axes, -axes, axes[[0, 0, 1]] + axes[[1, 2, 2]]])
+    frame = arm.bodies[body].frame
+    points = [frame.act(pin.Inertia(1.0, place, np.zeros((3, 3)))) for place in places]
+    parameters = np.array([point.toDynamicParameters() for point in points])
+    return np.asarray(np.linalg.solve(place_terms(places), parameters).T)
+
+
 def inertia_directions(arm: Arm, body: int, isotropic: bool) -> Array:
     """Return (10, k) inertial parameters per kg·m^2 of rotational inertia of a link.
 

@@ -94,6 +94,7 @@ class Motion(Protocol):
         travel: (n,) middle of each joint's range in the motion, and half its width.
         moves: (n,) which joints move enough to identify anything.
         gravity: (3,) the model's gravity in the base frame, m/s^2.
+        payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
         inertial: Link parameters whose inertial torques the motion separates.
     """
 
@@ -141,6 +142,8 @@ class Motion(Protocol):
     def moves(self) -> NDArray[np.bool_]: ...
     @property
     def gravity(self) -> Array: ...
+    @property
+    def payload_at(self) -> tuple[int, Array] | None: ...
     @property
     def inertial(self) -> NDArray[np.int_]: ...
 
