@@ -161,7 +161,7 @@ def run(fit: Fit, diagnose: Diagnose | None = None) -> None:
         result["bodies"] = {name: least_eigenvalue(row) for name, row in fitted.bodies.items()}
         result["without_bodies"] = fitted.without_bodies
         result["diagnoses"] = []
-        for name in case.recordings:
+        for name in case.recordings if fitted.parameters else ():
             before = time.process_time()
             found = (diagnose or _by_refit(fit))(case, fitted, name)
             spent = time.process_time() - before

@@ -152,10 +152,7 @@ def page(rows: Sequence[Row], lines: Mapping[str, int], notes: Sequence[str], ho
             for method, outcome in row.outcomes.items()
         ]
         parts.append(table(["", *row.joints, "mean"], body))
-    for title, get in ((SECTIONS[3], None), (SECTIONS[4], None)):
-        del get
-        parts.append(f"## {title}")
-        parts.append(_known(rows) if title == SECTIONS[3] else _intervals(rows))
+    parts += [f"## {SECTIONS[3]}", _known(rows), f"## {SECTIONS[4]}", _intervals(rows)]
     parts += [f"## {SECTIONS[5]}", _costs(rows), f"## {SECTIONS[6]}"]
     parts.append(table(["", "lines"], [[m, str(lines[m])] for m in METHODS]))
     parts += [f"## {SECTIONS[7]}", _diagnoses(rows)]
@@ -177,7 +174,7 @@ _MEASURED = textwrap.dedent("""\
     Known torque is that of the simulation before the sensors; the holding torque is what keeps the
     arm at rest at the recorded positions. An interval counts where the truth of its parameter is
     known and where it is finite. A link is physically consistent if its pseudo-inertia is positive
-    definite (to 1e-9 of its greatest eigenvalue); of least squares those links with its base
+    definite (to 1e-7 of its greatest eigenvalue); of least squares those links with its base
     parameters that are next to the URDF's, of ours the links in the model's file. Processor time
     includes start-up and imports.
     How each peer is used, and its options: `benchmark/peers/least_squares.py`, `with_figaroh.py`,
@@ -239,7 +236,7 @@ def _diagnoses(rows: Sequence[Row]) -> str:
     text = _DIAGNOSED.format(count=hidden, arms=arms, clean=clean)
     cells = []
     for method in METHODS:
-        first, named, alarms, names = (*_named(with_others, method),)
+        first, named, alarms, names = _named(with_others, method)
         if all(not row.outcomes[method].diagnoses for row in with_others):
             why = next((row.outcomes[method].failure for row in with_others
                         if row.outcomes[method].failure), "no intervals")  # fmt: skip

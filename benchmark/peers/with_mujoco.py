@@ -2,10 +2,11 @@
 
 Options: every link by ``InertiaType.Pseudo`` (ten parameters, physically consistent) within its
 default bounds; damping, frictionloss and armature of every joint; a bias of every torque sensor
-(``SignalTransform.bias``). Efforts are compared by inverse dynamics in ``custom_rollout``, one of its
+(``SignalTransform.bias``, of what
+is predicted: its default adds it to both sides, where it cancels). Efforts are compared by inverse dynamics in ``custom_rollout``, one of its
 tiers of customization: a rollout under recorded efforts leaves the recorded motion within seconds.
 Motions as in least_squares.py, but 25 samples a second of what is below 8 Hz, since every iteration
-simulates every sample once a parameter. Its own Gauss-Newton stops after 40 iterations: its default
+simulates every sample once a parameter. Its own Gauss-Newton stops after 25 iterations: its default
 of 200 takes minutes.
 ``InertiaType.Pseudo`` leaves ``iquat`` NaN, which the compiler refuses here: the modifier sets it.
 Intervals: ``calculate_intervals``.
@@ -21,7 +22,7 @@ from mujoco import sysid
 
 from exchange import Case, Fitted, Parameter, read, run
 
-KEPT, ITERATIONS = 25.0, 40  # Hz
+KEPT, ITERATIONS = 25.0, 25  # Hz
 
 
 def inverse(model, q, qd, qdd):
@@ -73,7 +74,7 @@ def described(case: Case):
             parameters.add(sysid.Parameter(f"{name}_{joint}", start * limit, 0.0, most * limit,
                                            modifier=joint_modifier(joint, name)))
         parameters.add(sysid.Parameter(f"bias_{joint}", 0.0, -0.3 * limit, 0.3 * limit))
-        transform.bias(f"{joint}_torque", parameters[f"bias_{joint}"])
+        transform.bias(f"{joint}_torque", parameters[f"bias_{joint}"], target="predicted")
     return spec, parameters, transform
 
 
