@@ -80,7 +80,8 @@ def _case(folder: Path, arm: Arm, given: str, rate: float) -> Case:
     why = write(arm, folder / "arm.urdf")
     limit = np.where(np.isfinite(arm.effort_limit), arm.effort_limit, 100.0)
     names = list(arm.joint_names)
-    return Case(folder, names, given, f"{folder / 'arm.urdf'}", limit.tolist(), rate, chain_only=why)
+    path = f"{folder / 'arm.urdf'}"
+    return Case(folder, names, given, path, limit.tolist(), rate, chain_only=why)
 
 
 def _save(case: Case, train: Recording, test: Recording) -> Array:
@@ -239,7 +240,7 @@ def real(folder: Path) -> Iterator[Prepared | str]:
             for name in ("psm_one.csv", "psm_one_bare.csv")
         )
         case = _case(folder / "PSM_real", arm, "psm", 200.0)
-        what = "measured; fitted on one day, judged on another day's recording of the same motion"
+        what = "measured; fitted on one day, judged on the same motion recorded on a later day"
         yield Prepared("PSM_real", what, case, _save(case, train, test))
 
 

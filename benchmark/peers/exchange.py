@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+# Between them nothing is formatted: one call a line would count against a method.
 BEGIN, END = "# --- the user's lines begin ---", "# --- the user's lines end ---"
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # Pinocchio's order
 KINDS = {"fv": "viscous_friction", "fs": "coulomb_friction", "Ia": "rotor_inertia",
@@ -103,7 +104,8 @@ Diagnose = Callable[[Case, Fitted, str], list[dict[str, Any]]]
 def read(case: Case, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (N,) times, (N, n) positions and efforts of a recording."""
     path = case.folder / name
-    header = path.open().readline().strip().split(",")
+    with path.open() as stream:
+        header = stream.readline().strip().split(",")
     table = np.loadtxt(path, delimiter=",", skiprows=1)
     columns = [[header.index(f"{j}.{what}") for j in case.joints] for what in
                ("position", "effort")]  # fmt: skip

@@ -1,9 +1,9 @@
 """Arms that MuJoCo itself moves, with its own friction, flexible joint and backlash.
 
-Nothing of this is our physics: damping and frictionloss are MuJoCo's (a soft constraint), rotors its
-armature; a flexible joint is a second hinge on the same body with a stiffness, backlash one with a
-narrow range, as its documentation models them. A computed torque with feedback follows a drawn
-motion; recorded are the motor's position and its torque.
+Nothing of this is our physics: damping and frictionloss are MuJoCo's (a soft constraint), rotors
+its armature; a flexible joint is a second hinge on the same body with a stiffness, backlash one
+with a narrow range, as its documentation models them. A computed torque with feedback follows a
+drawn motion; recorded are the motor's position and its torque.
 """
 
 from __future__ import annotations

@@ -8,13 +8,13 @@ by their residual, intervals by the residual with samples taken as independent a
 
 from __future__ import annotations
 
+# fmt: off
 # --- the user's lines begin ---
 import numpy as np
 import pinocchio as pin
+from exchange import INERTIAL, Case, Fitted, Parameter, read, run
 from scipy.linalg import qr, solve_triangular
 from scipy.signal import butter, sosfiltfilt
-
-from exchange import INERTIAL, Case, Fitted, Parameter, read, run
 
 CUTOFF, KEPT = 8.0, 50.0  # Hz
 SMOOTH = 0.02  # rad/s or m/s, within which friction turns round
@@ -31,7 +31,8 @@ def smoothed(t, q, effort, rate):
 def regressor(model, q, qd, qdd):
     """Return (N, n, 14 n): links, then viscous and Coulomb friction, rotors, offsets."""
     data, n = model.createData(), model.nv
-    rows = [pin.computeJointTorqueRegressor(model, data, *s).copy() for s in zip(q, qd, qdd)]
+    rows = [pin.computeJointTorqueRegressor(model, data, *s).copy()
+            for s in zip(q, qd, qdd, strict=True)]
     own = np.zeros((len(q), n, 4 * n))
     for j in range(n):
         for k, column in enumerate((qd[:, j], np.tanh(qd[:, j] / SMOOTH), qdd[:, j], 1.0)):
@@ -81,6 +82,7 @@ def fit(case: Case, recording: str) -> Fitted:
         return regressor(model, q, qd, qdd) @ full
 
     # --- the user's lines end ---
+    # fmt: on
     parameters = [
         Parameter(names[c], theta[i], half[i], {names[k]: m[i, k] for k in np.flatnonzero(m[i])})
         for i, c in enumerate(columns)

@@ -64,7 +64,7 @@ def _bodies(model) -> dict[str, np.ndarray]:
     return dict(zip(model.arm.body_names, inertia.links, strict=True)) if inertia else {}
 
 
-def told(case: Case, fitted: Fitted, recording: str) -> list[dict[str, object]]:
+def findings(case: Case, fitted: Fitted, recording: str) -> list[dict[str, object]]:
     """Return the findings, in order."""
     found = diagnosed(case, _FITS[id(fitted)], recording)
     return [
@@ -74,4 +74,4 @@ def told(case: Case, fitted: Fitted, recording: str) -> list[dict[str, object]]:
 
 
 if __name__ == "__main__":
-    run(fit, told)
+    run(fit, findings)

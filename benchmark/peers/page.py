@@ -82,7 +82,9 @@ def better(rows: Sequence[Row], lines: Mapping[str, int]) -> list[str]:
             if method == US or peer.failure:
                 continue
             if ours.failure:
-                found.append(f"{row.name}: {method} has an answer where we have none ({ours.failure})")
+                found.append(
+                    f"{row.name}: {method} has an answer where we have none ({ours.failure})"
+                )
                 continue
             ahead = [
                 f"{joint} {_share(b)} against our {_share(a)}"
@@ -182,9 +184,9 @@ _MEASURED = textwrap.dedent("""\
     docstrings.""")
 _DIAGNOSED = textwrap.dedent("""\
     {count} recordings of {arms}, each with one effect hidden of 3 to 6 times what the identified
-    model leaves, and {clean} with none. Ours is `diagnose`; a peer, which has no diagnosis, is refitted
-    to the recording, and what changed are the parameters whose new 95 % interval excludes the old
-    value. Named first: ours by its first finding, a peer by the parameter farthest outside; any
+    model leaves, and {clean} with none. Ours is `diagnose`; a peer, which has no diagnosis, is
+    refitted to the recording, and what changed are the parameters whose new 95 % interval excludes
+    the old value. Named first: ours by its first finding, a peer by the parameter farthest outside; any
     inertial parameter of the right link counts for a payload or a centre of mass. On recordings
     with nothing hidden everything named is a false alarm.""")
 
@@ -197,7 +199,9 @@ def _known(rows: Sequence[Row]) -> str:
         for name, get in (("torque", lambda o: o.known), ("holding", lambda o: o.holding)):
             values = [get(row.outcomes[m]) for m in METHODS]
             if any(value is not None for value in values):
-                cells.append([f"{row.name}: {name}", *("-" if v is None else _share(v) for v in values)])
+                cells.append(
+                    [f"{row.name}: {name}", *("-" if v is None else _share(v) for v in values)]
+                )
     return table(["mean of joints", *METHODS], cells)
 
 
@@ -214,7 +218,9 @@ def _intervals(rows: Sequence[Row]) -> str:
         links = []
         for method in METHODS:
             outcome = row.outcomes[method]
-            links.append(_of(outcome.bodies) if outcome.bodies[1] else outcome.without_bodies or "-")
+            links.append(
+                _of(outcome.bodies) if outcome.bodies[1] else outcome.without_bodies or "-"
+            )
         cells.append([f"{row.name}: consistent links", *links])
     return table(["", *METHODS], cells)
 
@@ -263,7 +269,8 @@ def _named(rows: Sequence[Row], method: str) -> tuple[int, int, int, int]:
     """Return how many are named first, names in all, clean recordings with names, and those."""
     first = names = alarms = wrong = 0
     for row in rows:
-        for (effect, joint), diagnosis in zip(row.hidden, row.outcomes[method].diagnoses):
+        diagnoses = row.outcomes[method].diagnoses or [{"found": []}] * len(row.hidden)
+        for (effect, joint), diagnosis in zip(row.hidden, diagnoses, strict=True):
             found = diagnosis["found"]
             if effect == "nothing":
                 alarms += bool(found)

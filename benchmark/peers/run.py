@@ -3,8 +3,8 @@
     make peers                  # or, after it: python benchmark/peers/run.py [--quick]
 
 Writes every case into a folder, runs every method on it in a process of its own (peers in the
-environment of benchmark/peers/requirements.lock), and prints and writes the tables. ``--quick``: two
-arms and no diagnosis, printed only.
+environment of benchmark/peers/requirements.lock), and prints and writes the tables. ``--quick``:
+two arms and no diagnosis, printed only.
 """
 
 from __future__ import annotations
@@ -88,7 +88,11 @@ def scored(case: Prepared, result: dict, arrays: Path) -> Outcome:
         holding=_mean(case, found["holding"], case.true_holding),
         cpu=result["cpu"],
         gib=result["gib"],
-        held=(sum(abs(p["value"] - p["truth"]) <= p["half"] for p in finite), len(finite), len(known)),
+        held=(
+            sum(abs(p["value"] - p["truth"]) <= p["half"] for p in finite),
+            len(finite),
+            len(known),
+        ),
         bodies=(sum(value > CONSISTENT for value in bodies), len(bodies)),
         without_bodies=result["without_bodies"],
         diagnoses=result.get("diagnoses", []),
@@ -169,9 +173,14 @@ def main() -> int:
                       file=sys.stderr, flush=True)  # fmt: skip
             hidden = [(h.effect, h.joints[0] if h.joints else "") for h in case.hidden]
             rows.append(Row(case.name, case.what, case.case.joints, hidden, outcomes))
-    how = f"Written by `make peers` (seed {SEED}): this package beside {_versions(arguments.peers)}."
+    how = f"Written by `make peers` (seed {SEED}); peers: {_versions(arguments.peers)}."
     if arguments.json is not None:
-        figures = {"rows": [asdict(row) for row in rows], "lines": lines, "notes": notes, "how": how}
+        figures = {
+            "rows": [asdict(row) for row in rows],
+            "lines": lines,
+            "notes": notes,
+            "how": how,
+        }
         text_file.write(arguments.json, json.dumps(figures, indent=1) + "\n")
     text = page(rows, lines, notes, how)
     print(text)

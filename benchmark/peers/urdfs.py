@@ -82,10 +82,14 @@ def _inertial(inertia: pin.Inertia, frame: Array) -> str:
     lever = (frame @ np.append(inertia.lever, 1.0))[:3]
     i = frame[:3, :3] @ inertia.inertia @ frame[:3, :3].T
     return (
-        f"<inertial><origin xyz='{_text(lever)}' rpy='0 0 0'/><mass value='{inertia.mass!r}'/>"
-        f"<inertia ixx='{i[0, 0]!r}' ixy='{i[0, 1]!r}' ixz='{i[0, 2]!r}' iyy='{i[1, 1]!r}' "
-        f"iyz='{i[1, 2]!r}' izz='{i[2, 2]!r}'/></inertial>"
-    ).replace("np.float64(", "").replace(")", "")
+        (
+            f"<inertial><origin xyz='{_text(lever)}' rpy='0 0 0'/><mass value='{inertia.mass!r}'/>"
+            f"<inertia ixx='{i[0, 0]!r}' ixy='{i[0, 1]!r}' ixz='{i[0, 2]!r}' iyy='{i[1, 1]!r}' "
+            f"iyz='{i[1, 2]!r}' izz='{i[2, 2]!r}'/></inertial>"
+        )
+        .replace("np.float64(", "")
+        .replace(")", "")
+    )
 
 
 def _text(values: Array) -> str:

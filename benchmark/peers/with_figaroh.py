@@ -14,16 +14,16 @@ from __future__ import annotations
 import re
 import sys
 
+# fmt: off
 # --- the user's lines begin ---
 import tempfile
 from pathlib import Path
 
 import yaml
+from exchange import INERTIAL, Case, Fitted, Parameter, read, run
 from figaroh.identification import BaseIdentification
 from figaroh.tools.load_robot import load_robot
 from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduced
-
-from exchange import INERTIAL, Case, Fitted, Parameter, read, run
 
 CUTOFF = 8.0  # Hz
 
@@ -35,7 +35,7 @@ class Identification(BaseIdentification):
         """Return the arrays that figaroh takes; it filters and differentiates."""
         t, q, effort = read(self.case, self.recording)
         return {"timestamps": t.reshape(-1, 1), "positions": q, "velocities": None,
-                "accelerations": None, "torques": effort}  # fmt: skip
+                "accelerations": None, "torques": effort}
 
 
 def configuration(case: Case, lmi: bool) -> str:
@@ -51,7 +51,7 @@ def configuration(case: Case, lmi: bool) -> str:
             "signal_processing": {"sampling_frequency": case.rate, "cutoff_frequency": CUTOFF,
                                   "filter_type": "butterworth", "filter_order": 4},
         }},
-    }  # fmt: skip
+    }
     path = Path(tempfile.mkdtemp()) / "config.yaml"
     path.write_text(yaml.safe_dump(content))
     return str(path)
@@ -80,6 +80,7 @@ def predict(found: Identification, lmi: bool, q, qd, qdd):
 
 
 # --- the user's lines end ---
+# fmt: on
 LMI = "lmi" in sys.argv[3:]
 
 

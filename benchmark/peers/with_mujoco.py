@@ -2,25 +2,25 @@
 
 Options: every link by ``InertiaType.Pseudo`` (ten parameters, physically consistent) within its
 default bounds; damping, frictionloss and armature of every joint; a bias of every torque sensor
-(``SignalTransform.bias``, of what
-is predicted: its default adds it to both sides, where it cancels). Efforts are compared by inverse dynamics in ``custom_rollout``, one of its
-tiers of customization: a rollout under recorded efforts leaves the recorded motion within seconds.
-Motions as in least_squares.py, but 25 samples a second of what is below 8 Hz, since every iteration
+(``SignalTransform.bias`` of what is predicted: its default adds it to both sides, where it
+cancels). Efforts are compared by inverse dynamics in ``custom_rollout``, one of its tiers of
+customization: a rollout under recorded efforts leaves the recorded motion within seconds. Motions
+as in least_squares.py, but 25 samples a second of what is below 8 Hz, since every iteration
 simulates every sample once a parameter. Its own Gauss-Newton stops after 25 iterations: its default
-of 200 takes minutes.
-``InertiaType.Pseudo`` leaves ``iquat`` NaN, which the compiler refuses here: the modifier sets it.
+of 200 takes minutes. ``InertiaType.Pseudo`` leaves ``iquat`` NaN, which the compiler refuses here:
+the modifier sets it.
 Intervals: ``calculate_intervals``.
 """
 
 from __future__ import annotations
 
+# fmt: off
 # --- the user's lines begin ---
 import mujoco
 import numpy as np
+from exchange import Case, Fitted, Parameter, read, run
 from least_squares import smoothed
 from mujoco import sysid
-
-from exchange import Case, Fitted, Parameter, read, run
 
 KEPT, ITERATIONS = 25.0, 25  # Hz
 
@@ -29,7 +29,7 @@ def inverse(model, q, qd, qdd):
     """Return (N, n) efforts by inverse dynamics."""
     data = mujoco.MjData(model)
     effort = np.empty(q.shape)
-    for row, (data.qpos, data.qvel, data.qacc) in enumerate(zip(q, qd, qdd)):
+    for row, (data.qpos, data.qvel, data.qacc) in enumerate(zip(q, qd, qdd, strict=True)):
         mujoco.mj_inverse(model, data)
         effort[row] = data.qfrc_inverse
     return effort
@@ -61,7 +61,7 @@ def described(case: Case):
     spec.option.timestep = 1.0 / KEPT
     model = spec.compile()
     parameters, transform = sysid.ParameterDict(), sysid.SignalTransform()
-    for joint, limit in zip(case.joints, case.effort_limit):
+    for joint, limit in zip(case.joints, case.effort_limit, strict=True):
         spec.joint(joint).limited = 0
         spec.add_actuator(name=f"{joint}_motor", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         spec.add_sensor(name=f"{joint}_torque", type=mujoco.mjtSensor.mjSENS_JOINTACTFRC,
@@ -92,9 +92,9 @@ def optimized(case: Case, recording: str):
                 rollout_state_mapping, **_):
         state = sysid.TimeSeries(time, np.hstack([time[:, None], q, qd]), rollout_state_mapping)
         return [
-            sysid.SystemTrajectory(one, control, sysid.TimeSeries(
-                time, inverse(one, q, qd, qdd), rollout_signal_mapping), start, state)
-            for one, control, start in zip(models, control_signal, initial_states)]
+            sysid.SystemTrajectory(candidate, control, sysid.TimeSeries(
+                time, inverse(candidate, q, qd, qdd), rollout_signal_mapping), start, state)
+            for candidate, control, start in zip(models, control_signal, initial_states, strict=True)]
 
     start = sysid.create_initial_state(model, q[0], qd[0])
     sequence = sysid.ModelSequences(
@@ -116,6 +116,7 @@ def predict(case: Case, spec, found, q, qd, qdd):
 
 
 # --- the user's lines end ---
+# fmt: on
 _OWN = {"damping": "fv", "frictionloss": "fs", "armature": "Ia", "bias": "off"}
 
 
@@ -137,8 +138,15 @@ def fit(case: Case, recording: str) -> Fitted:
         theta = parameter.value
         pi = sysid.model_modifier.pi_from_theta(theta)
         full = pi[4:].reshape(3, 3)
-        bodies[joint] = [*pi[:4], full[0, 0], full[0, 1], full[1, 1], full[0, 2], full[1, 2],
-                         full[2, 2]]  # fmt: skip
+        bodies[joint] = [
+            *pi[:4],
+            full[0, 0],
+            full[0, 1],
+            full[1, 1],
+            full[0, 2],
+            full[1, 2],
+            full[2, 2],
+        ]
         truth = _true_theta(case, joint)
         for k, value in enumerate(theta):
             # The first scales mass and all else; the last three are the centre of mass.
