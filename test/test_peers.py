@@ -14,9 +14,7 @@ import pytest
 from testing import mujoco_arms
 from testing.lab_motion import draw_calibration
 
-REPOSITORY = Path(__file__).resolve().parents[1]
-FOLDER = REPOSITORY / "benchmark" / "peers"
-sys.path.insert(0, str(FOLDER))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmark" / "peers"))
 import least_squares
 from exchange import Case, Fitted, Parameter, changed, least_eigenvalue
 from forward import ForwardWorld
@@ -24,6 +22,8 @@ from page import METHODS, SECTIONS, TITLE, US, Outcome, Row, better, page
 from run import SCRIPTS, user_lines
 from urdfs import write
 
+REPOSITORY = Path(__file__).resolve().parents[1]
+FOLDER = REPOSITORY / "benchmark" / "peers"
 LINES = dict.fromkeys(METHODS, 10)
 GOOD = Outcome([0.1, 0.2], 0.1, 0.1, 1.0, 0.2, (95, 100, 100), (2, 2),
                diagnoses=[{"cpu": 1.0, "found": [{"effect": "payload", "joint": "b"}]},

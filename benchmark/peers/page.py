@@ -186,8 +186,8 @@ _DIAGNOSED = textwrap.dedent("""\
     {count} recordings of {arms}, each with one effect hidden of 3 to 6 times what the identified
     model leaves, and {clean} with none. Ours is `diagnose`; a peer, which has no diagnosis, is
     refitted to the recording, and what changed are the parameters whose new 95 % interval excludes
-    the old value. Named first: ours by its first finding, a peer by the parameter farthest outside; any
-    inertial parameter of the right link counts for a payload or a centre of mass. On recordings
+    the old value. Named first: ours by its first finding, a peer by the parameter farthest outside;
+    any inertial parameter of the right link counts for a payload or a centre of mass. On recordings
     with nothing hidden everything named is a false alarm.""")
 
 

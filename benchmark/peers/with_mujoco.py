@@ -94,7 +94,8 @@ def optimized(case: Case, recording: str):
         return [
             sysid.SystemTrajectory(candidate, control, sysid.TimeSeries(
                 time, inverse(candidate, q, qd, qdd), rollout_signal_mapping), start, state)
-            for candidate, control, start in zip(models, control_signal, initial_states, strict=True)]
+            for candidate, control, start in zip(
+                models, control_signal, initial_states, strict=True)]
 
     start = sysid.create_initial_state(model, q[0], qd[0])
     sequence = sysid.ModelSequences(
