@@ -56,8 +56,8 @@ def test_a_page_has_its_sections_in_order_and_a_peer_s_advantages_first():
         text.split()
     )
     assert "Left out: a real arm: no data." in text
-    assert "| figaroh | 1 of 1 | 1.0 | 0 of 1, 0 names | 1.0 |" in text
-    assert f"| {US} | 0 of 1 | 0.0 | 1 of 1, 1 names | 9.0 |" in text
+    assert "| figaroh | 1 of 1 | 1.0 | 0 of 1, 0 names | 1.00 |" in text
+    assert f"| {US} | 0 of 1 | 0.0 | 1 of 1, 1 names | 9.00 |" in text
 
 
 def test_nothing_is_called_better_that_is_worse_or_the_same():

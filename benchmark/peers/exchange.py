@@ -142,8 +142,13 @@ def _by_refit(fit: Fit) -> Diagnose:
 
 
 def _spent() -> dict[str, float]:
+    """Return processor time and peak memory; ``ru_maxrss`` would count the parent's before exec."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    return {"cpu": usage.ru_utime + usage.ru_stime, "gib": usage.ru_maxrss / 2**20}
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    peak = [line.split()[1] for line in lines if line.startswith("VmHWM")]
+    gib = float(peak[0]) / 2**20 if peak else float("nan")
+    return {"cpu": usage.ru_utime + usage.ru_stime, "gib": gib}
 
 
 def run(fit: Fit, diagnose: Diagnose | None = None) -> None:

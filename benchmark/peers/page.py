@@ -28,7 +28,7 @@ class Outcome:
         known: RMS error of the torque without sensors over that torque, mean of joints.
         holding: The same of the torque that holds the arm.
         cpu: Processor seconds of the process up to the fit, start-up included.
-        gib: Peak memory.
+        gib: Peak memory; NaN where it was not measured.
         held: Intervals that hold the truth, and how many are finite, and how many there are.
         bodies: Physically consistent links, and how many there are.
         without_bodies: Why there are none.
@@ -147,6 +147,8 @@ def page(rows: Sequence[Row], lines: Mapping[str, int], notes: Sequence[str], ho
     if notes:
         parts.append("Left out: " + "; ".join(notes) + ".")
     parts.append(f"## {SECTIONS[2]}")
+    means = [[row.name, *(_mean_error(row.outcomes[m]) for m in METHODS)] for row in rows]
+    parts.append(table(["mean of joints", *METHODS], means))
     for row in rows:
         parts.append(f"**{row.name}**")
         body = [
@@ -250,7 +252,7 @@ def _diagnoses(rows: Sequence[Row]) -> str:
             continue
         mean = _diagnosis_time(with_others, method)
         cells.append([method, f"{first} of {hidden}", f"{named / max(hidden, 1):.1f}",
-                      f"{alarms} of {clean}, {names} names", f"{mean:.1f}"])  # fmt: skip
+                      f"{alarms} of {clean}, {names} names", f"{mean:.2f}"])  # fmt: skip
     head = ["", "named first", "names a recording", "false alarms", "s of a core"]
     by_effect = []
     for row in with_others:
@@ -316,7 +318,8 @@ def _mean_error(outcome: Outcome) -> str:
 
 
 def _cost(outcome: Outcome) -> str:
-    return "-" if outcome.failure else f"{outcome.cpu:.1f} s, {outcome.gib:.2f}"
+    memory = f"{outcome.gib:.2f}" if np.isfinite(outcome.gib) else "-"
+    return "-" if outcome.failure else f"{outcome.cpu:.1f} s, {memory}"
 
 
 def _share(value: float) -> str:
