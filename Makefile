@@ -14,7 +14,7 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: bench demo story test trials trials-real sensitivity lint lock clean help
+.PHONY: bench demo peers story test trials trials-real sensitivity lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
@@ -25,6 +25,7 @@ help:
 	@echo "make trials-real  known effects put into recordings of real arms, and looked for (DVRK_GRAVITY_DATA)"
 	@echo "make sensitivity  halve and double every threshold of estimation, and tell what moves"
 	@echo "make story   the diagnosis on real recordings: docs/real_data.md, docs/psm.md (DVRK_GRAVITY_DATA)"
+	@echo "make peers   this package beside least squares, figaroh and mujoco.sysid, on the same recordings: docs/peers.md (QUICK=1: two arms, printed only)"
 	@echo "make lock    renew requirements.lock from requirements.in"
 	@echo "make clean   remove what make has made"
 
@@ -77,6 +78,19 @@ story: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python docs/real_data/story.py
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python docs/psm/story.py
 
+# The peers have an environment of their own: nothing of it is a dependency of the package.
+PEERS := .venv-peers
+$(PEERS)/.done: benchmark/peers/requirements.lock
+	@test -n "$(SYSTEM_PYTHON)" || { echo "make: needs Python 3.11 or 3.12 (PYTHON=… to name one)"; exit 2; }
+	@echo "$(PEERS): installing benchmark/peers/requirements.lock, once; takes some minutes"
+	@rm -rf $(PEERS)
+	@"$(SYSTEM_PYTHON)" -m venv $(PEERS)
+	@$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r benchmark/peers/requirements.lock
+	@touch $(PEERS)/COLCON_IGNORE $@
+
+peers: $(VENV)/.done $(PEERS)/.done
+	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/peers/run.py $(if $(QUICK),--quick)
+
 # Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
 BENCHMARKS ?= torque startup latency faults starts passivity simulator gravity_regressor identify supervisor_properties fuzz soak
 bench: $(VENV)/.done
@@ -100,4 +114,4 @@ lock:
 	rm -rf $(VENV)-lock
 
 clean:
-	rm -rf build install log out $(VENV) $(VENV)-lock
+	rm -rf build install log out $(VENV) $(VENV)-lock $(PEERS)
