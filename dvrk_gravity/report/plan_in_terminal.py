@@ -1,0 +1,45 @@
+"""A plan as text for a terminal: what it promises, and what it leaves of each limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from dvrk_gravity.planning import Design, Slack
+
+_WORDS = {
+    "position": "position", "velocity": "speed", "acceleration": "acceleration",
+    "effort": "effort", "distance": "distance",
+}  # fmt: skip
+
+
+def design_text(design: Design, had_model: bool) -> Iterator[str]:
+    """Yield the lines.
+
+    Args:
+        design: The plan and what it promises.
+        had_model: Whether a model's posterior was known before.
+    """
+    names = [name for name, *_ in design.parameters]
+    broad = 1 + max((len(name) for name in names), default=0)
+    before = "now" if had_model else "prior"
+    yield f"{'parameter':<{broad}}{before:>11}{'expected':>11}  standard error"
+    for name, unit, known, expected in design.parameters:
+        yield f"{name:<{broad}}{known:>11.3g}{expected:>11.3g}  {unit}"
+    yield ""
+    broad = 1 + max(len(slack.of) for slack in design.slacks)
+    yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>13}"
+    for slack in design.slacks:
+        used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
+        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{_left(slack):>13}"
+    yield ""
+    yield (
+        f"condition number {design.condition:.0f} (base parameters' columns, each divided by its "
+        "range)"
+    )
+
+
+def _left(slack: Slack) -> str:
+    if slack.unit.startswith("rad"):
+        return f"{math.degrees(slack.left):.2f} {slack.unit.replace('rad', 'deg')}"
+    return f"{slack.left:.3g} {slack.unit}"
