@@ -11,13 +11,11 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 NAME = "plan"
-EXAMPLE = (
-    "python -m dvrk_gravity plan --arm mtmr --out plan.yaml\n"
-    "         python -m dvrk_gravity plan --arm mtmr --model model.yaml --limits limits.yaml "
-    "--out plan.yaml --csv motion.csv"
-)
+EXAMPLE = "python -m dvrk_gravity plan --arm mtmr --out plan.yaml"
 
 DURATIONS = (8.0, 600.0)  # s; as excite's
+SECONDS = 100.0  # s; the same seed makes the same plan unless they run out
+TIMES = (1.0, 3600.0)  # s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="duration of the motion, s (default: 60)")  # fmt: skip
     parser.add_argument("--csv", type=Path, metavar="FILE",
                         help="file for positions and velocities at 1 kHz")  # fmt: skip
+    parser.add_argument("--time", type=float, default=SECONDS, metavar="S",
+                        help="time of one core after which the search ends, s (default: "
+                        f"{SECONDS:g})")  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="seed of the search (default: 1)")
 
 
@@ -45,6 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.planning import (
         PlanLimits,
+        SolverSettings,
         design_motion,
         load_limits,
         require_arm,
@@ -52,14 +54,16 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from dvrk_gravity.report import design_text, plan_picture
 
+    if not arguments.out.name:
+        raise ConfigError("--out", str(arguments.out), "a .yaml file for the plan")
     picture = arguments.out.with_suffix(".png")
     outputs.check(
         {"--out": arguments.out, "--out, its picture": picture, "--csv": arguments.csv},
         [Arm.file(arguments.arm), arguments.model, arguments.limits],
     )
-    least, most = DURATIONS
-    if not least <= arguments.duration <= most:
-        raise ConfigError("--duration", arguments.duration, f"{least:g} to {most:g}")
+    for name, (least, most) in (("duration", DURATIONS), ("time", TIMES)):
+        if not least <= getattr(arguments, name) <= most:
+            raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
     if arguments.seed < 0:
         raise ConfigError("--seed", arguments.seed, "0 or more")
     arm = Arm.load(arguments.arm)
@@ -69,14 +73,12 @@ def run(arguments: argparse.Namespace) -> int:
         require_arm(model, arm, str(arguments.model))
         model = model.physical()
         arm = model.arm
-    if arguments.limits is None:
-        limits = PlanLimits.of(arm)
-    else:
-        limits = load_limits(arguments.limits, arm)
+    given = arguments.limits
+    limits = PlanLimits.of(arm) if given is None else load_limits(given, arm)
     with command_line.Progress(NAME, 1.0) as progress:
         design = design_motion(
             arm, limits, series_basis(arguments.duration), model, arguments.seed,
-            report=progress.update,
+            SolverSettings(seconds=arguments.time), progress.update,
         )  # fmt: skip
     design.plan.save(arguments.out, f"Planned by dvrk_gravity for {arguments.arm}.")
     text_file.write_bytes(picture, plan_picture(design.plan))

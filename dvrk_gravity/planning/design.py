@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm, rigid_body
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import base_directions
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import base_parameters
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
-from dvrk_gravity.planning.information import Knowledge, Posterior, Prior
+from dvrk_gravity.planning.information import Knowledge, ModelKnowledge, PriorKnowledge
 from dvrk_gravity.planning.keeping import Slack, slacks
-from dvrk_gravity.planning.optimal import Search, SolverSettings
+from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
 from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.plan_limits import PlanLimits
 
@@ -41,7 +40,7 @@ class SeriesSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class MotionDesign:
     """A plan and what it promises.
 
     Attributes:
@@ -77,7 +76,7 @@ def design_motion(
     seed: int = 1,
     settings: SolverSettings | None = None,
     report: Callable[[float], None] = lambda share: None,
-) -> Design:
+) -> MotionDesign:
     """Return the most informative motion that was found within limits.
 
     Args:
@@ -93,13 +92,13 @@ def design_motion(
         PlanError: No motion keeps the limits.
     """
     knowledge = knowledge_of(arm, limits, model)
-    search = Search(basis, limits, knowledge, model, seed, settings)
+    search = MotionSearch(basis, limits, knowledge, model, seed, settings)
     motion = search.best(report)
     errors = knowledge.errors(search.inverse_covariance(motion))
     parameters = zip(
         knowledge.names, knowledge.units, knowledge.before.tolist(), errors.tolist(), strict=True
     )
-    return Design(
+    return MotionDesign(
         Plan(arm, motion, limits), tuple(parameters), condition_number(arm, motion),
         tuple(slacks(motion, limits, arm, model)),
     )  # fmt: skip
@@ -108,15 +107,15 @@ def design_motion(
 def knowledge_of(arm: Arm, limits: PlanLimits, model: TorqueModel | None) -> Knowledge:
     """Return what is known before a motion: a model's posterior, else the effects' priors."""
     if model is not None and model.uncertainty is not None and model.uncertainty.size:
-        return Posterior(model, model.uncertainty)
-    return Prior(arm, limits.lower, limits.upper)
+        return ModelKnowledge(model, model.uncertainty)
+    return PriorKnowledge(arm, limits.lower, limits.upper)
 
 
 def condition_number(arm: Arm, motion: FourierMotion, rate: float = 50.0) -> float:
-    """Return the condition number of the base inertial parameters' columns over a motion.
+    """Return the condition number of the regressor of the base parameters over a motion.
 
-    Each is divided by its range (greatest less least value), as published motions of these arms
-    are judged.
+    They are the orthogonal combinations that identification fits. Each column is divided by its
+    range (greatest less least value), as published motions of these arms are judged.
 
     Args:
         arm: The arm.
@@ -127,13 +126,7 @@ def condition_number(arm: Arm, motion: FourierMotion, rate: float = 50.0) -> flo
     full = rigid_body.regressor(arm, *motion.at(time), arm.gravity).reshape(
         -1, rigid_body.PER_LINK * len(arm.bodies)
     )
-    combinations = np.array([row for _, _, row in base_parameters(arm)])
-    # Of the independent column of each base parameter the combinations are the identity.
-    own = [
-        int(np.flatnonzero((row == 1.0) & (np.count_nonzero(combinations, axis=0) == 1))[0])
-        for row in combinations
-    ]
-    columns = full[:, own]
+    columns = full @ base_directions(arm)
     spread = np.ptp(columns, axis=0)
     if not spread.all():
         return float("inf")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -83,7 +84,7 @@ class Basis:
         """
         corners = (0.0, self.ramp, self.duration - self.ramp, self.duration)
         parts, within = [np.zeros(1)], []
-        for k, (begin, end) in enumerate(zip(corners, corners[1:], strict=False)):
+        for k, (begin, end) in enumerate(pairwise(corners)):
             if end > begin:
                 count = int(np.ceil((end - begin) / step - 1e-9))
                 parts.append(begin + (end - begin) * np.arange(1, count + 1) / count)

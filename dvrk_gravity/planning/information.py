@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -124,23 +124,20 @@ def _inverse_covariance(y: Array, weight: Array, noise: Array) -> Array:
     return np.eye(y.shape[-1]) + scaled.T @ scaled
 
 
-def noise_of(arm: Arm, model: TorqueModel | None = None) -> Array:
+def noise_of(arm: Arm, known: ModelUncertainty | None = None) -> Array:
     """Return (n,) variance of the mean torque of a second, (N·m)^2 s.
 
-    That of a model's known error, as far as it has one; see :class:`NoiseSettings`.
+    That of a model's known error, as far as there is one; see :class:`NoiseSettings`.
     """
     settings = NoiseSettings()
     error, correlation = settings.part * arm.effort_limit, np.full(arm.n, settings.correlation)
-    if model is not None and model.uncertainty is not None:
-        known = model.uncertainty
+    if known is not None:
         error = np.where(known.error > 0.0, known.error, error)
-        correlation = np.where(
-            known.correlation_time > 0.0, known.correlation_time, correlation
-        )
+        correlation = np.where(known.correlation_time > 0.0, known.correlation_time, correlation)
     return np.asarray(error**2 * correlation)
 
 
-class Prior(Knowledge):
+class PriorKnowledge(Knowledge):
     """What is known of an arm that was never identified: the priors of the effects.
 
     The unknowns are what every identification fits: base parameters, friction, cables, rotors.
@@ -192,6 +189,8 @@ class Prior(Knowledge):
 
 
 _NONE = np.zeros((1, 0))  # memory
+_ASIDE = 1e-4  # rad or m: a slope of which a slope is taken
+_STEP = 1e-9  # rad/s: the width of a step that has none
 
 
 def _wider(state: State, full: Array | None, slow: Array) -> State:
@@ -201,10 +200,10 @@ def _wider(state: State, full: Array | None, slow: Array) -> State:
     """
     if full is None or state.qd is None:
         return state
-    return State(state.q, state.qd * (full / slow), state.qdd)
+    return State(state.q, state.qd * (np.maximum(full, _STEP) / slow), state.qdd)
 
 
-class Posterior(Knowledge):
+class ModelKnowledge(Knowledge):
     """What a model knows already: its posterior.
 
     The unknowns are the independent directions of its uncertainty.
@@ -212,7 +211,7 @@ class Posterior(Knowledge):
 
     def __init__(self, model: TorqueModel, known: ModelUncertainty) -> None:
         """Take over a model's uncertainty."""
-        self.arm, self.noise = model.arm, noise_of(model.arm, model)
+        self.arm, self.noise = model.arm, noise_of(model.arm, known)
         self._model, self._known = model, known
         still = State(np.zeros((1, self.arm.n)))
         # Friction that depends on the path: its present state is not known here.
@@ -222,7 +221,7 @@ class Posterior(Knowledge):
             if not (isinstance(term, LinearTerm) and term.memory(still).shape[1])
         )
         names, units, rows = [], [], []
-        for name, row, unit in _named(model, known):
+        for name, unit, row in _named(model, known):
             if row.any():
                 names.append(name)
                 units.append(unit)
@@ -231,19 +230,21 @@ class Posterior(Knowledge):
         self.rows = np.array(rows).reshape(len(rows), known.size)
 
     def regressor(self, state: State) -> Array:
+        """Return the joints' torques; friction that depends on the path is left out."""
         true = State(state.q - self._model.joint_offset, state.qd, state.qdd)
-        found = self._known.torque(self._terms, true)
-        if self._known.offset.any():
-            step = Steps().position
-            for joint in np.flatnonzero(self._known.offset.any(axis=1)).tolist():
-                moved = step * np.eye(self.arm.n)[joint]
-                ahead, behind = (
-                    sum(term.torque(State(q, state.qd, state.qdd)) for term in self._terms)
-                    for q in (true.q + moved, true.q - moved)
-                )
-                # A reading that is too high by the offset: the arm is where it is, less that.
-                slope = (behind - ahead) / (2.0 * step)
-                found = found + slope[..., None] * self._known.offset[joint]
+        slow = Steps().velocity * self.arm.scale
+        found = np.zeros((*state.q.shape, self._known.size))
+        for term in self._terms:
+            found += self._known.torque((term,), _wider(true, term.full_speed, slow))
+        for joint in np.flatnonzero(self._known.offset.any(axis=1)).tolist():
+            moved = _ASIDE * np.eye(self.arm.n)[joint]
+            behind, ahead = (
+                np.sum([term.torque(replace(true, q=q)) for term in self._terms], axis=0)
+                for q in (true.q - moved, true.q + moved)
+            )
+            # Where the reading is too high by the offset, the arm is that much behind it.
+            slope = (behind - ahead) / (2.0 * _ASIDE)
+            found += slope[..., None] * self._known.offset[joint]
         return found
 
 

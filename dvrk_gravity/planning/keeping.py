@@ -65,7 +65,10 @@ def slacks(
     for start in range(0, len(time) - 1, _BLOCK):
         part = slice(start, start + _BLOCK + 1)  # each block begins where the last one ends
         states = motion.at(time[part])
-        extra = [_between(motion, limits.rows, order, within[start : start + _BLOCK], step) for order in (2, 3, 4)]
+        extra = [
+            _between(motion, limits.rows, order, within[start : start + _BLOCK], step)
+            for order in (2, 3, 4)
+        ]
         ways = [each @ limits.rows.T for each in states]
         lowest = np.maximum(lowest, (extra[0] - ways[0]).max(axis=0))
         for k, way in enumerate(ways):
@@ -91,9 +94,7 @@ def slacks(
     return found
 
 
-def _between(
-    motion: FourierMotion, rows: Array, order: int, within: Array, step: float
-) -> Array:
+def _between(motion: FourierMotion, rows: Array, order: int, within: Array, step: float) -> Array:
     """Return (N, r) by how much a derivative of order - 2 may exceed its values at N points."""
     ramp, level = (motion.bound(order, rows, each) for each in (True, False))
     # A point has an interval on either side.

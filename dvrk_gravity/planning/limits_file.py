@@ -51,9 +51,7 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
     """Return an arm's limits with those of the content of such a file."""
     limits = PlanLimits.of(arm)
     _require_known("", content, _KEYS)
-    values = {
-        name: getattr(limits, name).copy() for name in ("lower", "upper", *_RATES, "effort")
-    }
+    values = {name: getattr(limits, name).copy() for name in ("lower", "upper", *_RATES, "effort")}
     for name, entry in _mapping("joints", content.get("joints", {})).items():
         where = f"joints.{name}"
         if name not in arm.joint_names:

@@ -48,7 +48,7 @@ class SolverSettings:
         iterations: Iterations in each.
         stiffness: Of the penalty at first.
         stiffer: Its factor from step to step.
-        seconds: After this time of one core nothing new is begun, s.
+        seconds: After this time of one core the search ends, s.
     """
 
     samples: int = 6
@@ -86,7 +86,7 @@ class _Constraint:
         return value, *back(force)
 
 
-class Search:
+class MotionSearch:
     """A problem: what is maximised, and what is kept."""
 
     def __init__(
@@ -137,9 +137,7 @@ class Search:
         limits = self.limits
         half = 0.5 * np.minimum(limits.upper - limits.lower, 2.0 * np.pi)
         omega = np.tile(2.0 * np.pi * self.basis.frequency, 2)[:, None]
-        size = np.minimum(
-            np.minimum(half, limits.velocity / omega), limits.acceleration / omega**2
-        )
+        size = np.minimum(np.minimum(half, limits.velocity / omega), limits.acceleration / omega**2)
         return np.vstack([half, size]) + 1e-9
 
     def best(self, report: Report = lambda share: None) -> FourierMotion:
@@ -156,6 +154,8 @@ class Search:
             nonlocal done
             done += 1
             report(min(1.0, done / total))
+            if time.process_time() - begin > settings.seconds:
+                raise StopIteration  # as the solver expects it of who wants no more
 
         drawn = sorted(
             (self._draw(k) for k in range(settings.draws)), key=self.information, reverse=True

@@ -1,4 +1,4 @@
-"""Where a motion may begin and end: positions at rest within all limits, or which limit has none."""
+"""Where a motion may begin and end: at rest within all limits; or which limit leaves no place."""
 
 from __future__ import annotations
 

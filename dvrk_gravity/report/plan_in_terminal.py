@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from dvrk_gravity.planning import Design, Slack
+from dvrk_gravity.planning import MotionDesign, Slack
 
 _WORDS = {
     "position": "position", "velocity": "speed", "acceleration": "acceleration",
@@ -13,7 +13,7 @@ _WORDS = {
 }  # fmt: skip
 
 
-def design_text(design: Design, had_model: bool) -> Iterator[str]:
+def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
     """Yield the lines.
 
     Args:
