@@ -26,6 +26,7 @@ from dvrk_gravity.planning.keeping import efforts, outside, slacks
 from dvrk_gravity.planning.places import levers
 from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.resting import resting_positions
+from dvrk_gravity.units import quantity
 
 Report = Callable[[float], None]
 _HALVINGS = 10  # of the part of a motion that keeps its limits: to a thousandth
@@ -365,7 +366,7 @@ class MotionSearch:
         if kept is None:
             assert beyond is not None
             raise PlanError(
-                f"the {beyond.limit} limit of {beyond.of} would have to give {-beyond.left:.3g} "
-                f"{beyond.unit} for the slightest motion"
+                f"the slightest motion exceeds a limit: the {beyond.limit} of {beyond.of} would "
+                f"have to give {quantity(-beyond.left, beyond.unit)}"
             )
         return kept

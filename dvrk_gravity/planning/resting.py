@@ -11,8 +11,10 @@ from dvrk_gravity.errors import PlanError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.keeping import box_links, distances, efforts
 from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.units import quantity
 
 _DRAWS = 4000  # random positions that are looked at
+_ROUNDING = 1e-9
 
 
 def resting_positions(
@@ -37,19 +39,26 @@ def resting_positions(
     centre = _centre(limits, arm)
     q = _drawn(limits, centre, random)
     room = np.ones(len(q))
-    for name, left, unit, size in _others(limits, arm, model, q):
-        least = float(left.max())
-        if least < 0.0:
-            raise PlanError(f"{name} would have to give {-least:.3g} {unit}, at the best position")
+    others = _others(limits, arm, model, q)
+    for _, left, _, size in others:
         room = np.minimum(room, left / size)
-    if room.max() < 0.0:
-        at = int(np.argmax(room))
-        short = [
-            f"{name} {-float(left[at]):.3g} {unit}"
-            for name, left, unit, _ in _others(limits, arm, model, q)
-            if left[at] < 0.0
-        ]
-        raise PlanError(f"{' and '.join(short)} would have to give, at the best position")
+    at = int(np.argmax(room))
+    if room[at] < 0.0:
+        # One that is nowhere kept, if there is one; else those that exclude each other.
+        alone = [each for each in others if each[1].max() < 0.0]
+        if alone:
+            name, left, unit, _ = alone[0]
+            short = f"{name} would have to give {quantity(-float(left.max()), unit)}"
+        else:
+            gives = [
+                f"{name} {quantity(-float(left[at]), unit)}"
+                for name, left, unit, _ in others
+                if left[at] < 0.0
+            ]
+            short = f"together; of them would have to give: {', '.join(gives)}"
+        raise PlanError(
+            f"no position keeps all limits: {short} (at the best of {len(q)} positions)"
+        )
     order = np.argsort(-room, kind="stable")
     return q[order[: min(count, int(np.sum(room >= 0.0)))]]
 
@@ -86,8 +95,9 @@ def _centre(limits: PlanLimits, arm: Arm) -> Array:
     for k, name in enumerate(limits.names):
         if lower[k] > upper[k]:
             raise PlanError(
-                f"position limits of {name} would have to give {lower[k] - upper[k]:.3g} "
-                f"{_unit(limits, arm, k)}: the lower one is above the upper one"
+                f"no position keeps all limits: those of {name} would have to give "
+                f"{quantity(lower[k] - upper[k], _unit(limits, arm, k))}, the lower one is above "
+                "the upper one"
             )
     sides = np.vstack([limits.rows, -limits.rows])
     bound = np.concatenate([upper, -lower])
@@ -113,16 +123,13 @@ def _centre(limits: PlanLimits, arm: Arm) -> Array:
         bounds=[*zip(lower[:own], upper[:own], strict=True), *[(0.0, None)] * count],
     )  # fmt: skip
     short = [
-        f"{each.name} {gives:.3g} {_unit(limits, arm, own + k)}"
+        f"those of {each.name} would have to give {quantity(gives, _unit(limits, arm, own + k))}"
         for k, (each, gives) in enumerate(
             zip(limits.combinations, found.x[own:].tolist(), strict=True)
         )
-        if gives > 1e-9
+        if gives > _ROUNDING
     ]
-    raise PlanError(
-        f"position limits of {' and '.join(short)} would have to give: the joints' own limits "
-        "leave no such position"
-    )
+    raise PlanError(f"no position keeps all limits: {', and '.join(short)}")
 
 
 def _unit(limits: PlanLimits, arm: Arm, row: int) -> str:
