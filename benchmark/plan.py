@@ -37,6 +37,7 @@ from dvrk_gravity.planning import (
     MotionLimits,
     PlanLimits,
     PriorKnowledge,
+    SolverSettings,
     covering_motion,
     design_motion,
     noise_of,
@@ -72,23 +73,23 @@ def published(name: str) -> PlanLimits:
     )  # fmt: skip
 
 
-def condition(name: str) -> dict[str, float]:
+def condition(name: str, settings: SolverSettings) -> dict[str, float]:
     """Return the condition number of a plan of six harmonics, and the published one."""
     arm, (base, target) = Arm.load(name), PUBLISHED[name]
     basis = Basis(base * np.arange(1, 7), 3.0, 30.0)
     begin = time.process_time()
-    design = design_motion(arm, published(name), basis)
+    design = design_motion(arm, published(name), basis, settings=settings)
     return {
         "condition": design.condition, "target": target, "seconds": time.process_time() - begin,
     }  # fmt: skip
 
 
-def random_motions(name: str, count: int) -> dict[str, float]:
+def random_motions(name: str, count: int, settings: SolverSettings) -> dict[str, float]:
     """Return the variances of a plan over those of random motions."""
     arm = Arm.load(name)
     limits, known = PlanLimits.of(arm), MotionLimits.of(arm)
     prior, begin = PriorKnowledge(arm, limits.lower, limits.upper), time.process_time()
-    design = design_motion(arm, limits, series_basis(DURATION))
+    design = design_motion(arm, limits, series_basis(DURATION), settings=settings)
     seconds = time.process_time() - begin
     own = variance(prior, *sampled(design.plan.motion))
     others = []
@@ -133,12 +134,12 @@ class Followed:
         return q, qd
 
 
-def identified(seed: int) -> dict[str, float]:
+def identified(seed: int, settings: SolverSettings) -> dict[str, float]:
     """Return how standard errors that `identify` reports compare with those expected."""
     world = World.draw(seed)
     arm = Arm.load("mtmr")
     limits = PlanLimits.of(arm)
-    design = design_motion(arm, limits, series_basis(DURATION))
+    design = design_motion(arm, limits, series_basis(DURATION), settings=settings)
     simulated = SimulatedArm(world.plant(), world.sensors, seed, dt=world.step)
     recording = record_motion(simulated, Followed(design.plan.motion), DURATION)  # type: ignore[arg-type]
     fit = identify([recording], arm)
@@ -170,8 +171,11 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--arms", nargs="+", choices=list(PUBLISHED), default=list(PUBLISHED))
     parser.add_argument("--random", type=int, default=RANDOM, help="random motions")
     parser.add_argument("--seed", type=int, default=1, help="seed of the simulated arm")
+    parser.add_argument("--time", type=float, default=SolverSettings().seconds,
+                        help="of one core for each plan, s")  # fmt: skip
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args(given)
+    settings = SolverSettings(seconds=arguments.time)
     figures: dict[str, dict[str, float]] = {}
     missed = False
 
@@ -184,14 +188,14 @@ def main(given: Sequence[str] | None = None) -> int:
 
     for name in arguments.arms:
         if "condition" in arguments.parts:
-            values = condition(name)
+            values = condition(name, settings)
             found(f"condition, {name}", values, values["condition"] < values["target"])
         if "random" in arguments.parts:
-            values = random_motions(name, arguments.random)
+            values = random_motions(name, arguments.random, settings)
             good = values["of the median"] <= MEDIAN and values["of the best"] <= BEST
             found(f"variance, {name}", values, good)
     if "identified" in arguments.parts:
-        values = identified(arguments.seed)
+        values = identified(arguments.seed, settings)
         found("identified, mtmr", values, values["within"] >= OF)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(figures, indent=1) + "\n")

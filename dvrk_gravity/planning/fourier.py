@@ -12,8 +12,8 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 
 # Largest values of the step 10 s^3 - 15 s^4 + 6 s^5 and of its first four derivatives on [0, 1].
-_STEP_BOUNDS = (1.0, 1.875, 10.0 / np.sqrt(3.0), 60.0, 360.0)
-_STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+RISE_BOUNDS = (1.0, 1.875, 10.0 / np.sqrt(3.0), 60.0, 360.0)
+RISE = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +58,10 @@ class Basis:
         rising = into < out
         s = np.clip(np.where(rising, into, out), 0.0, 1.0)
         inside = (s > 0.0) & (s < 1.0)
-        found = [_STEP(s)]
+        found = [RISE(s)]
         for d in range(1, derivatives + 1):
             sign = np.where(rising, 1.0, (-1.0) ** d)
-            found.append(np.where(inside, sign * _STEP.deriv(d)(s), 0.0) / self.ramp**d)
+            found.append(np.where(inside, sign * RISE.deriv(d)(s), 0.0) / self.ramp**d)
         return found
 
     def bounds(self, derivative: int) -> tuple[Array, Array]:
@@ -71,7 +71,7 @@ class Basis:
         """
         omega = 2.0 * np.pi * self.frequency
         within = sum(
-            comb(derivative, j) * _STEP_BOUNDS[j] / self.ramp**j * omega ** (derivative - j)
+            comb(derivative, j) * RISE_BOUNDS[j] / self.ramp**j * omega ** (derivative - j)
             for j in range(derivative + 1)
         )
         return np.asarray(within), omega**derivative
@@ -135,6 +135,28 @@ class FourierMotion:
         weight = self.basis.bounds(derivative)[0 if within_ramp else 1]
         cosine, sine = np.split(self.coefficients @ rows.T, 2)
         return np.asarray(weight @ np.hypot(cosine, sine))
+
+    def grid(self, step: float, rows: Array) -> tuple[Array, Array]:
+        """Return times, and by how much values beside each may exceed those there.
+
+        A function f with |f''| <= M is between two points h apart no greater than the greater of
+        both values plus M h^2 / 8.
+
+        Args:
+            step: Greatest distance of two times, s.
+            rows: (r, n) factors of the joints.
+
+        Returns:
+            (N,) s, and (3, N, r) for combinations of positions, velocities and accelerations.
+        """
+        time, within = self.basis.grid(step)
+        # A point has an interval on either side.
+        either = np.append(within, within[-1:]) | np.concatenate([within[:1], within])
+        extra = [
+            np.where(either[:, None], *(self.bound(order, rows, ramp) for ramp in (True, False)))
+            for order in (2, 3, 4)
+        ]
+        return time, np.array(extra) * step**2 / 8.0
 
     def scaled(self, about: Array, factor: float) -> FourierMotion:
         """Return the motion moved towards (n,) positions: all of it, to ``factor`` of its way."""

@@ -11,6 +11,7 @@ model alone: half of its largest change from one point to the next is added, whi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -18,13 +19,22 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning.fourier import FourierMotion
 from dvrk_gravity.planning.places import link_origins
 from dvrk_gravity.planning.plan_limits import Box, PlanLimits
 
 STEP = 0.005  # s, of the grid: of .6 Hz the proof adds 5e-5 of an acceleration
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
 _BLOCK = 4000  # samples worked on at a time
+
+
+class Path(Protocol):
+    """A motion of which it is known how much it can exceed its values between points."""
+
+    def at(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return (N, n) positions, velocities and accelerations at (N,) times."""
+
+    def grid(self, step: float, rows: Array) -> tuple[Array, Array]:
+        """Return times and what values may exceed beside each: :meth:`FourierMotion.grid`."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +57,7 @@ class Slack:
 
 
 def slacks(
-    motion: FourierMotion, limits: PlanLimits, arm: Arm, model: TorqueModel | None = None
+    motion: Path, limits: PlanLimits, arm: Arm, model: TorqueModel | None = None
 ) -> list[Slack]:
     """Return what a motion leaves of each of its limits.
 
@@ -57,18 +67,14 @@ def slacks(
         arm: The arm.
         model: For the torque, with its own 95 % band; ``None``: torques are not known.
     """
-    time, within = motion.basis.grid(STEP)
-    step = float(np.diff(time).max())
+    time, between = motion.grid(STEP, limits.rows)
     peaks = np.full((3, len(limits.rows)), -np.inf)
     lowest, effort, change = peaks[0].copy(), np.zeros(arm.n), np.zeros(arm.n)
     nearest = np.full(sum(len(box.links) for box in limits.boxes), np.inf)
     for start in range(0, len(time) - 1, _BLOCK):
         part = slice(start, start + _BLOCK + 1)  # each block begins where the last one ends
         states = motion.at(time[part])
-        extra = [
-            _between(motion, limits.rows, order, within[start : start + _BLOCK], step)
-            for order in (2, 3, 4)
-        ]
+        extra = between[:, part]
         ways = [each @ limits.rows.T for each in states]
         lowest = np.maximum(lowest, (extra[0] - ways[0]).max(axis=0))
         for k, way in enumerate(ways):
@@ -87,19 +93,11 @@ def slacks(
                        float(limits.effort[k]), arm.effort_units[k])
             )  # fmt: skip
     if limits.boxes:
-        fastest = np.abs(peaks[1][: arm.n]) + 0.5 * step * limits.acceleration
-        away = nearest - 0.5 * step * _speeds(arm, limits.boxes, fastest)
+        fastest = np.abs(peaks[1][: arm.n]) + 0.5 * STEP * limits.acceleration
+        away = nearest - 0.5 * STEP * _speeds(arm, limits.boxes, fastest)
         for name, left in zip(box_links(limits.boxes), away.tolist(), strict=True):
             found.append(Slack("distance", name, float(left <= 0.0), left, "m"))
     return found
-
-
-def _between(motion: FourierMotion, rows: Array, order: int, within: Array, step: float) -> Array:
-    """Return (N, r) by how much a derivative of order - 2 may exceed its values at N points."""
-    ramp, level = (motion.bound(order, rows, each) for each in (True, False))
-    # A point has an interval on either side.
-    either = np.append(within, within[-1:]) | np.concatenate([within[:1], within])
-    return np.where(either[:, None], ramp, level) * step**2 / 8.0
 
 
 def _kinematic(limits: PlanLimits, arm: Arm, peaks: Array, lowest: Array) -> list[Slack]:
