@@ -26,11 +26,13 @@ from dvrk_gravity.planning import (
     MotionSearch,
     Plan,
     PlanLimits,
+    PoseSettings,
     PriorKnowledge,
     SolverSettings,
     condition_number,
     covering_motion,
     design_motion,
+    design_poses,
     link_origins,
     load_limits,
     resting_positions,
@@ -452,3 +454,87 @@ def test_a_wrong_option_is_refused_in_one_line(tmp_path, capsys, words, expected
     assert plan("--arm", "ecm", "--out", tmp_path / "plan.yaml", *words) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert expected in line
+
+
+# Poses.
+@pytest.fixture(scope="module")
+def poses(ecm):
+    limits, link = PlanLimits.of(ecm), tip(ecm)
+    both = Combination((("yaw", 1.0), ("pitch", -0.5)), -0.4, 0.5, 0.6)
+    box = Box("panel", (0.1, -5.0, -5.0), (5.0, 5.0, 5.0), (link,))
+    limits = replace(limits, combinations=(both,), boxes=(box,))
+    few = PoseSettings(candidates=400)
+    return design_poses(ecm, limits, 60.0, settings=few)
+
+
+def test_poses_are_stood_at_from_both_sides_at_rest(poses):
+    path = poses.plan.motion
+    assert len(path.poses) >= 6
+    for begin, end, index, direction in path.stands:
+        for moment in np.linspace(begin, end, 5):
+            q, qd, qdd = path.at(moment)
+            np.testing.assert_allclose(q, path.poses[int(index)], atol=1e-9)
+            np.testing.assert_allclose([qd, qdd], 0.0, atol=1e-9)
+        _, before, _ = path.at(begin - 0.1)
+        assert (np.sign(before) == direction).all()
+    assert path.stands[-1, 1] == pytest.approx(path.duration)
+    assert path.duration <= 60.0
+
+
+def test_the_way_between_poses_keeps_all_limits(ecm, poses):
+    limits = poses.plan.limits
+    assert beyond(poses.plan, limits) <= 1e-12
+    assert all(slack.left >= 0.0 for slack in poses.slacks)
+    q, _, _ = poses.plan.at(np.arange(0.0, poses.plan.duration, 0.01))
+    assert link_origins(ecm, (tip(ecm),), q)[..., 0].max() < 0.1
+
+
+def test_no_value_between_points_of_poses_exceeds_the_proof(poses):
+    path, rows = poses.plan.motion, poses.plan.limits.rows
+    time, extra = path.grid(0.05, rows)
+    fine = np.arange(0.0, path.duration, 1e-3)
+    for k, (coarse, dense) in enumerate(zip(path.at(time), path.at(fine), strict=True)):
+        peak = np.abs(dense @ rows.T).max(axis=0)
+        assert (peak <= (np.abs(coarse @ rows.T) + extra[k]).max(axis=0) + 1e-12).all()
+
+
+def test_chosen_poses_teach_more_than_as_many_random_ones(ecm, poses):
+    limits, path = poses.plan.limits, poses.plan.motion
+    prior = PriorKnowledge(ecm, limits.lower, limits.upper)
+
+    def information(some) -> float:
+        rest, total = np.zeros_like(some), np.eye(prior.rows.shape[1])
+        for direction in (1.0, -1.0):
+            state = State(some, rest, rest, np.full(some.shape, direction))
+            total += prior.inverse_covariance(state, np.full(len(some), 0.5)) - np.eye(len(total))
+        return float(np.linalg.slogdet(total)[1])
+
+    count, others = len(path.poses), []
+    for seed in range(10):
+        found = resting_positions(limits, ecm, None, np.random.default_rng(seed), 10_000)
+        others.append(
+            information(found[np.random.default_rng(seed).permutation(len(found))[:count]])
+        )
+    assert information(path.poses) > max(others)
+
+
+def test_a_plan_of_poses_that_is_read_again_is_the_same(poses, tmp_path):
+    path = tmp_path / "plan.yaml"
+    poses.plan.save(path)
+    again = Plan.load(path)
+    time = np.linspace(0.0, poses.plan.duration, 55)
+    for here, there in zip(poses.plan.at(time), again.at(time), strict=True):
+        np.testing.assert_allclose(here, there, atol=1e-9)
+    assert again.limits.boxes == poses.plan.limits.boxes
+
+
+def test_too_little_time_for_poses_is_refused(ecm):
+    with pytest.raises(PlanError, match="too short for two poses"):
+        design_poses(ecm, PlanLimits.of(ecm), 3.0, settings=PoseSettings(candidates=20))
+
+
+def test_the_verb_plans_poses(tmp_path, capsys):
+    out = tmp_path / "plan.yaml"
+    assert plan("--arm", "ecm", "--poses", "--duration", 40, "--out", out) == 0
+    assert "coulomb_friction.joint[yaw]" in capsys.readouterr().out
+    assert len(Plan.load(out).motion.poses) > 2

@@ -15,6 +15,7 @@ EXAMPLE = "python -m dvrk_gravity plan --arm mtmr --out plan.yaml"
 
 DURATIONS = (8.0, 600.0)  # s; as excite's
 SECONDS = 100.0  # s; the same seed makes the same plan unless they run out
+POSES_LAST, LONGEST_POSES = 600.0, 7200.0  # s
 TIMES = (1.0, 3600.0)  # s
 
 
@@ -30,8 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path,
                         help="limits .yaml: of joints, combinations of joints, and boxes to stay "
                         "out of (default: the arm's)")  # fmt: skip
-    parser.add_argument("--duration", type=float, default=60.0, metavar="S",
+    parser.add_argument("--duration", type=float, metavar="S",
                         help="duration of the motion, s (default: 60)")  # fmt: skip
+    parser.add_argument("--poses", action="store_true",
+                        help="slow poses, each from both sides, for a static calibration, instead "
+                        "of a motion; --duration is the greatest (default: 600)")  # fmt: skip
     parser.add_argument("--csv", type=Path, metavar="FILE",
                         help="file for positions and velocities at 1 kHz")  # fmt: skip
     parser.add_argument("--time", type=float, default=SECONDS, metavar="S",
@@ -48,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         PlanLimits,
         SolverSettings,
         design_motion,
+        design_poses,
         load_limits,
         require_arm,
         series_basis,
@@ -61,7 +66,11 @@ def run(arguments: argparse.Namespace) -> int:
         {"--out": arguments.out, "--out, its picture": picture, "--csv": arguments.csv},
         [Arm.file(arguments.arm), arguments.model, arguments.limits],
     )
-    for name, (least, most) in (("duration", DURATIONS), ("time", TIMES)):
+    if arguments.duration is None:
+        arguments.duration = POSES_LAST if arguments.poses else 60.0
+    longest = LONGEST_POSES if arguments.poses else DURATIONS[1]
+    bounds = (("duration", (DURATIONS[0], longest)), ("time", TIMES))
+    for name, (least, most) in bounds:
         if not least <= getattr(arguments, name) <= most:
             raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
     if arguments.seed < 0:
@@ -76,10 +85,15 @@ def run(arguments: argparse.Namespace) -> int:
     given = arguments.limits
     limits = PlanLimits.of(arm) if given is None else load_limits(given, arm)
     with command_line.Progress(NAME, 1.0) as progress:
-        design = design_motion(
-            arm, limits, series_basis(arguments.duration), model, arguments.seed,
-            SolverSettings(seconds=arguments.time), progress.update,
-        )  # fmt: skip
+        if arguments.poses:
+            design = design_poses(
+                arm, limits, arguments.duration, model, arguments.seed, report=progress.update
+            )
+        else:
+            design = design_motion(
+                arm, limits, series_basis(arguments.duration), model, arguments.seed,
+                SolverSettings(seconds=arguments.time), progress.update,
+            )  # fmt: skip
     design.plan.save(arguments.out, f"Planned by dvrk_gravity for {arguments.arm}.")
     text_file.write_bytes(picture, plan_picture(design.plan))
     written = f"{arguments.out}, {picture}"

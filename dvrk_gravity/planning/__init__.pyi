@@ -31,4 +31,7 @@ from .plan import Plan as Plan
 from .plan_limits import Box as Box
 from .plan_limits import Combination as Combination
 from .plan_limits import PlanLimits as PlanLimits
+from .pose_path import PosePath as PosePath
+from .poses import PoseSettings as PoseSettings
+from .poses import design_poses as design_poses
 from .resting import resting_positions as resting_positions

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm, rigid_body
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import base_directions
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
@@ -47,8 +48,8 @@ class MotionDesign:
         plan: The plan.
         parameters: Name, unit, standard deviation before the motion, and standard error expected
             after it, of each parameter.
-        condition: Condition number of the base parameters' columns over the motion, each divided by
-            its range.
+        condition: Condition number of the base parameters' columns, each divided by its range; of
+            poses, of those that weigh.
         slacks: What it leaves of each limit.
     """
 
@@ -126,11 +127,14 @@ def condition_number(arm: Arm, motion: FourierMotion, rate: float = 50.0) -> flo
     full = rigid_body.regressor(arm, *motion.at(time), arm.gravity).reshape(
         -1, rigid_body.PER_LINK * len(arm.bodies)
     )
-    columns = full @ base_directions(arm)
+    return condition(full @ base_directions(arm))
+
+
+def condition(columns: Array) -> float:
+    """Return the condition number of (…, p) columns, each divided by its range."""
+    columns = columns.reshape(-1, columns.shape[-1])
     spread = np.ptp(columns, axis=0)
-    if not spread.all():
-        return float("inf")
-    return float(np.linalg.cond(columns / spread))
+    return float(np.linalg.cond(columns / spread)) if spread.all() else float("inf")
 
 
 def require_arm(model: TorqueModel, arm: Arm, path: str) -> None:

@@ -198,7 +198,7 @@ def _wider(state: State, full: Array | None, slow: Array) -> State:
 
     The slope of its reversal can be followed then.
     """
-    if full is None or state.qd is None:
+    if full is None or state.qd is None or state.direction is not None:
         return state
     return State(state.q, state.qd * (np.maximum(full, _STEP) / slow), state.qdd)
 
@@ -231,7 +231,7 @@ class ModelKnowledge(Knowledge):
 
     def regressor(self, state: State) -> Array:
         """Return the joints' torques; friction that depends on the path is left out."""
-        true = State(state.q - self._model.joint_offset, state.qd, state.qdd)
+        true = replace(state, q=state.q - self._model.joint_offset)
         slow = Steps().velocity * self.arm.scale
         found = np.zeros((*state.q.shape, self._known.size))
         for term in self._terms:

@@ -19,11 +19,12 @@ from dvrk_gravity.parameters import flatten, unflatten
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.limits_file import limits_content, limits_from
 from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.planning.pose_path import PosePath
 
 FORMAT = 1
-MOTION = "motion"
+MOTION, POSES = "motion", "poses"
 CSV_RATE = 1000.0  # Hz
-_KEYS = ("format", "kind", "arm", "motion", "limits")
+_POSES = ("stand", "approach", "part", "positions")
 _MOTION = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
 
 
@@ -33,12 +34,12 @@ class Plan:
 
     Attributes:
         arm: The arm.
-        motion: The motion.
+        motion: The motion: one for trajectories, or slow poses from both sides.
         limits: What it keeps.
     """
 
     arm: Arm
-    motion: FourierMotion
+    motion: FourierMotion | PosePath
     limits: PlanLimits
 
     @property
@@ -63,28 +64,44 @@ class Plan:
         path = Path(path)
         arm = values_of(self.arm)
         arm["arm"] = seen_from(str(arm["arm"]), path.parent)
-        cosine, sine = np.split(self.motion.coefficients, 2)
-        names, basis = self.arm.joint_names, self.motion.basis
-
-        def by_joint(rows: Array) -> dict[str, Any]:
-            return dict(zip(names, rows.T.tolist(), strict=True))
-
+        of_poses = isinstance(self.motion, PosePath)
         content = {
             "format": FORMAT,
-            "kind": MOTION,
+            "kind": POSES if of_poses else MOTION,
             "arm": unflatten(arm),
-            "motion": {
-                "duration": basis.duration,
-                "ramp": basis.ramp,
-                "frequency": basis.frequency.tolist(),
-                "middle": by_joint(self.motion.middle),
-                "cosine": by_joint(cosine),
-                "sine": by_joint(sine),
-            },
+            **self._content(),
             "limits": limits_content(self.limits, self.arm),
         }
         head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
         text_file.write(path, head + yaml_file.dump(content))
+
+    def _content(self) -> dict[str, Any]:
+        """Return what a file has of the motion itself."""
+        motion, names = self.motion, self.arm.joint_names
+
+        def by_joint(rows: Array) -> dict[str, Any]:
+            return dict(zip(names, rows.T.tolist(), strict=True))
+
+        if isinstance(motion, PosePath):
+            return {
+                POSES: {
+                    "stand": motion.stand,
+                    "approach": by_joint(motion.approach),
+                    "part": motion.part,
+                    "positions": by_joint(motion.poses),
+                }
+            }
+        cosine, sine = np.split(motion.coefficients, 2)
+        return {
+            MOTION: {
+                "duration": motion.basis.duration,
+                "ramp": motion.basis.ramp,
+                "frequency": motion.basis.frequency.tolist(),
+                "middle": by_joint(motion.middle),
+                "cosine": by_joint(cosine),
+                "sine": by_joint(sine),
+            }
+        }
 
     @classmethod
     def load(cls, path: str | Path) -> Plan:
@@ -101,39 +118,20 @@ class Plan:
 
     @classmethod
     def _from(cls, content: Mapping[str, Any], folder: Path) -> Plan:
-        _require_keys("", content, _KEYS)
-        for name, known in (("format", FORMAT), ("kind", MOTION)):
-            if content[name] != known:
-                raise ConfigError(name, content[name], f"{known}, as `plan` writes it")
-        if not isinstance(content["arm"], Mapping):
-            raise ConfigError("arm", content["arm"], "a mapping")
+        kind = content.get("kind")
+        if kind not in (MOTION, POSES):
+            raise ConfigError("kind", kind, f"{MOTION} or {POSES}, as `plan` writes it")
+        _require_keys("", content, ("format", "kind", "arm", kind, "limits"))
+        if content["format"] != FORMAT:
+            raise ConfigError("format", content["format"], f"{FORMAT}, as `plan` writes it")
+        for name in ("arm", "limits"):
+            if not isinstance(content[name], Mapping):
+                raise ConfigError(name, content[name], "a mapping")
         arm = arm_of(arm_beside(flatten(content["arm"]), folder))
-        motion = content["motion"]
-        _require_keys("motion", motion, _MOTION)
-        duration, ramp = (_positive(f"motion.{name}", motion[name]) for name in _MOTION[:2])
-        if 2.0 * ramp > duration:
-            raise ConfigError("motion.ramp", ramp, "at most half of the duration")
-        frequency = _numbers("motion.frequency", motion["frequency"], None)
-        if not len(frequency) or (frequency <= 0.0).any():
-            raise ConfigError("motion.frequency", frequency.tolist(), "frequencies above 0, Hz")
-        rows = {}
-        for name in ("middle", "cosine", "sine"):
-            _require_keys(f"motion.{name}", motion[name], arm.joint_names)
-            count = 1 if name == "middle" else len(frequency)
-            rows[name] = np.array(
-                [
-                    _numbers(f"motion.{name}.{joint}", motion[name][joint], count)
-                    for joint in arm.joint_names
-                ]
-            ).T
-        limits = content["limits"]
-        if not isinstance(limits, Mapping):
-            raise ConfigError("limits", limits, "a mapping")
-        coefficients = np.vstack([rows["cosine"], rows["sine"]])
-        basis = Basis(frequency, ramp, duration)
-        return cls(
-            arm, FourierMotion(basis, rows["middle"][0], coefficients), limits_from(limits, arm)
-        )
+        limits = limits_from(content["limits"], arm)
+        if kind == POSES:
+            return cls(arm, _poses(content[kind], arm, limits), limits)
+        return cls(arm, _motion(content[kind], arm), limits)
 
     def write_csv(self, path: str | Path) -> None:
         """Write the motion at 1 kHz: ``time``, and position and velocity of each joint (SI).
@@ -148,6 +146,42 @@ class Plan:
         rows = np.hstack([time[:, None], q, qd])
         lines = (",".join(format(value, ".9g") for value in row) for row in rows.tolist())
         text_file.write(Path(path), "\n".join([",".join(["time", *columns]), *lines]) + "\n")
+
+
+def _motion(entry: Any, arm: Arm) -> FourierMotion:
+    _require_keys(MOTION, entry, _MOTION)
+    duration, ramp = (_positive(f"{MOTION}.{name}", entry[name]) for name in _MOTION[:2])
+    if 2.0 * ramp > duration:
+        raise ConfigError(f"{MOTION}.ramp", ramp, "at most half of the duration")
+    frequency = _numbers(f"{MOTION}.frequency", entry["frequency"], None)
+    if not len(frequency) or (frequency <= 0.0).any():
+        raise ConfigError(f"{MOTION}.frequency", frequency.tolist(), "frequencies above 0, Hz")
+    count = len(frequency)
+    middle, cosine, sine = (
+        _by_joint(f"{MOTION}.{name}", entry[name], arm, size)
+        for name, size in (("middle", 1), ("cosine", count), ("sine", count))
+    )
+    return FourierMotion(Basis(frequency, ramp, duration), middle[0], np.vstack([cosine, sine]))
+
+
+def _poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
+    _require_keys(POSES, entry, _POSES)
+    stand, part = (_positive(f"{POSES}.{name}", entry[name]) for name in ("stand", "part"))
+    if part > 1.0:
+        raise ConfigError(f"{POSES}.part", part, "at most 1, the limits")
+    approach = _by_joint(f"{POSES}.approach", entry["approach"], arm, 1)[0]
+    poses = _by_joint(f"{POSES}.positions", entry["positions"], arm, None)
+    return PosePath(poses, approach, stand, part, limits)
+
+
+def _by_joint(where: str, entry: Any, arm: Arm, count: int | None) -> Array:
+    """Return (count, n) numbers, which are given by joint."""
+    _require_keys(where, entry, arm.joint_names)
+    columns = []
+    for joint in arm.joint_names:
+        columns.append(_numbers(f"{where}.{joint}", entry[joint], count))
+        count = len(columns[0])
+    return np.array(columns).T
 
 
 def _require_keys(where: str, entry: Any, keys: tuple[str, ...]) -> None:

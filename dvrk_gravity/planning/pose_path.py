@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning.fourier import RISE, RISE_BOUNDS
+from dvrk_gravity.planning.plan_limits import PlanLimits
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,17 +23,15 @@ class PosePath:
         poses: (k, n) rad or m, in their order.
         approach: (n,) way that every joint goes to a pose in the direction of approach.
         stand: At a pose, from each side, s.
-        rows: (r, n) factors of joints and combinations that have limits.
-        velocity: (r,) greatest speeds of those in a move; ``inf``: none.
-        acceleration: (r,) greatest accelerations.
+        part: Part of the greatest speeds and accelerations that moves use.
+        limits: Of those.
     """
 
     poses: Array
     approach: Array
     stand: float
-    rows: Array
-    velocity: Array
-    acceleration: Array
+    part: float
+    limits: PlanLimits
 
     @cached_property
     def _corners(self) -> Array:
@@ -54,10 +53,11 @@ class PosePath:
     def _moves(self) -> tuple[Array, Array, Array]:
         """(4 k,) when moves begin and how long they last, s, and (4 k, n) their ways."""
         ways = np.diff(self._corners, axis=0)
-        along = np.abs(ways @ self.rows.T)
+        along = np.abs(ways @ self.limits.rows.T)
+        velocity, acceleration = (self.part * rate for rate in self.limits.rates)
         least = np.maximum(
-            (RISE_BOUNDS[1] * along / self.velocity).max(axis=1),
-            np.sqrt((RISE_BOUNDS[2] * along / self.acceleration).max(axis=1)),
+            (RISE_BOUNDS[1] * along / velocity).max(axis=1),
+            np.sqrt((RISE_BOUNDS[2] * along / acceleration).max(axis=1)),
         )
         lasts = np.maximum(least, 1e-3)
         whole = lasts + np.where(np.arange(len(lasts)) % 2 == 1, self.stand, 0.0)

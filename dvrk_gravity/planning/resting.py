@@ -139,7 +139,8 @@ def _unit(limits: PlanLimits, arm: Arm, row: int) -> str:
 def _drawn(limits: PlanLimits, centre: Array, random: np.random.Generator) -> Array:
     """Return (N, n) positions within the limits of positions: the centre, and random ones.
 
-    Each is on a straight way from the centre, at a random part of where it leaves the limits.
+    Each is on a straight way from the centre, at a random part of where it leaves the limits,
+    further out more often than near.
     """
     lower, upper = limits.range
     n = len(centre)
@@ -149,5 +150,5 @@ def _drawn(limits: PlanLimits, centre: Array, random: np.random.Generator) -> Ar
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(along > 0.0, (upper - here) / along, (lower - here) / along)
     far = np.where(np.isfinite(far), far, np.inf).min(axis=1)
-    far = np.minimum(far, 1.0) * random.uniform(0.0, 1.0, _DRAWS)
+    far = np.minimum(far, 1.0) * np.sqrt(random.uniform(0.0, 1.0, _DRAWS))
     return np.vstack([centre, centre + far[:, None] * way])
