@@ -422,7 +422,7 @@ def test_the_verb_writes_plan_picture_and_motion_and_prints_what_it_promises(tmp
     words = ("--arm", "ecm", "--duration", 8, "--time", 1)
     assert plan(*words, "--out", out, "--csv", motion) == 0
     printed = capsys.readouterr().out
-    for part in ("standard error", "coulomb_friction.joint[yaw]", "condition number", "used"):
+    for part in ("standard error of", "coulomb_friction.joint[yaw]", "condition number", "used"):
         assert part in printed
     loaded = Plan.load(out)
     assert beyond(loaded, loaded.limits) <= 0.0
