@@ -40,7 +40,7 @@ class SolverSettings:
         samples: Times at which the information is integrated, in each period of the fastest wave.
         most_samples: ... but no more than this.
         grid: Times at which limits are kept, in each period of the fastest wave. A sine is 1 - cos(
-            pi / grid) higher between them: .9 %.
+            pi / grid) higher between them: .2 %.
         spare: Part of each limit that is left for that.
         draws: Random motions among which the starts are chosen.
         starts: From so many the search starts.
@@ -54,8 +54,8 @@ class SolverSettings:
 
     samples: int = 6
     most_samples: int = 200
-    grid: int = 24
-    spare: float = 0.01
+    grid: int = 48
+    spare: float = 0.002
     draws: int = 40
     starts: int = 3
     first: int = 40
