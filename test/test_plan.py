@@ -41,7 +41,7 @@ from dvrk_gravity.planning import (
     tip,
 )
 
-BRIEF = SolverSettings(draws=8, starts=1, first=15, rounds=3, iterations=15)
+BRIEF = SolverSettings(draws=8, starts=1, first=20, rounds=4, iterations=20)
 DURATION = 12.0
 FINE = 1e-3  # s: what is sent to an arm
 
@@ -177,6 +177,20 @@ def test_a_plan_teaches_more_than_the_best_of_twenty_random_motions(ecm, planned
     assert own < 0.4 * np.median(random)
 
 
+@pytest.mark.parametrize("most", [40, 200])
+def test_errors_are_expected_of_the_whole_motion_not_of_the_times_that_the_search_looks_at(
+    ecm, most
+):
+    limits = PlanLimits.of(ecm)
+    few = replace(BRIEF, most_samples=most, rounds=1)
+    design = design_motion(ecm, limits, series_basis(DURATION), settings=few)
+    prior = PriorKnowledge(ecm, limits.lower, limits.upper)
+    time = (np.arange(2400) + 0.5) * DURATION / 2400
+    whole = prior.inverse_covariance(State(*design.plan.at(time)), np.full(2400, DURATION / 2400))
+    expected = [each[3] for each in design.parameters]
+    np.testing.assert_allclose(expected, prior.errors(whole), rtol=0.05)
+
+
 def test_the_same_seed_makes_the_same_plan(ecm, planned):
     again = design_motion(ecm, PlanLimits.of(ecm), series_basis(DURATION), settings=BRIEF)
     np.testing.assert_array_equal(again.plan.motion.coefficients, planned.plan.motion.coefficients)
@@ -262,6 +276,24 @@ def test_efforts_stay_within_their_limits_with_the_models_own_band(mtmr):
     q, qd, qdd = plan.at(np.arange(0.0, plan.duration, FINE))
     torque = mtmr.actuator_effort(model.torque(q, qd, qdd))
     assert (np.abs(torque) <= limits.effort).all()
+
+
+def test_the_band_of_an_effort_holds_what_the_model_never_explained(ecm):
+    limits = PlanLimits.of(ecm)
+    values = {"coulomb_friction.joint_positive": (0.5, 0.5, 2.0, 0.01)}
+    model = TorqueModel.from_parameters(values, ecm)
+    nothing, error = np.zeros((4, 0)), np.array([0.1, 0.2, 0.3, 0.01])
+    known = ModelUncertainty(
+        coefficients_of(model.terms), {"coulomb_friction": np.zeros((16, 0))}, nothing,
+        np.zeros((3, 0)), error, 5.0, error, limits.lower, limits.upper, limits.velocity,
+    )  # fmt: skip
+    motion = drawn(ecm, limits, size=0.01)
+    left = {
+        sure: np.array([each.left for each in slacks(motion, limits, ecm, of)
+                        if each.limit == "effort"])
+        for sure, of in ((True, model), (False, replace(model, uncertainty=known)))
+    }  # fmt: skip
+    np.testing.assert_allclose(left[True] - left[False], 1.96 * error)
 
 
 # Limits that leave nothing.

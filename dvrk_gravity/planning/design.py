@@ -29,6 +29,8 @@ class SeriesSettings:
         most: Most frequencies: multiples of half of what fits into the motion once, as evenly apart
             by their ratio as these are. Chosen: more are slower to solve, and reach no more.
         cycles: Cycles of the lowest one in a motion. Chosen: slow enough to go through the range.
+        lowest: ... but no lower than this, Hz. Chosen: so slowly joints pass their range at a tenth
+            of their speed.
         ramp: From rest into the motion, and out of it, s; as `excite`'s.
         most_ramp: ... but no more than this part of a motion.
     """
@@ -36,6 +38,7 @@ class SeriesSettings:
     highest: float = 0.6
     most: int = 14
     cycles: float = 1.5
+    lowest: float = 0.02
     ramp: float = 3.0
     most_ramp: float = 0.2
 
@@ -63,7 +66,7 @@ def series_basis(duration: float, settings: SeriesSettings | None = None) -> Bas
     """Return window and waves of a motion of a duration, s."""
     of = settings or SeriesSettings()
     step = 0.5 / duration
-    lowest = of.cycles / duration
+    lowest = max(of.cycles / duration, of.lowest)
     wanted = np.geomspace(lowest, max(of.highest, 2.0 * lowest), of.most)
     frequency = step * np.unique(np.round(wanted / step))
     return Basis(frequency, min(of.ramp, of.most_ramp * duration), duration)

@@ -118,11 +118,11 @@ class MotionSearch:
         self._random = np.random.default_rng(seed)
         self.rest = resting_positions(limits, self.arm, model, self._random, 1 + 20)
         fastest = float(basis.frequency.max())
-        count = min(
-            self.settings.most_samples, int(self.settings.samples * fastest * basis.duration) + 2
-        )
-        # Midpoints: each stands for the same time.
-        self._time = (np.arange(count) + 0.5) * basis.duration / count
+        needed = int(self.settings.samples * fastest * basis.duration) + 2
+        count = min(self.settings.most_samples, needed)
+        # Each stands for the same time; where they are too few for the fastest wave, at random.
+        place = 0.5 if count == needed else self._random.uniform(0.0, 1.0, count)
+        self._time = (np.arange(count) + place) * basis.duration / count
         self._weight = np.full(count, basis.duration / count)
         self._at = basis.at(self._time)
         self._grid = basis.at(basis.grid(1.0 / (self.settings.grid * fastest))[0])
@@ -164,10 +164,10 @@ class MotionSearch:
         found = []
         for start in drawn[: settings.starts]:
             x, multipliers = self._solve(start, 1, settings.first, count, begin)
-            found.append((self._kept(x), x, multipliers, start))
+            found.append((self._kept(x), x, multipliers))
         found.sort(key=lambda each: -self.information(each[0]))
         done = settings.starts * settings.first
-        _, x, multipliers, _ = found[0]
+        _, x, multipliers = found[0]
         for constraint, multiplier in zip(self._constraints, multipliers, strict=True):
             constraint.multiplier = multiplier
         x, _ = self._solve(x, settings.rounds, settings.iterations, count, begin)
@@ -182,8 +182,12 @@ class MotionSearch:
         return float(np.linalg.slogdet(inverse)[1])
 
     def inverse_covariance(self, motion: FourierMotion) -> Array:
-        """Return (p, p) A after a motion."""
-        return self.knowledge.inverse_covariance(State(*motion.at(self._time)), self._weight)
+        """Return (p, p) A after a motion, at twice as many times as the fastest wave needs."""
+        fastest, duration = float(self.basis.frequency.max()), self.basis.duration
+        count = int(2 * self.settings.samples * fastest * duration) + 2
+        moments = (np.arange(count) + 0.5) * duration / count
+        weight = np.full(count, duration / count)
+        return self.knowledge.inverse_covariance(State(*motion.at(moments)), weight)
 
     def _vector(self, motion: FourierMotion) -> Array:
         return np.asarray(np.vstack([motion.middle, motion.coefficients]) / self._scale).ravel()
