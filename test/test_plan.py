@@ -560,6 +560,26 @@ def test_a_plan_of_poses_that_is_read_again_is_the_same(poses, tmp_path):
     assert again.limits.boxes == poses.plan.limits.boxes
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("part", 2.0, "at most 1"),
+        ("approach", dict.fromkeys(("yaw", "pitch", "insertion", "roll"), 0.0), "ways above 0"),
+        ("positions", {"yaw": [], "pitch": [], "insertion": [], "roll": []}, "at least one"),
+        ("positions", {"yaw": [0.0]}, "a value"),
+    ],
+)
+def test_poses_with_a_wrong_entry_are_refused_by_name(poses, tmp_path, name, value, words):
+    path = tmp_path / "plan.yaml"
+    poses.plan.save(path)
+    content = yaml.safe_load(path.read_text())
+    content["poses"][name] = value
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    with pytest.raises(ConfigError, match=words) as caught:
+        Plan.load(path)
+    assert f"poses.{name}" in str(caught.value)
+
+
 def test_too_little_time_for_poses_is_refused(ecm):
     with pytest.raises(PlanError, match="too short for two poses"):
         design_poses(ecm, PlanLimits.of(ecm), 3.0, settings=PoseSettings(candidates=20))

@@ -171,6 +171,10 @@ def _poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
         raise ConfigError(f"{POSES}.part", part, "at most 1, the limits")
     approach = _by_joint(f"{POSES}.approach", entry["approach"], arm, 1)[0]
     poses = _by_joint(f"{POSES}.positions", entry["positions"], arm, None)
+    if (approach <= 0.0).any():
+        raise ConfigError(f"{POSES}.approach", approach.tolist(), "ways above 0")
+    if not len(poses):
+        raise ConfigError(f"{POSES}.positions", [], "at least one pose")
     return PosePath(poses, approach, stand, part, limits)
 
 
