@@ -100,3 +100,7 @@ class ShapeError(DvrkGravityError, ValueError):
         self.shape = shape
         self.expected = expected
         super().__init__(f"{name} has shape {shape}, expected {expected}")
+
+
+class PlanError(DvrkGravityError):
+    """Limits that no motion can keep; the text says which would have to give, and by how much."""

@@ -28,7 +28,10 @@ NODES = sorted(verb for verb, (name, _) in VERBS.items() if name.startswith("dvr
 # These drive an arm for minutes; the demonstration is started in a test of its own.
 DRIVE_AN_ARM = {"demo", "excite"}
 # What keeps an example short: the search among all effects takes most of an identification.
-QUICK = {"identify": ["--terms", "coulomb_friction,viscous_friction"]}
+QUICK = {
+    "identify": ["--terms", "coulomb_friction,viscous_friction"],
+    "plan": ["--time", "1", "--duration", "8"],
+}
 
 
 def of_the_readme() -> dict[str, list[str]]:

@@ -87,6 +87,13 @@ USES = {
     "demo's folder": Use("demo", "--model {m.yaml} --out {out}", ("m.yaml",)),
     "demo's picture": Use("demo", "--model {in} --out {d}", (), below="d/demo.png"),
     "demo's bag": Use("demo", "--model {in} --out {d}", (), below="d/bag"),
+    "plan's plan": Use(
+        "plan", "--arm {a.yaml} --model {m.yaml} --limits {l.yaml} --out {out}",
+        ("a.yaml", "m.yaml", "l.yaml"), suffix=".yaml",
+    ),
+    "plan's motion": Use(
+        "plan", "--arm {a.yaml} --out {o.yaml} --csv {out}", ("a.yaml",), ("o.yaml", "o.png")
+    ),
     "excite's bag": Use("excite", "--arm {a.yaml} --out {out}", ("a.yaml",)),
     "newton-euler's JSON": Use("newton-euler", "{n.yaml} --json {out}", ("n.yaml",)),
 }  # fmt: skip

@@ -15,6 +15,8 @@ from .named_arm import arm_beside as arm_beside
 from .named_arm import arm_of as arm_of
 from .named_arm import arm_parameters as arm_parameters
 from .named_arm import parts as parts
+from .named_arm import seen_from as seen_from
+from .named_arm import values_of as values_of
 from .rigid_columns import RIGID as RIGID
 from .rigid_columns import link_columns as link_columns
 from .stated import WEIGHT as WEIGHT

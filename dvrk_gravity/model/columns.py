@@ -45,6 +45,8 @@ class Columns:
         kinematics: Where its joints and base are.
         mounted: The arm with its base as the calibration has it.
         valid: Range of positions in the data.
+        rigid: The rigid body's columns, which come first.
+        unknowns: What is fitted of each effect; their columns come next.
         columns: All columns, in order.
     """
 
@@ -58,21 +60,21 @@ class Columns:
         self.kinematics = KinematicCalibration() if kinematics is None else kinematics
         self.mounted = self.kinematics.mounted(arm)
         self.valid = Range(lower - self.kinematics.offset, upper - self.kinematics.offset)
-        self._rigid = RigidColumns(self.mounted, self.ABSENT)
-        self._unknowns = tuple(_unknowns(arm, self.valid))
+        self.rigid = RigidColumns(self.mounted, self.ABSENT)
+        self.unknowns = tuple(_unknowns(arm, self.valid))
         self._selected: dict[tuple[tuple[str, object], ...], list[int]] = {}
-        own = (column for unknowns in self._unknowns for column in unknowns.columns)
-        self.columns = (*self._rigid.columns, *own, *self.kinematics.columns(arm))
+        own = (column for unknowns in self.unknowns for column in unknowns.columns)
+        self.columns = (*self.rigid.columns, *own, *self.kinematics.columns(arm))
 
     @property
     def base(self) -> Array:
         """(10 bodies, b) from base combinations of unit prior size to the links' parameters."""
-        return self._rigid.base
+        return self.rigid.base
 
     @property
     def terms_looked_for(self) -> tuple[LinearTerm, ...]:
         """The effects' terms that are fitted, their coefficients zero."""
-        return tuple(unknowns.term for unknowns in self._unknowns)
+        return tuple(unknowns.term for unknowns in self.unknowns)
 
     @cached_property
     def scale(self) -> Array:
@@ -115,7 +117,7 @@ class Columns:
 
     def basis(self, effect: str) -> Array:
         """Return (k, p) from the coefficients of an effect's columns to its term's theta."""
-        (unknowns,) = (unknowns for unknowns in self._unknowns if effect == unknowns.term.NAME)
+        (unknowns,) = (unknowns for unknowns in self.unknowns if effect == unknowns.term.NAME)
         return np.eye(len(unknowns.columns)) if unknowns.basis is None else unknowns.basis
 
     def history(self, state: State, before: Array | None = None) -> Array:
@@ -125,10 +127,10 @@ class Columns:
             state: (N, n) arrays, a whole motion or its continuation.
             before: (m,) at its first sample, if it continues one.
         """
-        known = [None] * len(self._unknowns) if before is None else self._split(before)
+        known = [None] * len(self.unknowns) if before is None else self._split(before)
         parts = [
             unknowns.term.memory(state, part)
-            for unknowns, part in zip(self._unknowns, known, strict=True)
+            for unknowns, part in zip(self.unknowns, known, strict=True)
         ]
         return np.concatenate(parts, axis=-1)
 
@@ -142,10 +144,10 @@ class Columns:
                 and as smooth, are evaluated so far apart, with cubic splines between.
         """
         true = self.kinematics.true(state)
-        parts = [self._rigid.regressor(true)]
+        parts = [self.rigid.regressor(true)]
         parts += [
             unknowns.regressor(true, memory)
-            for unknowns, memory in zip(self._unknowns, self._split(history), strict=True)
+            for unknowns, memory in zip(self.unknowns, self._split(history), strict=True)
         ]
         if self.kinematics.links is not None:
             parts.append(self.kinematics.smooth_slopes(self.arm, state, stride))
@@ -170,7 +172,7 @@ class Columns:
     def _memories(self) -> tuple[int, ...]:
         """Size of each effect's memory."""
         still = State(np.zeros((1, self.arm.n)))
-        return tuple(unknowns.term.memory(still).shape[1] for unknowns in self._unknowns)
+        return tuple(unknowns.term.memory(still).shape[1] for unknowns in self.unknowns)
 
     def _split(self, memory: Array) -> list[Array]:
         """Return each effect's part of (…, m) memory."""
@@ -178,7 +180,7 @@ class Columns:
 
     def corrected(self, theta: Array) -> KinematicCalibration:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""
-        links, springs = self._rigid.bodies(theta[: len(self._rigid.columns)])
+        links, springs = self.rigid.bodies(theta[: len(self.rigid.columns)])
         change = theta[len(theta) - len(self.kinematics.columns(self.arm)) :]
         return self.kinematics.moved(self.arm, change, links, springs)
 
@@ -189,9 +191,9 @@ class Columns:
             theta: The coefficients.
             links: (10 bodies,) link parameters to use instead of the base combinations'.
         """
-        start = len(self._rigid.columns)
-        built = self._rigid.terms(self.arm, theta[:start], links)
-        for unknowns in self._unknowns:
+        start = len(self.rigid.columns)
+        built = self.rigid.terms(self.arm, theta[:start], links)
+        for unknowns in self.unknowns:
             found = unknowns.found(theta[start : start + len(unknowns.columns)])
             start += len(unknowns.columns)
             if found is not None:

@@ -9,6 +9,8 @@ from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text
 from .fit_pictures import torque_picture as torque_picture
 from .identification import identification_page as identification_page
+from .plan_in_terminal import design_text as design_text
+from .plan_picture import plan_picture as plan_picture
 from .terminal import MOST_WARNINGS as MOST_WARNINGS
 from .terminal import columns as columns
 from .terminal import laid_out as laid_out

@@ -1,0 +1,150 @@
+"""From an arm, what is known of it, and its limits to a plan, and to what the plan promises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm, rigid_body
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import base_directions
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning.fourier import Basis, FourierMotion
+from dvrk_gravity.planning.information import Knowledge, ModelKnowledge, PriorKnowledge
+from dvrk_gravity.planning.keeping import Slack, slacks
+from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
+from dvrk_gravity.planning.plan import Plan
+from dvrk_gravity.planning.plan_limits import PlanLimits
+
+
+@dataclass(frozen=True)
+class SeriesSettings:
+    """Of what a motion is made.
+
+    Attributes:
+        highest: Highest frequency, Hz: that of published exciting motions of these arms.
+        most: Most frequencies: multiples of half of what fits into the motion once, as evenly apart
+            by their ratio as these are. Chosen: more are slower to solve, and reach no more.
+        cycles: Cycles of the lowest one in a motion. Chosen: slow enough to go through the range.
+        lowest: ... but no lower than this, Hz. Chosen: so slowly joints pass their range at a tenth
+            of their speed.
+        ramp: From rest into the motion, and out of it, s; as `excite`'s.
+        most_ramp: ... but no more than this part of a motion.
+    """
+
+    highest: float = 0.6
+    most: int = 14
+    cycles: float = 1.5
+    lowest: float = 0.02
+    ramp: float = 3.0
+    most_ramp: float = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class MotionDesign:
+    """A plan and what it promises.
+
+    Attributes:
+        plan: The plan.
+        parameters: Name, unit, standard deviation before the motion, and standard error expected
+            after it, of each parameter.
+        condition: Condition number of the base parameters' columns, each divided by its range; of
+            poses, of those that weigh.
+        slacks: What it leaves of each limit.
+    """
+
+    plan: Plan
+    parameters: tuple[tuple[str, str, float, float], ...]
+    condition: float
+    slacks: tuple[Slack, ...]
+
+
+def series_basis(duration: float, settings: SeriesSettings | None = None) -> Basis:
+    """Return window and waves of a motion of a duration, s."""
+    of = settings or SeriesSettings()
+    step = 0.5 / duration
+    lowest = max(of.cycles / duration, of.lowest)
+    wanted = np.geomspace(lowest, max(of.highest, 2.0 * lowest), of.most)
+    frequency = step * np.unique(np.round(wanted / step))
+    return Basis(frequency, min(of.ramp, of.most_ramp * duration), duration)
+
+
+def design_motion(
+    arm: Arm,
+    limits: PlanLimits,
+    basis: Basis,
+    model: TorqueModel | None = None,
+    seed: int = 1,
+    settings: SolverSettings | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> MotionDesign:
+    """Return the most informative motion that was found within limits.
+
+    Args:
+        arm: The arm.
+        limits: What the motion keeps.
+        basis: What it is made of; see :func:`series_basis`.
+        model: A model of it, whose posterior is the prior, if it has one; efforts are kept by it.
+        seed: Of the starts.
+        settings: Effort of the search.
+        report: Called with the share of the search that is done.
+
+    Raises:
+        PlanError: No motion keeps the limits.
+    """
+    knowledge = knowledge_of(arm, limits, model)
+    search = MotionSearch(basis, limits, knowledge, model, seed, settings)
+    motion = search.best(report)
+    errors = knowledge.errors(search.inverse_covariance(motion))
+    parameters = zip(
+        knowledge.names, knowledge.units, knowledge.before.tolist(), errors.tolist(), strict=True
+    )
+    return MotionDesign(
+        Plan(arm, motion, limits), tuple(parameters), condition_number(arm, motion),
+        tuple(slacks(motion, limits, arm, model)),
+    )  # fmt: skip
+
+
+def knowledge_of(arm: Arm, limits: PlanLimits, model: TorqueModel | None) -> Knowledge:
+    """Return what is known before a motion: a model's posterior, else the effects' priors."""
+    if model is not None and model.uncertainty is not None and model.uncertainty.size:
+        return ModelKnowledge(model, model.uncertainty)
+    return PriorKnowledge(arm, limits.lower, limits.upper)
+
+
+def condition_number(arm: Arm, motion: FourierMotion, rate: float = 50.0) -> float:
+    """Return the condition number of the regressor of the base parameters over a motion.
+
+    They are the orthogonal combinations that identification fits. Each column is divided by its
+    range (greatest less least value), as published motions of these arms are judged.
+
+    Args:
+        arm: The arm.
+        motion: The motion.
+        rate: Samples per second.
+    """
+    time = np.arange(int(motion.duration * rate)) / rate
+    full = rigid_body.regressor(arm, *motion.at(time), arm.gravity).reshape(
+        -1, rigid_body.PER_LINK * len(arm.bodies)
+    )
+    return condition(full @ base_directions(arm))
+
+
+def condition(columns: Array) -> float:
+    """Return the condition number of (…, p) columns, each divided by its range."""
+    columns = columns.reshape(-1, columns.shape[-1])
+    spread = np.ptp(columns, axis=0)
+    return float(np.linalg.cond(columns / spread)) if spread.all() else float("inf")
+
+
+def require_arm(model: TorqueModel, arm: Arm, path: str) -> None:
+    """Refuse a model of another arm.
+
+    Raises:
+        ConfigError: Naming it.
+    """
+    if model.arm.joint_names != arm.joint_names:
+        raise ConfigError("--model", model.arm.name, f"a model of {arm.name}", path)

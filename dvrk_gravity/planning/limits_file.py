@@ -1,0 +1,226 @@
+"""limits.yaml: what a lab allows its arm, strictly read. Angles in degrees, lengths in m.
+
+    joints:                       # any of them, and any of these; the arm's defaults otherwise
+      elbow_pitch: {position: [-30, 30], velocity: 60, acceleration: 60, effort: 1.2}
+    combinations:                 # beside those that the arm has (an MTM's shoulder and elbow)
+      - {of: {shoulder_pitch: 1, elbow_pitch: 1}, position: [-9, 39], velocity: 60}
+    boxes:                        # in the base frame; the links' origins stay out
+      - {name: panel, lower: [-1, 0.3, -1], upper: [1, 1, 1], links: [link3, link7]}
+
+An ``effort`` is that of the motor with the joint's number, in N·m or N. A combination has the unit
+of its first joint; one of the same joints replaces the arm's. A box without ``links`` keeps the
+last link out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import yaml_file
+from dvrk_gravity.planning.places import tip
+from dvrk_gravity.planning.plan_limits import Box, Combination, PlanLimits
+
+_RATES = ("velocity", "acceleration")
+_KEYS = ("joints", "combinations", "boxes")
+_ROUNDING = 1e-9  # of numbers that were written in degrees
+
+
+def load_limits(path: str | Path, arm: Arm) -> PlanLimits:
+    """Return an arm's limits with those of a file.
+
+    Raises:
+        ConfigError: Naming the file, the entry, the value and what was expected: an unknown key,
+            joint or link, no numbers, or more than the arm's own stops, speeds and efforts.
+    """
+    try:
+        return limits_from(yaml_file.load(path), arm)
+    except ConfigError as error:
+        raise error if error.source else error.in_file(path) from None
+
+
+def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
+    """Return an arm's limits with those of the content of such a file."""
+    limits = PlanLimits.of(arm)
+    _require_known("", content, _KEYS)
+    values = {name: getattr(limits, name).copy() for name in ("lower", "upper", *_RATES, "effort")}
+    for name, entry in _mapping("joints", content.get("joints", {})).items():
+        where = f"joints.{name}"
+        if name not in arm.joint_names:
+            raise ConfigError("joints", name, f"one of {', '.join(arm.joint_names)}")
+        _require_known(where, _mapping(where, entry), ("position", *_RATES, "effort"))
+        k = arm.joint_names.index(name)
+        _put(values, k, where, entry, arm)
+    own = {frozenset(each.factors): each for each in limits.combinations}
+    for k, entry in enumerate(_list("combinations", content.get("combinations", []))):
+        given = _combination(f"combinations[{k}]", entry, arm)
+        own[frozenset(given.factors)] = given
+    boxes = tuple(
+        _box(f"boxes[{k}]", entry, k, arm)
+        for k, entry in enumerate(_list("boxes", content.get("boxes", [])))
+    )
+    return replace(limits, **values, combinations=tuple(own.values()), boxes=boxes)
+
+
+def limits_content(limits: PlanLimits, arm: Arm) -> dict[str, Any]:
+    """Return the content of a file from which :func:`limits_from` makes the limits again."""
+    joints = {}
+    for k, joint in enumerate(arm.joints):
+        size = _size(arm, k)
+        joints[joint.name] = {
+            "position": [float(limits.lower[k] / size), float(limits.upper[k] / size)],
+            "velocity": float(limits.velocity[k] / size),
+            "acceleration": float(limits.acceleration[k] / size),
+            "effort": float(limits.effort[k]),
+        }
+    content: dict[str, Any] = {"joints": joints}
+    if limits.combinations:
+        content["combinations"] = [_written(each, arm) for each in limits.combinations]
+    if limits.boxes:
+        content["boxes"] = [
+            {"name": box.name, "lower": list(box.lower), "upper": list(box.upper),
+             "links": list(box.links)}
+            for box in limits.boxes
+        ]  # fmt: skip
+    return content
+
+
+def _written(combination: Combination, arm: Arm) -> dict[str, Any]:
+    size = _size(arm, arm.joint_names.index(combination.factors[0][0]))
+    entry: dict[str, Any] = {"of": dict(combination.factors)}
+    ends = (combination.lower, combination.upper)
+    if any(map(math.isfinite, ends)):
+        entry["position"] = [end / size for end in ends]
+    for name in _RATES:
+        value = getattr(combination, name)
+        if math.isfinite(value):
+            entry[name] = value / size
+    return entry
+
+
+def _put(values: dict[str, Array], k: int, where: str, entry: Mapping[str, Any], arm: Arm) -> None:
+    """Put a joint's entry in its place."""
+    joint, size = arm.joints[k], _size(arm, k)
+    slack = 1.0 + _ROUNDING
+    if "position" in entry:
+        low, high = _pair(f"{where}.position", entry["position"])
+        if low * size < arm.lower[k] - _ROUNDING or high * size > arm.upper[k] + _ROUNDING:
+            stops = f"{joint.shown(arm.lower[k])} to {joint.shown(arm.upper[k])}"
+            raise ConfigError(f"{where}.position", [low, high], f"within the arm's stops, {stops}")
+        values["lower"][k], values["upper"][k] = low * size, high * size
+    for name in _RATES:
+        if name in entry:
+            values[name][k] = _positive(f"{where}.{name}", entry[name]) * size
+    most = float(arm.velocity_limit[k])
+    if values["velocity"][k] > most * slack:
+        raise ConfigError(
+            f"{where}.velocity", entry.get("velocity"), f"at most the arm's, {joint.shown(most)}/s"
+        )
+    if "effort" in entry:
+        effort, most = _positive(f"{where}.effort", entry["effort"]), arm.actuator_effort_limit[k]
+        if effort > most * slack:
+            expected = f"at most the motor's, {most:g} {joint.effort_unit}"
+            raise ConfigError(f"{where}.effort", effort, expected)
+        values["effort"][k] = effort
+
+
+def _combination(where: str, entry: Any, arm: Arm) -> Combination:
+    _require_known(where, _mapping(where, entry), ("of", "position", *_RATES))
+    of = _mapping(f"{where}.of", entry.get("of"))
+    for name, factor in of.items():
+        if name not in arm.joint_names:
+            raise ConfigError(f"{where}.of", name, f"joints of {', '.join(arm.joint_names)}")
+        if _number(f"{where}.of.{name}", factor) == 0.0:
+            raise ConfigError(f"{where}.of.{name}", factor, "a factor that is not zero")
+    if len(of) < 2:
+        raise ConfigError(f"{where}.of", dict(of), "at least two joints; one alone is in `joints`")
+    if len(entry) < 2:
+        raise ConfigError(where, dict(entry), "position, velocity or acceleration beside `of`")
+    order = [name for name in arm.joint_names if name in of]
+    size = _size(arm, arm.joint_names.index(order[0]))
+    low, high = -np.inf, np.inf
+    if "position" in entry:
+        low, high = _pair(f"{where}.position", entry["position"])
+    rates = {
+        name: _positive(f"{where}.{name}", entry[name]) * size for name in _RATES if name in entry
+    }
+    factors = tuple((name, float(of[name])) for name in order)
+    return Combination(factors, low * size, high * size, **rates)
+
+
+def _box(where: str, entry: Any, number: int, arm: Arm) -> Box:
+    _require_known(where, _mapping(where, entry), ("name", "lower", "upper", "links"))
+    lower, upper = (_corner(f"{where}.{side}", entry.get(side)) for side in ("lower", "upper"))
+    for axis, (low, high) in zip("xyz", zip(lower, upper, strict=True), strict=True):
+        if not low < high:
+            raise ConfigError(where, [low, high], f"lower below upper along {axis}")
+    links = _list(f"{where}.links", entry.get("links", [tip(arm)]))
+    for link in links:
+        if link not in arm.body_names:
+            raise ConfigError(f"{where}.links", link, f"some of {', '.join(arm.body_names)}")
+    if not links or len(set(links)) < len(links):
+        raise ConfigError(f"{where}.links", links, "at least one link, each once")
+    name = entry.get("name", f"box {number + 1}")
+    if not isinstance(name, str) or not name:
+        raise ConfigError(f"{where}.name", name, "a text")
+    return Box(name, lower, upper, tuple(links))
+
+
+def _corner(where: str, value: Any) -> tuple[float, float, float]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise ConfigError(where, value, "three coordinates, m")
+    x, y, z = (_number(where, each) for each in value)
+    return x, y, z
+
+
+def _pair(where: str, value: Any) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ConfigError(where, value, "two numbers, the lower one first")
+    low, high = (_number(where, each) for each in value)
+    if not low < high:
+        raise ConfigError(where, value, "the lower one first")
+    return low, high
+
+
+def _positive(where: str, value: Any) -> float:
+    number = _number(where, value)
+    if number <= 0.0:
+        raise ConfigError(where, value, "a number above 0")
+    return number
+
+
+def _number(where: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ConfigError(where, value, "a finite number")
+    return float(value)
+
+
+def _mapping(where: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ConfigError(where, value, "a mapping")
+    return value
+
+
+def _list(where: str, value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise ConfigError(where, value, "a list")
+    return value
+
+
+def _require_known(where: str, entry: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for key in entry:
+        if key not in known:
+            raise ConfigError(where, key, f"{', '.join(known)}")
+
+
+def _size(arm: Arm, k: int) -> float:
+    """Return what a number of a joint's in the file is in rad or m."""
+    return math.radians(1.0) if arm.joints[k].kind == "revolute" else 1.0

@@ -1,0 +1,376 @@
+"""The most informative motion within limits: an augmented Lagrangian over Fourier coefficients.
+
+Positions, velocities and accelerations are linear in the coefficients, so all but efforts and boxes
+are linear constraints, on a grid. Maximised is log det A of :mod:`.information`; its gradient goes
+through the regressor's slopes and the series, which is exact. L-BFGS solves each step (Nocedal and
+Wright 2006, section 17.4). What is left beyond a limit, by the proof between points, is taken off
+by moving the whole motion towards a position at rest that keeps them all.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import State
+from dvrk_gravity.errors import PlanError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning.fourier import Basis, FourierMotion
+from dvrk_gravity.planning.information import Knowledge
+from dvrk_gravity.planning.keeping import efforts, outside, slacks
+from dvrk_gravity.planning.places import levers
+from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.planning.resting import resting_positions
+from dvrk_gravity.units import quantity
+
+Report = Callable[[float], None]
+_HALVINGS = 10  # of the part of a motion that keeps its limits: to a thousandth
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Effort of the search. Numbers are chosen; `benchmark/plan.py` prints what they reach.
+
+    Attributes:
+        samples: Times at which the information is integrated, in each period of the fastest wave.
+        most_samples: ... but no more than this.
+        grid: Times at which limits are kept, in each period of the fastest wave. A sine is 1 - cos(
+            pi / grid) higher between them: .2 %.
+        spare: Part of each limit that is left for that.
+        draws: Random motions among which the starts are chosen.
+        starts: From so many the search starts.
+        first: Iterations of each start.
+        rounds: Steps of the augmented Lagrangian for the best.
+        iterations: Iterations in each.
+        stiffness: Of the penalty at first.
+        stiffer: Its factor from step to step.
+        seconds: After this time of one core the search ends, s.
+    """
+
+    samples: int = 6
+    most_samples: int = 200
+    grid: int = 48
+    spare: float = 0.002
+    draws: int = 40
+    starts: int = 3
+    first: int = 40
+    rounds: int = 6
+    iterations: int = 80
+    stiffness: float = 30.0
+    stiffer: float = 2.0
+    seconds: float = 100.0
+
+
+@dataclass(eq=False)
+class _Constraint:
+    """Values g <= 0 with multipliers and what takes their slopes back to the coefficients."""
+
+    values: Callable[[Array, Array], tuple[Array, Callable[[Array], tuple[Array, Array]]]]
+    multiplier: Array = field(default_factory=lambda: np.zeros(0))
+
+    def add(
+        self, middle: Array, coefficients: Array, stiffness: float, update: bool = False
+    ) -> tuple[float, Array, Array]:
+        """Return the Lagrangian's part and its slopes; ``update`` the multipliers afterwards."""
+        g, back = self.values(middle, coefficients)
+        if self.multiplier.shape != g.shape:
+            self.multiplier = np.zeros(g.shape)
+        force = np.maximum(0.0, self.multiplier + stiffness * g)
+        value = float(np.sum(force**2 - self.multiplier**2)) / (2.0 * stiffness)
+        if update:
+            self.multiplier = force
+        return value, *back(force)
+
+
+class MotionSearch:
+    """A problem: what is maximised, and what is kept."""
+
+    def __init__(
+        self,
+        basis: Basis,
+        limits: PlanLimits,
+        knowledge: Knowledge,
+        model: TorqueModel | None = None,
+        seed: int = 0,
+        settings: SolverSettings | None = None,
+    ) -> None:
+        """Lay out the grids.
+
+        Args:
+            basis: Of the motion.
+            limits: What it keeps.
+            knowledge: What is known before it.
+            model: For its efforts; ``None``: none are known.
+            seed: Of the draws.
+            settings: Effort of the search.
+
+        Raises:
+            PlanError: Limits that no position at rest keeps.
+        """
+        self.basis, self.limits, self.knowledge, self.model = basis, limits, knowledge, model
+        self.arm: Arm = knowledge.arm
+        self.settings = settings or SolverSettings()
+        self._random = np.random.default_rng(seed)
+        self.rest = resting_positions(limits, self.arm, model, self._random, 1 + 20)
+        fastest = float(basis.frequency.max())
+        needed = int(self.settings.samples * fastest * basis.duration) + 2
+        count = min(self.settings.most_samples, needed)
+        # Each stands for the same time; where they are too few for the fastest wave, at random.
+        place = 0.5 if count == needed else self._random.uniform(0.0, 1.0, count)
+        self._time = (np.arange(count) + place) * basis.duration / count
+        self._weight = np.full(count, basis.duration / count)
+        self._at = basis.at(self._time)
+        self._grid = basis.at(basis.grid(1.0 / (self.settings.grid * fastest))[0])
+        self._scale = self._sizes()
+        self._constraints = [_Constraint(self._kinematic)]
+        if model is not None:
+            self._constraints.append(_Constraint(self._efforts))
+        if limits.boxes:
+            self._constraints.append(_Constraint(self._boxes))
+
+    def _sizes(self) -> Array:
+        """Return (1 + 2 k, n) about how large middle and coefficients can be."""
+        limits = self.limits
+        half = 0.5 * np.minimum(limits.upper - limits.lower, 2.0 * np.pi)
+        omega = np.tile(2.0 * np.pi * self.basis.frequency, 2)[:, None]
+        size = np.minimum(np.minimum(half, limits.velocity / omega), limits.acceleration / omega**2)
+        return np.vstack([half, size]) + 1e-9
+
+    def best(self, report: Report = lambda share: None) -> FourierMotion:
+        """Return the best motion that was found; it keeps all limits.
+
+        Raises:
+            PlanError: None was found, though positions at rest keep them all.
+        """
+        settings, begin = self.settings, time.process_time()
+        total = settings.starts * settings.first + settings.rounds * settings.iterations
+        done = 0
+
+        def count(_: Array) -> None:
+            nonlocal done
+            done += 1
+            report(min(1.0, done / total))
+            if time.process_time() - begin > settings.seconds:
+                raise StopIteration  # as the solver expects it of who wants no more
+
+        drawn = sorted(
+            (self._draw(k) for k in range(settings.draws)), key=self.information, reverse=True
+        )
+        found = []
+        for start in drawn[: settings.starts]:
+            x, multipliers = self._solve(start, 1, settings.first, count, begin)
+            found.append((self._kept(x), x, multipliers))
+        found.sort(key=lambda each: -self.information(each[0]))
+        done = settings.starts * settings.first
+        _, x, multipliers = found[0]
+        for constraint, multiplier in zip(self._constraints, multipliers, strict=True):
+            constraint.multiplier = multiplier
+        x, _ = self._solve(x, settings.rounds, settings.iterations, count, begin)
+        return max(
+            [self._kept(x), *(each[0] for each in found), self._kept(self._vector(drawn[0]))],
+            key=self.information,
+        )
+
+    def information(self, motion: FourierMotion) -> float:
+        """Return log det A after a motion."""
+        inverse = self.knowledge.inverse_covariance(State(*motion.at(self._time)), self._weight)
+        return float(np.linalg.slogdet(inverse)[1])
+
+    def inverse_covariance(self, motion: FourierMotion) -> Array:
+        """Return (p, p) A after a motion, at twice as many times as the fastest wave needs."""
+        fastest, duration = float(self.basis.frequency.max()), self.basis.duration
+        count = int(2 * self.settings.samples * fastest * duration) + 2
+        moments = (np.arange(count) + 0.5) * duration / count
+        weight = np.full(count, duration / count)
+        return self.knowledge.inverse_covariance(State(*motion.at(moments)), weight)
+
+    def _vector(self, motion: FourierMotion) -> Array:
+        return np.asarray(np.vstack([motion.middle, motion.coefficients]) / self._scale).ravel()
+
+    def _motion(self, x: Array) -> FourierMotion:
+        whole = x.reshape(self._scale.shape) * self._scale
+        return FourierMotion(self.basis, whole[0], whole[1:])
+
+    def _draw(self, number: int) -> FourierMotion:
+        """Draw a motion that goes as far as the limits on the grid let it."""
+        middle = self.rest[number % len(self.rest)]
+        wave = self._random.normal(size=self._scale[1:].shape) * self._scale[1:]
+        n, rows = self.arm.n, self.limits.rows
+        lower, upper = self.limits.range
+
+        def factor(coefficients: Array, which: slice) -> Array:
+            """Return how much longer the ways of some rows may be."""
+            q, qd, qdd = self._grid @ (coefficients @ rows[which].T)
+            here = rows[which] @ middle
+            with np.errstate(divide="ignore", invalid="ignore"):
+                room = [
+                    (upper[which] - here) / q.max(axis=0), (lower[which] - here) / q.min(axis=0),
+                    *(rate[which] / np.abs(way).max(axis=0)
+                      for rate, way in zip(self.limits.rates, (qd, qdd), strict=True)),
+                ]  # fmt: skip
+            return np.nan_to_num(np.min(room, axis=0), nan=np.inf, posinf=1e3)
+
+        wave = wave * factor(wave, slice(0, n))
+        if len(rows) > n:
+            wave = wave * min(1.0, float(factor(wave, slice(n, None)).min()))
+        return FourierMotion(self.basis, middle, wave)
+
+    def _solve(
+        self,
+        start: FourierMotion | Array,
+        rounds: int,
+        iterations: int,
+        count: Callable[[Array], None],
+        begin: float,
+    ) -> tuple[Array, list[Array]]:
+        """Return where rounds of the augmented Lagrangian lead, and the multipliers."""
+        from scipy.optimize import minimize
+
+        stiffness = self.settings.stiffness
+        if isinstance(start, FourierMotion):
+            x = self._vector(start)
+            for constraint in self._constraints:
+                constraint.multiplier = np.zeros(0)
+        else:
+            x = start
+        for _ in range(rounds):
+            if time.process_time() - begin > self.settings.seconds:
+                break
+            x = minimize(
+                self._lagrangian, x, args=(stiffness,), jac=True, method="L-BFGS-B",
+                callback=count, options={"maxiter": iterations, "maxcor": 30},
+            ).x  # fmt: skip
+            motion = self._motion(x)
+            for constraint in self._constraints:
+                constraint.add(motion.middle, motion.coefficients, stiffness, update=True)
+            stiffness *= self.settings.stiffer
+        return x, [constraint.multiplier for constraint in self._constraints]
+
+    def _lagrangian(self, x: Array, stiffness: float) -> tuple[float, Array]:
+        motion = self._motion(x)
+        states = (self._at @ motion.coefficients) + np.stack(
+            [motion.middle, *[np.zeros(self.arm.n)] * 2]
+        )[:, None]
+        value, by = self.knowledge.gradient(State(*states), self._weight)
+        total = -value
+        of_middle = -by[0].sum(axis=0)
+        of_waves = -sum(b.T @ each for b, each in zip(self._at, by, strict=True))
+        for constraint in self._constraints:
+            part, middle, waves = constraint.add(motion.middle, motion.coefficients, stiffness)
+            total += part
+            of_middle = of_middle + middle
+            of_waves = of_waves + waves
+        slope = np.vstack([of_middle, of_waves]) * self._scale
+        return total, slope.ravel()
+
+    def _kinematic(
+        self, middle: Array, coefficients: Array
+    ) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
+        """Return (3, N, r) parts beyond the limits of joints and combinations."""
+        rows, allowed = self.limits.rows, 1.0 - self.settings.spare
+        lower, upper = self.limits.range
+        open_ended = ~np.isfinite(upper - lower)
+        half = np.where(open_ended, np.inf, np.maximum(0.5 * (upper - lower), 1e-9))
+        centre = np.where(open_ended, 0.0, 0.5 * (np.where(open_ended, 0.0, lower + upper)))
+        size = np.stack([half, *self.limits.rates])[:, None]
+        ways = self._grid @ (coefficients @ rows.T)
+        ways[0] += rows @ middle - centre
+        part = np.abs(ways) / size - allowed
+        sign = np.sign(ways) / size
+
+        def back(force: Array) -> tuple[Array, Array]:
+            pull = (force * sign) @ rows  # (3, N, n)
+            waves = np.einsum("dNk,dNn->kn", self._grid, pull, optimize=True)
+            return pull[0].sum(axis=0), waves
+
+        return part, back
+
+    def _efforts(
+        self, middle: Array, coefficients: Array
+    ) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
+        """Return (N, n) parts of the actuators' efforts beyond their limits."""
+        model, allowed = self.model, 1.0 - self.settings.spare
+        assert model is not None
+        q, qd, qdd = self._at @ coefficients
+        q = q + middle
+        load, torque = efforts(model, State(q, qd, qdd))
+        part = load / self.limits.effort - allowed
+
+        def back(force: Array) -> tuple[Array, Array]:
+            pull = force * np.sign(torque) / self.limits.effort
+            if not pull.any():
+                return np.zeros_like(middle), np.zeros_like(coefficients)
+            by = np.zeros((3, *q.shape))
+            busy = pull.any(axis=1)
+            state = [each[busy] for each in (q, qd, qdd)]
+            # The band moves little beside the torque itself.
+            for order, step in enumerate((1e-5, 0.05, 1.0)):
+                for j, unit in enumerate(np.eye(self.arm.n)):
+                    ahead, behind = (
+                        self.arm.actuator_effort(
+                            model.torque_at(
+                                State(*(each + (sign * step * unit if order == k else 0.0)
+                                        for k, each in enumerate(state)))
+                            )
+                        )
+                        for sign in (1.0, -1.0)
+                    )  # fmt: skip
+                    slope = (ahead - behind) / (2.0 * step)
+                    by[order, busy, j] = np.einsum("Nn,Nn->N", slope, pull[busy])
+            waves = np.einsum("dNk,dNn->kn", self._at, by, optimize=True)
+            return by[0].sum(axis=0), waves
+
+        return part, back
+
+    def _boxes(
+        self, middle: Array, coefficients: Array
+    ) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
+        """Return (N, links) how far links are within boxes, in units of 0.1 m."""
+        boxes, size = self.limits.boxes, 0.1
+        q = self._grid[0] @ coefficients + middle
+        away, slope = outside(self.arm, boxes, q)
+        part = (0.005 - away) / size  # 5 mm for what is between the points
+
+        def back(force: Array) -> tuple[Array, Array]:
+            busy = force.any(axis=1)
+            by = np.zeros_like(q)
+            if busy.any():
+                links = [link for box in boxes for link in box.links]
+                lever = levers(self.arm, links, q[busy])
+                by[busy] = -np.einsum("Nl,Nlx,Nlxn->Nn", force[busy], slope[busy], lever) / size
+            return by.sum(axis=0), self._grid[0].T @ by
+
+        return part, back
+
+    def _kept(self, x: Array) -> FourierMotion:
+        """Return the motion, moved towards rest as far as it takes to keep all limits.
+
+        Raises:
+            PlanError: Only the position at rest itself keeps them.
+        """
+        motion, about = self._motion(x), self.rest[0]
+        low, high, kept, beyond = 0.0, 1.0, None, None
+        factor = high
+        for _ in range(_HALVINGS):
+            tried = motion.scaled(about, factor)
+            found = slacks(tried, self.limits, self.arm, self.model)
+            worst = max(found, key=lambda each: -each.left if each.left < 0.0 else -np.inf)
+            if worst.left < 0.0:
+                high, beyond = factor, worst
+            else:
+                low, kept = factor, tried
+            if low == 1.0:
+                break
+            factor = 0.5 * (low + high)
+        if kept is None:
+            assert beyond is not None
+            raise PlanError(
+                f"the slightest motion exceeds a limit: the {beyond.limit} of {beyond.of} would "
+                f"have to give {quantity(-beyond.left, beyond.unit)}"
+            )
+        return kept

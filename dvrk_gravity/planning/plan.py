@@ -1,0 +1,220 @@
+"""A plan: a motion for an arm with the limits that it keeps, as a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import text_file, yaml_file
+from dvrk_gravity.model import arm_beside, arm_of, seen_from, values_of
+from dvrk_gravity.parameters import flatten, unflatten
+from dvrk_gravity.planning.fourier import Basis, FourierMotion
+from dvrk_gravity.planning.limits_file import limits_content, limits_from
+from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.planning.pose_path import PosePath
+
+FORMAT = 1
+MOTION, POSES = "motion", "poses"
+CSV_RATE = 1000.0  # Hz
+_POSES = ("stand", "approach", "part", "positions")
+_MOTION = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion from rest to rest, and what it keeps.
+
+    Attributes:
+        arm: The arm.
+        motion: The motion: one for trajectories, or slow poses from both sides.
+        limits: What it keeps.
+    """
+
+    arm: Arm
+    motion: FourierMotion | PosePath
+    limits: PlanLimits
+
+    @property
+    def duration(self) -> float:
+        """When it is at rest again, s."""
+        return self.motion.duration
+
+    def at(self, time: float | Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration, (n,) each, or (N, n) for (N,) times, s."""
+        return self.motion.at(time)
+
+    def save(self, path: str | Path, comment: str = "") -> None:
+        """Write the plan, whole or not at all.
+
+        Args:
+            path: File to write; one that exists is replaced.
+            comment: Lines put on top, without ``#``.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        path = Path(path)
+        arm = values_of(self.arm)
+        arm["arm"] = seen_from(str(arm["arm"]), path.parent)
+        of_poses = isinstance(self.motion, PosePath)
+        content = {
+            "format": FORMAT,
+            "kind": POSES if of_poses else MOTION,
+            "arm": unflatten(arm),
+            **self._content(),
+            "limits": limits_content(self.limits, self.arm),
+        }
+        head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
+        text_file.write(path, head + yaml_file.dump(content))
+
+    def _content(self) -> dict[str, Any]:
+        """Return what a file has of the motion itself."""
+        motion, names = self.motion, self.arm.joint_names
+
+        def by_joint(rows: Array) -> dict[str, Any]:
+            return dict(zip(names, rows.T.tolist(), strict=True))
+
+        if isinstance(motion, PosePath):
+            return {
+                POSES: {
+                    "stand": motion.stand,
+                    "approach": by_joint(motion.approach),
+                    "part": motion.part,
+                    "positions": by_joint(motion.poses),
+                }
+            }
+        cosine, sine = np.split(motion.coefficients, 2)
+        return {
+            MOTION: {
+                "duration": motion.basis.duration,
+                "ramp": motion.basis.ramp,
+                "frequency": motion.basis.frequency.tolist(),
+                "middle": by_joint(motion.middle),
+                "cosine": by_joint(cosine),
+                "sine": by_joint(sine),
+            }
+        }
+
+    @classmethod
+    def load(cls, path: str | Path) -> Plan:
+        """Read a plan.
+
+        Raises:
+            ConfigError: Naming the file, the entry, the value and what was expected.
+        """
+        content = yaml_file.load(path)
+        try:
+            return cls._from(content, Path(path).parent)
+        except ConfigError as error:
+            raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def _from(cls, content: Mapping[str, Any], folder: Path) -> Plan:
+        kind = content.get("kind")
+        if kind not in (MOTION, POSES):
+            raise ConfigError("kind", kind, f"{MOTION} or {POSES}, as `plan` writes it")
+        _require_keys("", content, ("format", "kind", "arm", kind, "limits"))
+        if content["format"] != FORMAT:
+            raise ConfigError("format", content["format"], f"{FORMAT}, as `plan` writes it")
+        for name in ("arm", "limits"):
+            if not isinstance(content[name], Mapping):
+                raise ConfigError(name, content[name], "a mapping")
+        arm = arm_of(arm_beside(flatten(content["arm"]), folder))
+        limits = limits_from(content["limits"], arm)
+        if kind == POSES:
+            return cls(arm, _poses(content[kind], arm, limits), limits)
+        return cls(arm, _motion(content[kind], arm), limits)
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write the motion at 1 kHz: ``time``, and position and velocity of each joint (SI).
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        time = np.arange(int(np.ceil(self.duration * CSV_RATE - 1e-9)) + 1) / CSV_RATE
+        q, qd, _ = self.at(time)
+        names = self.arm.joint_names
+        columns = [f"{name}.{what}" for what in ("position", "velocity") for name in names]
+        rows = np.hstack([time[:, None], q, qd])
+        lines = (",".join(format(value, ".9g") for value in row) for row in rows.tolist())
+        text_file.write(Path(path), "\n".join([",".join(["time", *columns]), *lines]) + "\n")
+
+
+def _motion(entry: Any, arm: Arm) -> FourierMotion:
+    _require_keys(MOTION, entry, _MOTION)
+    duration, ramp = (_positive(f"{MOTION}.{name}", entry[name]) for name in _MOTION[:2])
+    if 2.0 * ramp > duration:
+        raise ConfigError(f"{MOTION}.ramp", ramp, "at most half of the duration")
+    frequency = _numbers(f"{MOTION}.frequency", entry["frequency"], None)
+    if not len(frequency) or (frequency <= 0.0).any():
+        raise ConfigError(f"{MOTION}.frequency", frequency.tolist(), "frequencies above 0, Hz")
+    count = len(frequency)
+    middle, cosine, sine = (
+        _by_joint(f"{MOTION}.{name}", entry[name], arm, size)
+        for name, size in (("middle", 1), ("cosine", count), ("sine", count))
+    )
+    return FourierMotion(Basis(frequency, ramp, duration), middle[0], np.vstack([cosine, sine]))
+
+
+def _poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
+    _require_keys(POSES, entry, _POSES)
+    stand, part = (_positive(f"{POSES}.{name}", entry[name]) for name in ("stand", "part"))
+    if part > 1.0:
+        raise ConfigError(f"{POSES}.part", part, "at most 1, the limits")
+    approach = _by_joint(f"{POSES}.approach", entry["approach"], arm, 1)[0]
+    poses = _by_joint(f"{POSES}.positions", entry["positions"], arm, None)
+    if (approach <= 0.0).any():
+        raise ConfigError(f"{POSES}.approach", approach.tolist(), "ways above 0")
+    if not len(poses):
+        raise ConfigError(f"{POSES}.positions", [], "at least one pose")
+    return PosePath(poses, approach, stand, part, limits)
+
+
+def _by_joint(where: str, entry: Any, arm: Arm, count: int | None) -> Array:
+    """Return (count, n) numbers, which are given by joint."""
+    _require_keys(where, entry, arm.joint_names)
+    columns = []
+    for joint in arm.joint_names:
+        columns.append(_numbers(f"{where}.{joint}", entry[joint], count))
+        count = len(columns[0])
+    return np.array(columns).T
+
+
+def _require_keys(where: str, entry: Any, keys: tuple[str, ...]) -> None:
+    """Check that a mapping has these keys and no other."""
+    if not isinstance(entry, Mapping):
+        raise ConfigError(where, entry, "a mapping")
+    for key in entry:
+        if key not in keys:
+            raise ConfigError(where, key, f"one of {', '.join(keys)}")
+    for key in keys:
+        if key not in entry:
+            raise ConfigError(f"{where}.{key}".lstrip("."), None, "a value")
+
+
+def _positive(where: str, value: Any) -> float:
+    (number,) = _numbers(where, value, 1)
+    if number <= 0.0:
+        raise ConfigError(where, value, "a number above 0")
+    return float(number)
+
+
+def _numbers(where: str, value: Any, count: int | None) -> Array:
+    """Return numbers in a list, or one alone."""
+    listed = value if isinstance(value, list) else [value]
+    good = all(
+        isinstance(each, int | float) and not isinstance(each, bool) and math.isfinite(each)
+        for each in listed
+    )
+    if not good or (count is not None and len(listed) != count):
+        expected = "finite numbers" if count is None else f"{count} finite numbers"
+        raise ConfigError(where, value, expected)
+    return np.array(listed, dtype=float)

@@ -1,0 +1,50 @@
+"""A plan as text for a terminal: what it promises, and what it leaves of each limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from dvrk_gravity.planning import MotionDesign, Slack
+from dvrk_gravity.units import quantity
+
+_COLUMN = 20  # characters
+_WORDS = {
+    "position": "position", "velocity": "speed", "acceleration": "acceleration",
+    "effort": "effort", "distance": "distance",
+}  # fmt: skip
+
+
+def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
+    """Yield the lines.
+
+    Args:
+        design: The plan and what it promises.
+        had_model: Whether a model's posterior was known before.
+    """
+    names = [name for name, *_ in design.parameters]
+    broad = 1 + max((len(name) for name in names), default=0)
+    before = "now" if had_model else "prior"
+    yield f"{'standard error of':<{broad}}{before:>{_COLUMN}}{'expected':>{_COLUMN}}"
+    for name, unit, known, expected in design.parameters:
+        shown = (quantity(value, unit) for value in (known, expected))
+        yield f"{name:<{broad}}" + "".join(f"{each:>{_COLUMN}}" for each in shown)
+    yield ""
+    broad = 1 + max(len(slack.of) for slack in design.slacks)
+    yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>{_COLUMN}}"
+    for slack in design.slacks:
+        used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
+        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{_left(slack):>{_COLUMN}}"
+    if not any(slack.limit == "effort" for slack in design.slacks):
+        yield "efforts are not known without --model, and not limited"
+    yield ""
+    yield (
+        f"condition number {design.condition:.0f} (base parameters' columns, each divided by its "
+        "range)"
+    )
+
+
+def _left(slack: Slack) -> str:
+    if slack.unit == "rad/s^2":
+        return f"{math.degrees(slack.left):.3g} deg/s²"
+    return quantity(slack.left, slack.unit)
