@@ -10,7 +10,7 @@ body's marginal likelihood. A body on which few places explain the data thereby 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,15 +104,19 @@ class LoadPosterior:
         mass, value = np.concatenate([alone, beside]), float(np.median(alone))
         return cls(mass[None], np.tile(place, (1, 2 * _DRAWS, 1)), np.ones(1), value)
 
-    def estimates(self, hypothesis: Hypothesis, theta: Array) -> dict[str, Estimate]:
+    def estimates(
+        self, hypothesis: Hypothesis, fitted: Mapping[str, Estimate]
+    ) -> dict[str, Estimate]:
         """Return the parameters of a payload with 95 % intervals: of mass on whatever body.
 
         Its place is that on the body that the hypothesis names. The values are those of the best
-        fit, if its mass is in the interval, else medians.
+        fit, if its mass is in the interval, else medians. Draws know of noise and of what may
+        have changed; the best fit also of the error that the model is known to have, and of
+        uncertain drive gains. An interval holds both.
 
         Args:
             hypothesis: The payload.
-            theta: Its parameters by the best fit.
+            fitted: Its parameters by the best fit, with their intervals at that one place.
         """
         bodies = len(self.share)
         body = hypothesis.site.index if bodies > 1 else 0
@@ -125,17 +129,10 @@ class LoadPosterior:
             name: Estimate(*_quantiles(*weighted), hypothesis.unit(name))
             for name, weighted in draws.items()
         }
-        fitted = hypothesis.parameters(theta)
         if self.value is None:
-            if not result["mass"].low <= fitted["mass"] <= result["mass"].high:
-                return result
+            at_fit = result["mass"].low <= fitted["mass"].value <= result["mass"].high
             return {
-                name: replace(
-                    each,
-                    value=fitted[name],
-                    low=min(each.low, fitted[name]),
-                    high=max(each.high, fitted[name]),
-                )
+                name: _both(each, fitted[name], at_fit) if name in fitted else each
                 for name, each in result.items()
             }
         part = self.value / (result["mass"].value or 1.0)
@@ -144,7 +141,18 @@ class LoadPosterior:
             for name, each in result.items()
             if name not in hypothesis.setting
         }
-        return result | scaled
+        return result | {
+            name: _both(each, fitted[name]) if name in fitted else each
+            for name, each in scaled.items()
+        }
+
+
+def _both(drawn: Estimate, fitted: Estimate, at_fit: bool = False) -> Estimate:
+    """Return an estimate, the fit's or the drawn one, with an interval that holds both."""
+    value = fitted.value if at_fit else drawn.value
+    return replace(
+        drawn, value=value, low=min(drawn.low, fitted.low), high=max(drawn.high, fitted.high)
+    )
 
 
 def _quantiles(values: Array, weight: Array) -> tuple[float, float, float]:

@@ -92,9 +92,8 @@ def report(
             spread += hypothesis.absorbed_variance(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         if isinstance(hypothesis, PayloadHypothesis):
-            parameters = LoadPosterior.of(validation, named, named[i]).estimates(
-                hypothesis, theta[rows]
-            )
+            load = LoadPosterior.of(validation, named, named[i])
+            parameters = load.estimates(hypothesis, parameters)
         finding = effect_finding(
             held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
         )
