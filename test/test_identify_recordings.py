@@ -124,8 +124,8 @@ def test_a_sweep_of_one_joint_helps_where_the_motion_of_all_did_not_go():
     alone_cable = 0.05 * np.sin(alone.position[:, WRIST])
     alone = replace(alone, effort=alone.effort + np.eye(7)[WRIST] * alone_cable[:, None])
     effects = [*FEW, "elastic_cable"]
-    without = identify([alone], ARM, "joint", effects).model
-    fit = identify([alone, only(held, [WRIST])], ARM, "joint", effects, still=still)
+    without = identify([alone], ARM, "joint", effects, physical=False).model
+    fit = identify([alone, only(held, [WRIST])], ARM, "joint", effects, still=still, physical=False)
     assert any("wrist_platform only, joint coordinates" in line for line in fit.handling)
     error = [
         np.std(held.effort[:, WRIST] - model.torque(held.position, held.velocity)[:, WRIST])
