@@ -23,7 +23,7 @@ from dvrk_gravity.identification import (
     improvement,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report import identification_page, torque_picture
+from dvrk_gravity.report import identification_page, residual_pictures, torque_pictures
 
 ERRORS = {name: JointError(0.01 * k, 0.1 * k, 0.9) for k, name in enumerate(JOINT_NAMES, start=1)}
 
@@ -110,10 +110,29 @@ def test_an_axis_is_of_force_where_a_joint_slides_and_of_its_size(kind, size, la
     joint = replace(Arm.load("mtmr").joints[0], kind=kind)
     trace = fit_of(TIME).traces[0]
     scale = size / np.abs(trace.measured).max()
-    torque_picture(
-        replace(trace, measured=scale * trace.measured, predicted=scale * trace.predicted), 0, joint
-    )
+    sized = replace(trace, measured=scale * trace.measured, predicted=scale * trace.predicted)
+    list(torque_pictures(sized, [joint]))
     assert labels == [label]
+
+
+def test_a_picture_holds_nothing_of_the_joint_before_it():
+    joint, trace = Arm.load("mtmr").joints[0], fit_of(TIME).traces[0]
+    larger = replace(trace, **{
+        name: np.column_stack([50.0 * values[:, 0] + 3.0, values[:, 0]])
+        for name in ("position", "velocity", "measured", "predicted")
+        if (values := getattr(trace, name)) is not None
+    })  # fmt: skip
+    alone = replace(larger, **{
+        name: values[:, 1:]
+        for name in ("position", "velocity", "measured", "predicted")
+        if (values := getattr(larger, name)) is not None
+    })  # fmt: skip
+    assert list(torque_pictures(larger, [joint, joint]))[1:] == list(
+        torque_pictures(alone, [joint])
+    )
+    assert list(residual_pictures([larger], [joint, joint]))[1:] == list(
+        residual_pictures([alone], [joint])
+    )
 
 
 def test_a_gain_that_is_too_small_is_not_called_none():

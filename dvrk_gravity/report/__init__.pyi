@@ -7,7 +7,8 @@ from .fit_in_terminal import compared as compared
 from .fit_in_terminal import error_table as error_table
 from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text
-from .fit_pictures import torque_picture as torque_picture
+from .fit_pictures import residual_pictures as residual_pictures
+from .fit_pictures import torque_pictures as torque_pictures
 from .identification import identification_page as identification_page
 from .plan_in_terminal import design_text as design_text
 from .plan_picture import plan_picture as plan_picture

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
 from dvrk_gravity.report.html import data_url, png
 from dvrk_gravity.report.units import effort_in_picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SHOWN = 15.0  # s of a trajectory
 DOTS = 4000
@@ -23,12 +26,18 @@ BINS = 25
 MEASURED, PREDICTED, DIFFERENCE = "#7f8fa6", "#c0392b", "#2c3e50"
 
 
-def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
-    """Return measured and predicted torque of one joint over time, or over the pose number."""
-    from matplotlib.figure import Figure
+def torque_pictures(trace: Trace, joints: Sequence[Joint]) -> Iterator[str]:
+    """Yield measured and predicted torque of each joint over time, or over the pose number."""
+    figure, (axes,) = _drawn_on(1)
+    for column, joint in enumerate(joints):
+        _torque(axes, trace, column, joint)
+        if not figure.legends:
+            figure.legend(loc="upper right", ncols=3, fontsize=8, frameon=False)
+        yield data_url(png(figure, dpi=100))
+        _erase([axes])
 
-    figure = Figure(figsize=_SIZE)
-    axes = figure.subplots(gridspec_kw=_ROOM)
+
+def _torque(axes: Any, trace: Trace, column: int, joint: Joint) -> None:
     if trace.time is None:
         x = np.arange(len(trace.measured), dtype=float)
         shown = np.argsort(trace.measured[:, column])
@@ -48,37 +57,52 @@ def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
     )
     word = "force" if joint.kind == "prismatic" else "torque"
     axes.set_ylabel(f"{word} [{unit}]")
-    figure.legend(loc="upper right", ncols=3, fontsize=8, frameon=False)
-    axes.grid(alpha=0.25)
-    return data_url(png(figure, dpi=100))
 
 
-def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
-    """Return the difference of one joint over its position and its velocity."""
+def residual_pictures(traces: Sequence[Trace], joints: Sequence[Joint]) -> Iterator[str]:
+    """Yield the difference of each joint over its position and its velocity."""
+    positions = np.concatenate([trace.position for trace in traces])
+    velocities = [trace.velocity for trace in traces if trace.velocity is not None]
+    panels = [("position", "", positions)]
+    if len(velocities) == len(traces):
+        panels.append(("velocity", "/s", np.concatenate(velocities)))
+    residual = np.concatenate([trace.measured - trace.predicted for trace in traces])
+    figure, axes = _drawn_on(len(panels))
+    for ax in axes:
+        ax.locator_params(axis="x", nbins=7)  # numbers that do not touch
+    for column, joint in enumerate(joints):
+        effort_unit, factor = effort_in_picture(joint, residual[:, column])
+        for ax, (label, rate, x) in zip(axes, panels, strict=True):
+            _scatter(ax, x[:, column], factor * residual[:, column])
+            ax.set_xlabel(f"{label} [{joint.unit}{rate}]")
+        axes[0].set_ylabel(f"difference [{effort_unit}]")
+        yield data_url(png(figure, dpi=100))
+        _erase(axes)
+
+
+def _drawn_on(panels: int) -> tuple[Figure, list[Any]]:
+    """Return a figure and its axes, for one picture after another: axes take long to make."""
     from matplotlib.figure import Figure
 
-    residual = np.concatenate([t.measured[:, column] - t.predicted[:, column] for t in traces])
-    effort_unit, factor = effort_in_picture(joint, residual)
-    unit = joint.unit
-    panels = [(f"position [{unit}]", np.concatenate([t.position[:, column] for t in traces]))]
-    velocities = [t.velocity[:, column] for t in traces if t.velocity is not None]
-    if len(velocities) == len(traces):
-        panels.append((f"velocity [{unit}/s]", np.concatenate(velocities)))
     figure = Figure(figsize=_SIZE)
-    axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True, gridspec_kw=_ROOM))
-    for ax, (label, x) in zip(axes, panels, strict=True):
-        _scatter(ax, x, factor * residual)
-        ax.set_xlabel(label)
-        ax.locator_params(axis="x", nbins=7)  # numbers that do not touch
-    axes[0].set_ylabel(f"difference [{effort_unit}]")
-    return data_url(png(figure, dpi=100))
+    axes = figure.subplots(1, panels, sharey=True, squeeze=False, gridspec_kw=_ROOM)[0].tolist()
+    for ax in axes:
+        ax.grid(alpha=0.25)
+    return figure, axes
+
+
+def _erase(axes: Sequence[Any]) -> None:
+    """Remove a picture's lines, and forget their limits."""
+    for ax in axes:
+        for line in list(ax.lines):
+            line.remove()
+        ax.relim()
 
 
 def _scatter(axes: Any, x: Array, y: Array) -> None:
     step = 1 + len(x) // DOTS
     axes.plot(x[::step], y[::step], ".", markersize=2.0, color=MEASURED)
     axes.axhline(0.0, color="#999999", linewidth=0.6)
-    axes.grid(alpha=0.25)
     if np.ptp(x) > 0.0:
         edges = np.linspace(x.min(), x.max(), BINS + 1)
         index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)

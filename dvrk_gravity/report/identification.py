@@ -5,7 +5,7 @@ from __future__ import annotations
 from dvrk_gravity.identification import RULE, Fit, good_to
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import VERDICTS
-from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
+from dvrk_gravity.report.fit_pictures import residual_pictures, torque_pictures
 from dvrk_gravity.report.units import effort_in_table
 
 _TEMPLATE = """<!doctype html>
@@ -96,14 +96,9 @@ def identification_page(fit: Fit, sources: str) -> str:
     # Of several traces, the longest is shown over time; the differences of all are.
     longest = max(fit.traces, key=lambda trace: len(trace.measured))
     joints = {joint.name: joint for joint in fit.model.arm.joints}
-    pictures = [
-        (
-            name,
-            torque_picture(longest, k, joints[name]),
-            residual_picture(fit.traces, k, joints[name]),
-        )
-        for k, name in enumerate(longest.joints)
-    ]
+    shown = [joints[name] for name in longest.joints]
+    over_time, left = torque_pictures(longest, shown), residual_pictures(fit.traces, shown)
+    pictures = list(zip(longest.joints, over_time, left, strict=True))
     poor = fit.verdict.level == VERDICTS[-1]
     headline = fit.verdict.words
     if not poor:

@@ -36,6 +36,7 @@ TOLERATED_LOSS = 0.25  # part of LEAST_GAIN that each removed column may cost. C
 # there, and in a motion of few frequencies a spring may imitate it. Chosen: from .05 to .2 the same
 # columns are chosen on every arm of `make peers`.
 SLOW = 0.1
+GAIN_MOVING = 0.5  # part of what another term gains that it must gain elsewhere. Chosen
 _TERMS = SearchSettings(60, lazy=0.9)  # chosen: exact greedy search finds the same
 _KINEMATICS = SearchSettings(60)
 
@@ -223,8 +224,10 @@ class ColumnSelection:
         if which:
             before = self._moving.error(self._fits.fit(state.columns))
             for i, after in zip(which, self._moving.error(theta[which]), strict=True):
-                passes = self._judged(before, moves[i], after).passes
-                trials[i] = replace(trials[i], passes=passes)
+                (gain, _), (moving, _) = (
+                    self.compare(state.errors, errors[i]), self.compare(before, after)
+                )  # fmt: skip
+                trials[i] = replace(trials[i], passes=moving > GAIN_MOVING * gain)
         return trials
 
     def _at_speed(self, move: ModelChange) -> bool:
