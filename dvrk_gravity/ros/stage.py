@@ -110,7 +110,8 @@ def _poses(plant: Plant) -> Array:
 
 
 def _shipped_model(arm: Arm) -> Path | None:
-    named = [name for name in shipped("") if name.partition("_")[0] == arm.name]
+    whole = () if arm.urdf else shipped("")  # a URDF's arm is its own, whatever its name
+    named = [name for name in whole if name.partition("_")[0] == arm.name]
     return config_path(f"{named[0]}.yaml") if named else None
 
 
