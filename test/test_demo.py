@@ -95,11 +95,8 @@ def test_the_model_that_comes_with_the_package_is_taken_and_otherwise_the_plant_
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (
-            {"reading.effort_scale": (1.3,) * 7},
-            r"model\.yaml: reading\.effort_scale: .* right read",
-        ),
-        ({"model_verdict": "do_not_compensate"}, r"model\.yaml: model_verdict: .* fit for compens"),
+        ({"reading.effort_scale": (1.3,) * 7}, "reading.effort_scale: .* right readings"),
+        ({"identification.verdict": "do_not_compensate"}, "verdict: .* fit for compensation"),
     ],
 )
 def test_a_model_that_the_compensator_refuses_is_refused_before_anything_starts(
@@ -108,14 +105,13 @@ def test_a_model_that_the_compensator_refuses_is_refused_before_anything_starts(
     model = TorqueModel.load(MODEL_FILE)
     changed = TorqueModel.from_parameters(model.parameters() | given, model.arm)
     changed.save(tmp_path / "model.yaml")
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=f"model.yaml: .*{message}"):
         Stage.of(model.arm, "", tmp_path / "model.yaml", tmp_path)
 
 
 def test_a_urdf_named_as_a_shipped_arm_is_shown_with_its_own_masses(tmp_path):
-    (tmp_path / "arm.urdf").write_text(
-        UR5.read_text().replace('<robot name="ur5"', '<robot name="mtmr"')
-    )
+    text = UR5.read_text().replace('<robot name="ur5"', '<robot name="mtmr"')
+    (tmp_path / "arm.urdf").write_text(text)
     named = Arm.load(str(tmp_path / "arm.urdf"))
     assert named.name == "mtmr"
     assert Stage.of(named, "", None, tmp_path).own_model
