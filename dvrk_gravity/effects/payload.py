@@ -296,8 +296,8 @@ def place_of(arm: Arm, text: str) -> tuple[int, Array]:
     return body, place
 
 
-def require_weighed(motion: Motion, text: str) -> None:
-    """Refuse a place of which a motion does not show a mass, before it is weighed there.
+def require_visible_load(motion: Motion, text: str) -> None:
+    """Refuse a place of which a motion does not show a mass, before a diagnosis looks for one there.
 
     Raises:
         ConfigError: Recordings of some joints, or a place at which a mass has no torque.
