@@ -297,7 +297,7 @@ def place_of(arm: Arm, text: str) -> tuple[int, Array]:
 
 
 def require_visible_load(motion: Motion, text: str) -> None:
-    """Refuse a place of which a motion does not show a mass, before a diagnosis looks for one there.
+    """Refuse a place at which a motion does not show a mass.
 
     Raises:
         ConfigError: Recordings of some joints, or a place at which a mass has no torque.
