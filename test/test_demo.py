@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from conftest import MODEL_FILE
 from made_up_arm import made_up_arm
 from std_msgs.msg import Bool
 from test_arms_dynamics import PANDA, UR5
@@ -89,6 +90,31 @@ def test_the_model_that_comes_with_the_package_is_taken_and_otherwise_the_plant_
     assert Stage.of(Arm.load("mtml"), "", None, tmp_path).model == tmp_path / MODEL
     with pytest.raises(ConfigError, match=r"^plant: got .*, expected one with the joints of ur5"):
         Stage.of(Arm.load(str(UR5)), "mtmr_28002", None, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"reading.effort_scale": (1.3,) * 7}, "reading.effort_scale: .* right readings"),
+        ({"identification.verdict": "do_not_compensate"}, "verdict: .* fit for compensation"),
+    ],
+)
+def test_a_model_that_the_compensator_refuses_is_refused_before_anything_starts(
+    given, message, tmp_path
+):
+    model = TorqueModel.load(MODEL_FILE)
+    changed = TorqueModel.from_parameters(model.parameters() | given, model.arm)
+    changed.save(tmp_path / "model.yaml")
+    with pytest.raises(ConfigError, match=f"model.yaml: .*{message}"):
+        Stage.of(model.arm, "", tmp_path / "model.yaml", tmp_path)
+
+
+def test_a_urdf_named_as_a_shipped_arm_is_shown_with_its_own_masses(tmp_path):
+    text = UR5.read_text().replace('<robot name="ur5"', '<robot name="mtmr"')
+    (tmp_path / "arm.urdf").write_text(text)
+    named = Arm.load(str(tmp_path / "arm.urdf"))
+    assert named.name == "mtmr"
+    assert Stage.of(named, "", None, tmp_path).own_model
 
 
 def farthest(phase: Phase, arm: Arm) -> float:

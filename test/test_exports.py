@@ -34,6 +34,7 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.exports import export_model
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.simulate import PlantFile
 
 CONVERT = "dvrk_gravity.cli.convert"
 ARMS = ("mtmr", "mtml", "psm", "ecm", "made_up", "ur5", "panda")
@@ -190,6 +191,11 @@ def test_an_exported_urdf_is_an_arm_with_the_same_torque(name, made_up, tmp_path
     smooth = without_dry(exported.held).torque(*states(model.arm))[:, order]
     assert most(without_dry(again).torque(*motion) - smooth) < 1e-9
     assert sorted(again.arm.joint_names) == sorted(model.arm.joint_names)
+    saved = TorqueModel.from_parameters(again.parameters(), again.arm)
+    np.testing.assert_array_equal(saved.torque(*motion), again.torque(*motion))
+    # The file is named as the arm was, and is another one: its masses are those that it states.
+    plant = PlantFile.of(again.arm).model
+    np.testing.assert_allclose(plant.torque(motion[0]), again.torque(motion[0]), atol=1e-9)
     for joint in again.arm.joints:
         before = model.arm.joints[model.arm.joint_names.index(joint.name)]
         assert (joint.lower, joint.upper) == pytest.approx((before.lower, before.upper))

@@ -4,11 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import MODEL_FILE
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.diagnosis import build
 from dvrk_gravity.diagnosis.inference.load_posterior import _Form, _tempered
 from dvrk_gravity.effects import mass_directions, place_of, place_terms, point_mass_directions
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+from testing.world import COARSE, World
+
+MASTER = World.draw(3, step=COARSE)
+LINK = (
+    '<link name="{}"><inertial><mass value="1"/><origin xyz="0 0 0.1"/><inertia ixx="0.02" '
+    'iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin '
+    'xyz="0.1 0.05 0.2"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="1"/>'
+    "{}</joint>"
+)
+NAMED_ALIKE = "".join(
+    (
+        '<robot name="alike"><link name="base"/>',
+        *(LINK.format(name) for name in ("lower", "upper", "hand")),
+        JOINT.format("upper", "base", "lower", ""),
+        JOINT.format("second", "lower", "upper", ""),
+        JOINT.format("third", "upper", "hand", '<mimic joint="second" multiplier="-1"/>'),
+        "</robot>",
+    )
+)
 
 
 @pytest.mark.parametrize(("joint", "link"), [("pitch", "link2"), ("insertion", "link3")])
@@ -41,6 +67,32 @@ def test_a_place_that_is_none_is_refused_in_one_line(text):
     if text.split(":")[0] not in Arm.load("psm").joint_names:
         assert "link2" in said
         assert "insertion" in said
+
+
+def test_a_link_s_end_is_where_any_link_is_attached_and_its_name_goes_before_a_joint_s(tmp_path):
+    """A joint may be named as the next link is; what follows a joint is attached as well."""
+    (tmp_path / "arm.urdf").write_text(NAMED_ALIKE)
+    arm = Arm.load(str(tmp_path / "arm.urdf"))
+    body, end = place_of(arm, "upper")
+    assert arm.body_names[body] == "upper"
+    np.testing.assert_allclose(end, (0.1, 0.05, 0.2), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("at", "joints", "message"),
+    [
+        ("link1:0,0,0", 7, "a mass there has no torque in this motion"),
+        ("link5", 6, "recordings of some joints: record all"),
+    ],
+)
+def test_a_load_that_the_recording_cannot_show_is_not_weighed_without_a_word(at, joints, message):
+    model, recording = TorqueModel.load(MODEL_FILE), MASTER.record(3, 4, 9.0, 100.0)
+    few = Recording(
+        recording.joints[:joints], recording.time, recording.position[:, :joints],
+        effort=recording.effort[:, :joints],
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match=message):
+        build(few, model, {} if joints == 7 else {"wrist_roll": 0.0}, payload_at=at)
 
 
 def test_a_point_mass_is_quadratic_in_its_place():

@@ -23,6 +23,7 @@ from dvrk_gravity.identification import evaluate
 from dvrk_gravity.intake import without_known_errors
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording, RecordingFile, limited_efforts
+from dvrk_gravity.report import evaluation_text
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, simulate
 from testing.plain_world import PlainWorld
 from testing.world import COARSE, World
@@ -238,6 +239,50 @@ def test_a_limit_is_where_the_scaled_reading_stops():
     outer = replace(ReadingErrors.none(7), effort=2.0 * np.eye(7))
     inner = replace(ReadingErrors.none(7), limit=np.full(7, 0.25))
     np.testing.assert_array_equal(outer.after(inner).limit, np.full(7, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("known", "still"),
+    [({"effort_delay": 1.0}, False), ({"effort_limit": unit(1e-6, other=0.0)}, True)],
+)
+def test_a_recording_of_which_nothing_can_be_read_is_refused_by_the_name_of_the_reason(
+    known, still
+):
+    model, recording, _ = masters()
+    few = recording.rows(np.arange(len(recording)) < 50)
+    few = replace(few, time=None, velocity=None) if still else few
+    with pytest.raises(RecordingError, match=r"nothing is left .* reading\.effort_limit"):
+        without_known_errors([few], knowing(model, **known))
+
+
+def test_a_part_of_a_long_recording_of_which_nothing_can_be_read_is_left_out(tmp_path):
+    model, recording, _ = masters()
+    limit = float(np.percentile(np.abs(recording.effort[:, ELBOW]), 90.0))
+    few = recording.rows(slice(0, 400))
+    poses = replace(clipped(limit)(few), time=None, velocity=None)
+    known = knowing(model, effort_limit=unit(limit, other=0.0))
+    poses.save(tmp_path / "poses.csv")
+    for size in (1, 7):
+        file = RecordingFile(tmp_path / "poses.csv", arm=model.arm)
+        parts = file.changed(lambda all, n=size: (few for part in all for few in part.parts(n)))
+        ((right,), _) = without_known_errors([parts], known)
+        assert len(right.load()) == len(put_right(known, poses)) < 400
+
+
+def test_a_delay_in_true_time_is_shorter_where_the_clock_was_wrong_as_well():
+    """Outer errors are divided out first: their delay is in the time that is left then."""
+    outer = replace(ReadingErrors.none(7), delay=0.03)
+    inner = replace(ReadingErrors.none(7), clock=1.5, delay=0.01)
+    assert outer.after(inner).delay == pytest.approx(0.03 / 1.5 + 0.01)
+    assert inner.after(outer).delay == pytest.approx(0.04)
+
+
+def test_a_terminal_shows_that_recordings_were_corrected_and_the_way_out():
+    model, recording, _ = masters()
+    result = evaluate(knowing(model, effort_scale=unit(1.3)), recording)
+    shown = [line for line in evaluation_text(result, model) if "are corrected" in line]
+    assert len(shown) == 1
+    assert "reading.effort_scale; if the arm reads correctly by now, remove" in shown[0]
 
 
 def test_a_recording_without_a_joint_that_leaks_into_another_is_refused():

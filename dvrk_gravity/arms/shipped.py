@@ -18,9 +18,9 @@ def plausible_plant(arm: Description) -> str:
     """Return the name of the shipped plant that moves as an arm does; ``""``: none.
 
     It is the first whose name begins with the arm's; of any MTM ``mtmr_28002``. An arm with
-    held joints has none.
+    held joints has none, nor has one of a URDF, whatever its name: its file states its own masses.
     """
-    whole = () if arm.held else shipped(PLANTS)
+    whole = () if arm.held or arm.urdf else shipped(PLANTS)
     named = [name for name in whole if name.partition("_")[0] == arm.name]
     return named[0] if named else _MTM if whole and is_mtm(arm) else ""
 

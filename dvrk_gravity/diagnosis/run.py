@@ -19,7 +19,7 @@ from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_mo
 from dvrk_gravity.diagnosis.inference.infer import infer, silent
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
-from dvrk_gravity.effects import ReadingErrors, place_of
+from dvrk_gravity.effects import ReadingErrors, place_of, require_visible_load
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.intake import (
     check_mass,
@@ -166,6 +166,7 @@ def build(
         require_gravity(loaded.motion, prepared[0].head.source)
     if place is not None:
         loaded = replace(loaded, motion=replace(loaded.motion, payload_at=place))
+        require_visible_load(loaded.motion, str(payload_at))
     return DiagnosisProblem(loaded, read.faults, errors.after(read.errors))
 
 

@@ -99,6 +99,7 @@ from .payload import Payload as Payload
 from .payload import PayloadHypothesis as PayloadHypothesis
 from .payload import heaviest as heaviest
 from .payload import place_of as place_of
+from .payload import require_visible_load as require_visible_load
 from .presliding_hysteresis import PreslidingHypothesis as PreslidingHypothesis
 from .presliding_hysteresis import PreslidingHysteresis as PreslidingHysteresis
 from .rotor_inertia import RotorInertia as RotorInertia

@@ -37,6 +37,7 @@ _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
 _REACH = 3.0  # m, of a place that is stated: a longer one is in other units. Chosen
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is reported, ...
 _PART_OF_WAY = 0.5  # ... or this part of its distance
+_NO_TORQUE = 1e-6  # N·m or N, of 1 kg: rounding
 _UNSEEN = 1e-6  # m, of an interval about 0 along a joint's axis, where a mass makes no torque
 
 
@@ -267,7 +268,8 @@ class PlacedPayloadHypothesis(PayloadHypothesis):
 def place_of(arm: Arm, text: str) -> tuple[int, Array]:
     """Return the body and (3,) place, m, of ``LINK[:X,Y,Z]`` in that link's frame.
 
-    ``LINK`` is a link's name or a joint's, for the link that it moves. Without coordinates it is
+    ``LINK`` is a link's name or a joint's, for the link that it moves; a link's name goes first.
+    Without coordinates it is
     the link's end: where the next link is attached at zero, or the origin of the last link's frame.
 
     Raises:
@@ -275,7 +277,7 @@ def place_of(arm: Arm, text: str) -> tuple[int, Array]:
     """
     name, colon, rest = text.partition(":")
     joints = dict(zip(arm.joint_names, links_of_joints(arm), strict=True))
-    bodies = {body: index for index, body in enumerate(arm.body_names)} | joints
+    bodies = joints | {body: index for index, body in enumerate(arm.body_names)}
     if name not in bodies:
         known = ", ".join((*arm.body_names, *arm.joint_names))
         raise ConfigError(
@@ -294,9 +296,26 @@ def place_of(arm: Arm, text: str) -> tuple[int, Array]:
     return body, place
 
 
+def require_visible_load(motion: Motion, text: str) -> None:
+    """Refuse a place at which a motion does not show a mass.
+
+    Raises:
+        ConfigError: Recordings of some joints, or a place at which a mass has no torque.
+    """
+    hypothesis = next(Payload.hypotheses(motion), None)
+    if hypothesis is None:
+        raise ConfigError("--payload-at", text, "none with recordings of some joints: record all")
+    if np.abs(hypothesis.regressor(motion)).max() < _NO_TORQUE:
+        raise ConfigError(
+            "--payload-at", text,
+            "LINK:X,Y,Z away from the axes: a mass there has no torque in this motion",
+        )  # fmt: skip
+
+
 def _end_of(arm: Arm, body: int) -> Array:
     """Return (3,) where the next link of the chain is attached, in a body's link frame, m."""
-    links = links_of_joints(arm)
+    # Links that joints move first; those that follow joints are attached somewhere, too.
+    links = (*links_of_joints(arm), *range(len(arm.bodies)))
     following = [other for other in links if arm.bodies[other].parent == body]
     if not following:
         return np.zeros(3)

@@ -83,7 +83,8 @@ def identify(
         effects: Effects that may be used besides the rigid body; ``None``: all.
         validate: Recordings kept out of fit and choice; the held-out errors are then theirs.
         physical: Physically consistent links: every pseudo-inertia positive definite. ``None``: of
-            trajectories; static poses do not determine inertia.
+            trajectories, with a warning where no bodies are near the fit; static poses do not
+            determine inertia.
         report: Called with the stage and the share of it that is done.
         still: Where joints stood that some recording does not hold: joint position, rad.
         for_console: Fit a model whose compensation the dVRK console can hold.
@@ -95,6 +96,7 @@ def identify(
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
         ConfigError: An effect that no term has, or an option that does not go with poses.
         ArgumentError: An argument of a wrong type.
+        NotConvergedError: No bodies near the fit, where ``physical`` requires them.
     """
     arm = Arm.of(arm)
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
@@ -123,8 +125,7 @@ def identify(
         fit = _static(recordings, arm, given, effects, physical, report, for_console)
     else:
         _require_identified(effects, arm)
-        bodies = physical is not False
-        fit = _dynamic(recordings, arm, given, effects, bodies, report, still, for_console)
+        fit = _dynamic(recordings, arm, given, effects, physical, report, still, for_console)
     warnings = (*about_arm(arm.doubts), *fit.warnings)
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
@@ -285,7 +286,7 @@ def _dynamic(
     arm: Arm,
     coordinates: Sequence[Coordinates | None],
     effects: Sequence[str] | None,
-    physical: bool,
+    physical: bool | None,
     report: Report,
     still: Mapping[str, float],
     for_console: bool,

@@ -221,7 +221,8 @@ def _held_out_errors(
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)
         informative = ~arm.joints_of(~informative)
     rms = np.maximum(np.sqrt(np.mean(effort**2, axis=0)), 1e-6)
-    off = effort - effort.mean(axis=0, where=informative)
+    # Of a joint whose efforts are no readings anywhere, the mean is of what nobody compares.
+    off = effort - effort.mean(axis=0, where=informative | ~informative.any(axis=0))
     return error / rms, informative, folds, off / rms
 
 

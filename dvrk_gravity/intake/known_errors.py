@@ -55,8 +55,11 @@ def without_known_errors(
     if not errors.any:
         return list(recordings), ()
     change = partial(_changed, errors=errors, arm=model.arm, coordinates=coordinates)
-    line = f"recordings are corrected for the model's known errors of readings: {known}"
-    return [changed(each, change) for each in recordings], (line,)
+    line = (
+        f"recordings are corrected for the model's known errors of readings: {known}; if the arm "
+        "reads correctly by now, remove them from the model"
+    )
+    return [changed(each, partial(change, each.head.source)) for each in recordings], (line,)
 
 
 def stated_coordinates(model: TorqueModel) -> Coordinates | None:
@@ -66,13 +69,17 @@ def stated_coordinates(model: TorqueModel) -> Coordinates | None:
 
 
 def _changed(
-    parts: Iterator[Recording], errors: ReadingErrors, arm: Arm, coordinates: Coordinates | None
+    source: str,
+    parts: Iterator[Recording],
+    errors: ReadingErrors,
+    arm: Arm,
+    coordinates: Coordinates | None,
 ) -> Iterator[Recording]:
     inverted: tuple[Array, Array] | None = None
     limit = errors.true_limit()
     limits = {n: float(v) for n, v in zip(arm.joint_names, limit, strict=True) if np.isfinite(v)}
 
-    def corrected(part: Recording) -> Recording:
+    def corrected(part: Recording) -> Recording | None:
         nonlocal inverted
         inverted = inverted or _inverted(errors, arm, part, coordinates)
         position, effort = inverted
@@ -93,10 +100,22 @@ def _changed(
         )
         if part.time is not None or not limits:
             return part
-        return part.without([span.rows for span in limited_efforts(part)])
+        read = np.ones(len(part), dtype=bool)
+        for span in limited_efforts(part):
+            read[slice(*span.rows)] = False
+        return part.rows(read) if read.any() else None
 
-    found = (part for part in map(corrected, parts) if len(part))
-    yield from _aligned(found, errors.delay) if errors.delay else found
+    found = (part for part in map(corrected, parts) if part is not None)
+    left = _aligned(found, errors.delay) if errors.delay else found
+    first = next(left, None)
+    if first is None:
+        raise RecordingError(
+            source,
+            "nothing is left of it: every sample is at reading.effort_limit, or it is shorter than "
+            "reading.effort_delay, by the model",
+        )
+    yield first
+    yield from left
 
 
 def _inverted(
@@ -147,28 +166,32 @@ def _aligned(parts: Iterable[Recording], delay: float) -> Iterator[Recording]:
         margin = _SUPPORT / (held.rate or np.inf)
         end = held.time[-1] - max(delay, 0.0) - margin
         ready = _shifted(held, delay, done, float(end))
-        if len(ready):
+        if ready is not None:
             yield ready
         done = max(done, float(end))
         held = held.rows(held.time > end - abs(delay) - margin).counted()
     if held is not None:
         rest = _shifted(held, delay, done, np.inf)
-        if len(rest):
+        if rest is not None:
             yield rest
 
 
-def _shifted(recording: Recording, delay: float, after: float, until: float) -> Recording:
-    """Return the samples in (after, until] s with their efforts of ``delay`` s later."""
+def _shifted(recording: Recording, delay: float, after: float, until: float) -> Recording | None:
+    """Return the samples in (after, until] s with their efforts of ``delay`` s later, if any."""
     time, effort = recording.time, recording.effort
     assert time is not None
     rows = (time > after) & (time <= until)
     then = time + delay
     rows &= (then >= time[0]) & (then <= time[-1])
-    if effort is None or len(time) < 2:
+    if not rows.any():
+        return None
+    if effort is None:
         return recording.rows(rows)
     left = np.clip(np.searchsorted(time, then, side="right") - 1, 0, len(time) - 2)
     interval = np.diff(time)
     rows &= interval[left] <= _GAP * np.median(interval)
+    if not rows.any():
+        return None
     known = ~np.isnan(effort).any(axis=0)
     moved = effort.copy()
     moved[:, known] = CubicSpline(time, effort[:, known])(then)

@@ -37,6 +37,7 @@ _SHOWN = (
     "efforts are ",
     "drive gains",
     "the load does",
+    "recordings are corrected",
 )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import DRY_SPEED
+from dvrk_gravity.compensate import DRY_SPEED, Settings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import config_path, shipped
 from dvrk_gravity.model import TorqueModel
@@ -69,7 +69,12 @@ class Stage:
         if model is None:
             model = folder / MODEL
             truth.model.save(model, f"The terms of the simulated {arm.name}.")
-        _same_joints("model", str(model), TorqueModel.load(model).arm, arm)
+        loaded = TorqueModel.load(model)
+        _same_joints("model", str(model), loaded.arm, arm)
+        try:  # as the compensator will
+            Settings.from_parameters(loaded.parameters())
+        except ConfigError as error:
+            raise error if error.source else error.in_file(model) from None
         poses, push = _staged(truth.plant())
         return cls(arm, plant, model, own, poses, push, f"{PRIVATE}{namespace_of(arm)}")
 
@@ -110,7 +115,8 @@ def _poses(plant: Plant) -> Array:
 
 
 def _shipped_model(arm: Arm) -> Path | None:
-    named = [name for name in shipped("") if name.partition("_")[0] == arm.name]
+    whole = () if arm.urdf else shipped("")  # a URDF's arm is its own, whatever its name
+    named = [name for name in whole if name.partition("_")[0] == arm.name]
     return config_path(f"{named[0]}.yaml") if named else None
 
 

@@ -36,9 +36,10 @@ ANGLES = (  # alpha, offset of each joint, deg: what makes a chain an MTM, whate
 def is_mtm(arm: Description) -> bool:
     """Return whether an arm is a master arm, with beta's joints and bodies.
 
-    The file of an arm with these joints is only read if it has an MTM's angles, too.
+    The .yaml of an arm with these joints is only read if it has an MTM's angles, too. A URDF is not
+    asked for them: its arm has links of its own, whatever their names.
     """
-    return arm.joint_names == JOINT_NAMES and arm.body_names == BODIES
+    return not arm.urdf and arm.joint_names == JOINT_NAMES and arm.body_names == BODIES
 
 
 def has_mtm_names(joints: Sequence[str]) -> bool:

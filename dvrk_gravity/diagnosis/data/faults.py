@@ -54,6 +54,7 @@ _DEVIATIONS = 3.0
 # joints explain, below which they are not in it. Chosen: smooth functions of the positions explain
 # some of any error.
 _EXPLAINED = 0.25
+_CONSTANT = 0.01  # of a weight's RMS: what varies less is not distinguished from a bias. Chosen
 _SAMPLES = 4000  # that are looked at: a bound on time
 
 
@@ -322,7 +323,8 @@ def _centred(motion: MeasuredMotion) -> Array:
 def require_gravity(motion: MeasuredMotion, source: str) -> None:
     """Refuse efforts without the model's gravity.
 
-    Most joints that bear weight must lack it; a single one may be balanced, or broken. Efforts of
+    Most joints that bear weight must lack it; a single one may be balanced, or broken. A weight
+    that stays the same, as on a vertical slide, cannot be distinguished from a bias. Efforts of
     another sign or scale, or exchanged, are explained by the weights of the joints.
 
     Raises:
@@ -338,7 +340,8 @@ def require_gravity(motion: MeasuredMotion, source: str) -> None:
         np.zeros_like(motion.q[rows]),
     )
     size = np.sqrt(np.mean(weight**2, axis=0))
-    bearing = np.flatnonzero(bears_weight(size, arm) & motion.moves & (size > 0.0))
+    varies = weight.std(axis=0) > _CONSTANT * size
+    bearing = np.flatnonzero(bears_weight(size, arm) & motion.moves & varies)
     held = {joint: _held(motion, rows, weight, joint) for joint in bearing.tolist()}
     gone = {
         joint: found

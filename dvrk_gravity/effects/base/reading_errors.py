@@ -68,7 +68,7 @@ class ReadingErrors:
             self.effort @ inner.effort,
             self.velocity * inner.velocity,
             limit,
-            self.delay + inner.delay,
+            self.delay / inner.clock + inner.delay,  # delays are in true time
             self.clock * inner.clock,
             self.coordinates or inner.coordinates,
         )

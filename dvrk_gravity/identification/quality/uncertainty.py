@@ -168,13 +168,13 @@ def model_uncertainty(
     arm = columns.arm
     zeros, base = kinematics.offset + np.zeros(arm.n), kinematics.mounted(arm).gravity
     own = coefficients_of(model.terms)
+    offset = [calibration.offset - zeros for calibration in moved]
+    gravity = [calibration.mounted(arm).gravity - base for calibration in moved]
     return ModelUncertainty(
         coefficients={name: own[name] for name in here},
         deviations=_deviations(here, there),
-        offset=np.stack([calibration.offset - zeros for calibration in moved], axis=1),
-        gravity=np.stack(
-            [calibration.mounted(arm).gravity - base for calibration in moved], axis=1
-        ),
+        offset=np.reshape(offset, (-1, arm.n)).T,
+        gravity=np.reshape(gravity, (-1, 3)).T,
         error=error.rms,
         band=error.band,
         correlation_time=error.correlation,

@@ -13,6 +13,7 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import (
     Folds,
     FoldSettings,
+    NotConvergedError,
     Solution,
     Uncertainty,
     autocorrelated_scores,
@@ -57,6 +58,10 @@ Report = Callable[[str, float], None]
 # Written with a model although they are the defaults: they show whoever edits it that only part of
 # an identified friction is compensated.
 _SHOWN = ("friction_compensation.ratio", "friction_compensation.dead_band")
+_NO_BODIES = (
+    "warning: no bodies near the fit were found: links are those of a free fit; are signs and "
+    "units of the efforts right?"
+)
 _TINY = 1e-12  # weight of what is held out in a mean, so that there always is one
 
 
@@ -90,7 +95,7 @@ def fit_dynamic(
     arm: Arm,
     coordinates: Coordinates,
     effects: Sequence[str] | None = None,
-    physical: bool = True,
+    physical: bool | None = None,
     report: Report = lambda stage, share: None,
     form: type[Columns] = Columns,
 ) -> Fit:
@@ -101,12 +106,14 @@ def fit_dynamic(
         arm: The arm.
         coordinates: Of the recordings.
         effects: Effects that may be used besides the rigid body; ``None``: all.
-        physical: Physically consistent links: every pseudo-inertia positive definite.
+        physical: Physically consistent links: every pseudo-inertia positive definite. ``None``: if
+            there are any near the fit.
         report: Called with the stage and the share of it that is done.
         form: Which columns there are.
 
     Raises:
         RecordingError: A recording that cannot be used.
+        NotConvergedError: No bodies near the fit, where ``physical`` requires them.
     """
     motions = read_motions(recordings, arm, coordinates)
     parts, standing = without_standing(motions.parts, arm)
@@ -123,7 +130,14 @@ def fit_dynamic(
     )  # fmt: skip
     problem, chosen, kinematic = calibrate(problem, chosen, parts, report)
     columns, design = problem.design.columns, problem.design
-    found = estimate(problem, chosen, physical)
+    no_bodies: tuple[str, ...] = ()
+    try:
+        found = estimate(problem, chosen, physical is not False)
+    except NotConvergedError:
+        if physical:
+            raise
+        no_bodies = (_NO_BODIES,)
+        found = estimate(problem, chosen, physical=False)
     constant = _constants(design, problem.folds)
     held_out, training = (
         _errors(design, predicted, coordinates, constant)
@@ -159,7 +173,7 @@ def fit_dynamic(
         identifiability=replace(found.identifiability, statements=statements),
         choices=tuple(problem.selection.choices),
         warnings=motions.warnings,
-        handling=(*motions.handling, *_not_fitted(standing)),
+        handling=(*motions.handling, *_not_fitted(standing), *no_bodies),
         validation=how_validated(problem.folds),
         coordinates=coordinates,
         samples=sum(len(motion) for motion in parts),
