@@ -8,8 +8,15 @@ from conftest import MODEL_FILE
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import build
-from dvrk_gravity.diagnosis.inference.load_posterior import _Form, _tempered
-from dvrk_gravity.effects import mass_directions, place_of, place_terms, point_mass_directions
+from dvrk_gravity.diagnosis.inference import load_posterior
+from dvrk_gravity.effects import (
+    PayloadHypothesis,
+    Site,
+    mass_directions,
+    place_of,
+    place_terms,
+    point_mass_directions,
+)
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -113,8 +120,17 @@ def test_intervals_of_mass_hold_the_mass_whatever_its_place():
     for _ in range(trials):
         mass, place = random.uniform(0.05, 0.3), 0.4 * random.normal(size=3)
         seen = columns @ place_terms(place[None])[0] * mass + random.normal(size=4)
-        form = _Form(columns.T @ columns, columns.T @ seen, 5.0)
-        places, _ = _tempered(form, 0.4, random)
+        form = load_posterior._Form(columns.T @ columns, columns.T @ seen, 5.0)
+        places, _ = load_posterior._tempered(form, 0.4, random)
         low, high = np.percentile(form.draw(places, random), [2.5, 97.5])
         held += bool(low <= mass <= high)
     assert held >= 0.9 * trials
+
+
+def test_a_first_moment_alone_is_no_likely_load():
+    """A PSM's link 2 is half a metre long, its plausible extent: 105 g were found at 1.07 of it."""
+    psm = Arm.load("psm")
+    load = PayloadHypothesis(arm=psm, site=Site.link(psm.body_names.index("link2")))
+    for mass, place, likely in ((0.105, 0.535, True), (0.2, 0.99, True), (0.0004, 30.0, False)):
+        assert load.likely(mass * np.array([1.0, 0.0, place, 0.0])) == likely
+    assert not load.likely(np.array([0.0, 0.0, 0.01, 0.0]))

@@ -38,21 +38,23 @@ def clean_motions(
 
 
 def of_each_arm(
-    run: Callable[[str, int], T], doc: str | None, given: Sequence[str] | None
-) -> Iterator[tuple[str, int, T]]:
+    run: Callable[[str, int], T], doc: str | None, given: Sequence[str] | None,
+    arms: str = ",".join(NAMES),
+) -> Iterator[tuple[str, int, T]]:  # fmt: skip
     """Yield arm, seed, and what a function returns of them, for the seeds of a command line.
 
     Args:
         run: Of an arm's name and a seed.
         doc: Of the command line; its first line is shown.
         given: Its words.
+        arms: By default.
     """
     parser = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 5), metavar=("FIRST", "END"))
-    parser.add_argument("--arms", default=",".join(NAMES), help="one a seed in turn")
+    parser.add_argument("--arms", default=arms, help="one a seed in turn")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     args = parser.parse_args(given)
-    arms, seeds = args.arms.split(","), range(*args.seeds)
-    names = [arms[seed % len(arms)] for seed in seeds]
+    drawn, seeds = args.arms.split(","), range(*args.seeds)
+    names = [drawn[seed % len(drawn)] for seed in seeds]
     with ProcessPoolExecutor(args.jobs) as pool:
         yield from zip(names, seeds, pool.map(run, names, seeds), strict=True)

@@ -17,6 +17,7 @@ from dvrk_gravity.effects.base.links import (
     AXES,
     gravity_of,
     identifiable_links,
+    link_sizes,
     mass_directions,
     weight_evaluator,
 )
@@ -34,6 +35,7 @@ _WEIGHTLESS = np.zeros(3)
 _LEAST = 1e-4  # kg, of which the place can be found
 _HEAVY, _AWAY = 5.0, 1.0  # kg and m. Chosen
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
+_NEAR = 2.0  # times a link's extent: standard deviations of a load's place before any data
 _REACH = 3.0  # m, of a place that is stated: a longer one is in other units. Chosen
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is reported, ...
 _PART_OF_WAY = 0.5  # ... or this part of its distance
@@ -225,6 +227,11 @@ class PayloadHypothesis(Hypothesis):
         taken_off = self.against_reference and theta[0] < 0.0
         light = bool(abs(theta[0]) <= heaviest(self.arm))
         return light and super().plausible(-theta if taken_off else theta)
+
+    def likely(self, theta: Array) -> bool:
+        """A first moment alone is a light mass farther away than what is fastened to a link."""
+        _, extent = link_sizes(self.arm)[self.site.index]
+        return float(np.linalg.norm(theta[1:])) <= _NEAR * extent * abs(float(theta[0]))
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """A second payload becomes part of the link."""

@@ -12,7 +12,6 @@ from functools import partial
 from typing import get_args
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
@@ -187,6 +186,8 @@ def _shifted(recording: Recording, delay: float, after: float, until: float) -> 
         return None
     if effort is None:
         return recording.rows(rows)
+    from scipy.interpolate import CubicSpline
+
     left = np.clip(np.searchsorted(time, then, side="right") - 1, 0, len(time) - 2)
     interval = np.diff(time)
     rows &= interval[left] <= _GAP * np.median(interval)

@@ -120,8 +120,7 @@ def most_parsimonious(
 ) -> Candidate:
     """Return one with the fewest parameters of those as good as the best.
 
-    Of several with as few it is the best one, or the commonest of those hardly worse; what causes
-    it (``Hypothesis.EXPLAINED_BY``) goes before it.
+    Of several with as few it is the best one, or the commonest of those hardly worse.
 
     Args:
         candidates: (likelihood, candidate), any order.
@@ -134,10 +133,7 @@ def most_parsimonious(
     simple = [(value, candidate) for value, candidate in equal if candidate.parameters == fewest]
     least = max(value for value, _ in simple) - clearly
     near = [(value, candidate) for value, candidate in simple if value >= least]
-    chosen = min(near, key=lambda pair: (effects.rank(pair[1].hypothesis.effect), -pair[0]))[1]
-    cause = chosen.hypothesis.EXPLAINED_BY
-    instead = [pair for pair in equal if pair[1].hypothesis.effect == cause]
-    return max(instead, key=lambda pair: pair[0])[1] if instead else chosen
+    return min(near, key=lambda pair: (effects.rank(pair[1].hypothesis.effect), -pair[0]))[1]
 
 
 def slices_of(candidates: Sequence[Candidate]) -> list[slice]:

@@ -126,7 +126,9 @@ def refine(selection: Selection, selected: Sequence[Candidate]) -> list[Candidat
             preferred = selection.preferred([*standing, *alternatives])
             new, old = preferred.candidate, current.candidate
             simpler = new.parameters < old.parameters or preferred.day_to_day
-            simpler = simpler or new.hypothesis.effect == old.hypothesis.EXPLAINED_BY
+            simpler = simpler or (
+                preferred.likely and new.hypothesis.effect == old.hypothesis.EXPLAINED_BY
+            )
             better = simpler or preferred.gain > current.gain + settings.equal_least
             if (better or not current.plausible) and preferred is not current:
                 selection.report(f"{new.hypothesis} instead of {old.hypothesis}")

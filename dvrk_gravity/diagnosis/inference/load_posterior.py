@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr, ndtri
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
@@ -36,6 +35,7 @@ _MOVES = 4  # Metropolis steps of each place at a temperature. Chosen
 _KEPT = 0.5  # of the draws, that a temperature leaves effective; a convention
 _STEP = 2.38 / np.sqrt(3.0)  # of a random walk in three dimensions (Gelman, Roberts, Gilks 1996)
 _TRACE = 1e-9
+_EXPLAINED = 0.5  # of what the best body explains, that another must that may carry it. Chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +70,17 @@ class LoadPosterior:
         stated = validation.data.motion.payload_at
         if stated is not None:
             return cls._at(validation, chosen, load, problem, *stated, random)
-        places, masses, evidence = [], [], []
+        places, masses, evidence, explained = [], [], [], []
         for body, (_, extent) in enumerate(link_sizes(load.hypothesis.arm)):
             form = problem.form(body)
             place, likelihood = _tempered(form, extent, random)
             places.append(place)
             masses.append(problem.sign * form.draw(place, random))
             evidence.append(likelihood)
+            explained.append(float(form.explained(place).max()))
         share = np.exp(np.array(evidence) - max(evidence))
+        # A load was found: on a body where it has no torque it would be none, of any mass.
+        share[np.array(explained) < _EXPLAINED * max(explained)] = 0.0
         return cls(np.array(masses), np.array(places), share / share.sum())
 
     @classmethod
@@ -246,8 +249,15 @@ class _Form:
         precision = np.einsum("sk,kl,sl->s", terms, self.precision, terms)
         return np.maximum(precision, 0.0) + self.plausible**-2, terms @ self.score
 
+    def explained(self, place: Array) -> Array:
+        """Return (S,) log-likelihoods over those of no load, of the best mass at (S, 3) places."""
+        precision, score = self._mass(place)
+        return 0.5 * np.maximum(score, 0.0) ** 2 / precision
+
     def log_likelihood(self, place: Array) -> Array:
         """Return (S,) log-likelihoods of (S, 3) places, the mass integrated."""
+        from scipy.special import log_ndtr
+
         precision, score = self._mass(place)
         root = np.sqrt(precision)
         mean = score / root
@@ -255,6 +265,8 @@ class _Form:
 
     def draw(self, place: Array, random: np.random.Generator) -> Array:
         """Return (S,) masses, kg, one at each of (S, 3) places."""
+        from scipy.special import ndtr, ndtri
+
         precision, score = self._mass(place)
         root = np.sqrt(precision)
         least = ndtr(-score / root)  # of a normal that is cut off at zero

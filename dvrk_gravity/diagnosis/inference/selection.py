@@ -89,6 +89,7 @@ class EffectTrial(Trial[Candidate]):
         p_value: Corrected for the number of hypotheses.
         removed: Largest part of a joint's error that it removes.
         plausible: Whether its parameters are such as it can have.
+        likely: ... and such as one meets with, see ``Hypothesis.likely``.
         size: (n,) RMS of its torque at the joints that are judged, N·m; zero where friction may
             change by as much.
         inflation: Log-likelihood that counts as one unit, for errors are correlated; see
@@ -102,6 +103,7 @@ class EffectTrial(Trial[Candidate]):
     p_value: float
     removed: float
     plausible: bool
+    likely: bool
     size: Array
     inflation: float
     day_to_day: bool
@@ -285,7 +287,8 @@ class Selection:
             )
         return EffectTrial(
             candidate, gain, passes and not seen_before, after, p_value, most, possible,
-            np.where(expected, 0.0, size), largest, day_to_day, seen_before,
+            candidate.hypothesis.likely(theta), np.where(expected, 0.0, size), largest, day_to_day,
+            seen_before,
         )  # fmt: skip
 
     @cached_property
@@ -370,7 +373,10 @@ class Selection:
         return self.at(kept, final=True)
 
     def preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
-        """Return the day-to-day variation or the most parsimonious of those as good as the best."""
+        """Return the day-to-day variation or the most parsimonious of those as good as the best.
+
+        What likely causes it (``Hypothesis.EXPLAINED_BY``) goes before that.
+        """
         margin = self.margin(trials)
         least = max(trial.gain for trial in trials) - margin
         expected = [trial for trial in trials if trial.day_to_day and trial.gain >= least]
@@ -378,4 +384,13 @@ class Selection:
             return max(expected, key=lambda trial: trial.gain)
         gains = [(trial.gain, trial.candidate) for trial in trials]
         chosen = most_parsimonious(gains, margin, self.settings.equal_least)
+        causes = [
+            trial
+            for trial in trials
+            if trial.candidate.hypothesis.effect == chosen.hypothesis.EXPLAINED_BY
+            and trial.likely
+            and trial.gain >= least
+        ]
+        if causes:
+            return max(causes, key=lambda trial: trial.gain)
         return next(trial for trial in trials if trial.candidate is chosen)

@@ -104,8 +104,8 @@ class Hypothesis(ABC):
             acts, other causes' included.
         COHERENT_ERRORS: What a model misses resembles it at all joints with the same sign, so that
             errors add over joints: presliding resembles a delay, whatever the joint.
-        EXPLAINED_BY: Effect that is named in its place where that explains as well: a centre of
-            mass is displaced by something that is there.
+        EXPLAINED_BY: Effect that is named in its place where that explains as well and is
+            :meth:`likely`: a centre of mass is displaced by something that is there.
         STATED: It is known to be there: fitted from the start, and reported whatever its size.
 
     Attributes:
@@ -222,6 +222,10 @@ class Hypothesis(ABC):
             if not meaning.least <= value <= meaning.greatest:
                 return False
         return self.removed_fraction(theta) <= MAX_REMOVED
+
+    def likely(self, theta: Array) -> bool:
+        """Return whether (k,) theta is what one meets with, not only possible."""
+        return True
 
     def removed_fraction(self, theta: Array) -> float:
         """Return which fraction of the model's own (:attr:`removable`) theta removes.
