@@ -27,8 +27,8 @@ that counts as determined by the data: at a half, a 95 % interval still holds 92
 
 REPRODUCED = 0.01
 """Part of a column's square that a fit leaves, below which the fit reproduces it (a correlation of
-.995). Chosen: at .03 weights that a cable replaces are held by 73 % of their intervals, at .01 by
-86 % (`benchmark/coverage.py --arms ur5,panda`)."""
+.995). Chosen: from .01 to .001 as many intervals hold the truth, at .03 6 % fewer of Panda's weights
+(`benchmark/coverage.py --arms ur5,panda`)."""
 
 
 @dataclass(frozen=True, eq=False)
