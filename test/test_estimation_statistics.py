@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -22,6 +24,7 @@ from dvrk_gravity.estimation import (
     evidence,
     fit,
     intraclass_correlation,
+    omitted_columns,
     pairs_a_period_apart,
     repetition_noise,
     reweighted,
@@ -363,6 +366,91 @@ def test_the_block_jackknife_and_clusters_give_the_covariance_that_was_drawn():
     for found in (jackknife, clustered):
         mean = np.mean(found, axis=0)
         np.testing.assert_allclose(np.diag(mean), np.diag(expected), rtol=0.12)
+
+
+def fit_without(
+    amplitude: float, random: np.random.Generator
+) -> tuple[list[bool], list[bool], float, float]:
+    """Return whether intervals hold without and with what was omitted, and their mean widths.
+
+    Two of forty columns are fitted; the others have random amplitudes, and all are correlated.
+    """
+    time = np.arange(1000) / 50.0
+    waves = [f(k * 0.37 * time) for k in range(1, 21) for f in (np.sin, np.cos)]
+    mixed = np.stack(waves, axis=1) @ (np.eye(40) + 0.2 * random.normal(size=(40, 40)))
+    x, inside, outside = mixed[:, None], np.arange(2), np.arange(2, 40)
+    truth = np.concatenate([[1.0, -2.0], amplitude * random.normal(size=38)])
+    y = x @ truth + random.normal(size=(1000, 1))
+    whole = NormalEquations.of(x, y)
+    gram, side = whole.combined(np.ones(1))
+    solution = fit(whole.select(inside), np.ones(1), np.full(2, 1e3))
+    score = side - gram[:, inside] @ solution.theta
+    level = float(np.mean((y - x[..., inside] @ solution.theta) ** 2))
+    bare = sandwich(solution, level * gram[:2, :2])
+    added = omitted_columns(solution, gram, score, level * gram, inside, outside, np.full(40, 1e3))
+    full = replace(bare, omitted=added)
+    held, widths = ([], []), ([], [])
+    for k, unit in enumerate(np.eye(2)):
+        for number, spread in enumerate((bare, full)):
+            low, high = spread.interval(solution.theta[k], unit)
+            held[number].append(low <= truth[k] <= high)
+            widths[number].append(high - low)
+    return *held, float(np.mean(widths[0])), float(np.mean(widths[1]))
+
+
+@pytest.mark.parametrize("amplitude", [0.2, 1.0])
+def test_intervals_hold_their_share_where_a_model_lacks_columns(amplitude):
+    random = np.random.default_rng(21)
+    bare, full = [], []
+    for _ in range(200):
+        without, with_them, _, _ = fit_without(amplitude, random)
+        bare += without
+        full += with_them
+    assert np.mean(bare) < 0.75
+    assert 0.9 <= np.mean(full) <= 0.98
+
+
+def test_intervals_of_a_model_that_lacks_nothing_hardly_widen():
+    random = np.random.default_rng(22)
+    held, widths = [], []
+    for _ in range(200):
+        _, with_them, before, after = fit_without(0.0, random)
+        held += with_them
+        widths.append(after / before)
+    assert np.median(widths) < 1.05
+    assert band(0.95, len(held))[0] <= np.mean(held)
+
+
+def test_what_a_model_lacks_moves_no_coefficient_held_by_its_sign_and_none_apart_from_it():
+    """The first column is held at zero; the second overlaps with what is outside, the third not."""
+    time = np.arange(400) / 20.0
+    x = np.stack([np.ones(400), np.sin(time), np.repeat([1.0, 0.0], 200)], axis=1)
+    x[:, 1] *= x[:, 2]
+    outside = np.cos(3.0 * time) * (1.0 - x[:, 2])
+    both = np.concatenate([x, outside[:, None]], axis=1)[:, None]
+    y = both @ [-5.0, 1.0, 0.0, 2.0]
+    whole, inside = NormalEquations.of(both, y), np.arange(3)
+    gram, side = whole.combined(np.ones(1))
+    positive = np.array([True, False, False])
+    solution = fit(whole.select(inside), np.ones(1), np.full(3, 1e3), positive)
+    score = side - gram[:, inside] @ solution.theta
+    added = omitted_columns(
+        solution, gram, score, 0.01 * gram, inside, np.array([3]), np.full(4, 1e3)
+    )
+    np.testing.assert_allclose(added, 0.0, atol=1e-12)
+
+
+def test_a_column_that_the_fit_reproduces_says_nothing_of_the_others():
+    """Alone outside, it leaves no score of its own: there is no error to estimate from it."""
+    x = np.random.default_rng(23).normal(size=(300, 1, 2))
+    both = np.concatenate([x, x.sum(axis=2, keepdims=True)], axis=2)
+    y = both @ [1.0, 2.0, 3.0]
+    whole, inside = NormalEquations.of(both, y), np.arange(2)
+    gram, side = whole.combined(np.ones(1))
+    solution = fit(whole.select(inside), np.ones(1), np.full(2, 1e3))
+    score = side - gram[:, inside] @ solution.theta
+    added = omitted_columns(solution, gram, score, gram, inside, np.array([2]), np.ones(3))
+    np.testing.assert_array_equal(added, 0.0)
 
 
 def test_a_parameter_that_its_prior_decides_is_not_called_identifiable():

@@ -12,8 +12,10 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
+    Solution,
     Uncertainty,
     correlation_time,
+    omitted_columns,
     prior_precision,
 )
 from dvrk_gravity.identification.result import Holding
@@ -99,16 +101,39 @@ def confounded(problem: Problem, chosen: Sequence[int]) -> list[int]:
     gram, _ = problem.equations.combined(problem.weighting.motor)
     inside = gram[np.ix_(index, index)]
     inside = inside + prior_precision(inside, columns.scale[index])
-    others = np.setdiff1d(np.arange(len(columns.columns)), index)
+    others = _others(gram, index)
     beside = gram[np.ix_(index, others)]
     reproduced = np.einsum("ij,ij->j", beside, np.linalg.solve(inside, beside))
+    found = others[reproduced > OVERLAP * np.diag(gram)[others]]
+    return [column for column in found.tolist() if columns.offers(columns.columns[column])]
+
+
+def _others(gram: Array, index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the columns that are no multiple of one at ``index``, nor of an earlier one."""
     own = np.diag(gram)
     # A motor that moves its own joint alone is that joint: no other place.
     collinear = gram**2 > (1.0 - SAME) * np.outer(own, own)
-    twins = np.asarray(np.triu(collinear, 1).any(axis=0))
-    new = ~twins[others] & ~np.asarray(collinear[np.ix_(index, others)].any(axis=0))
-    found = others[new & (reproduced > OVERLAP * own[others])]
-    return [column for column in found.tolist() if columns.offers(columns.columns[column])]
+    repeated = np.asarray(np.triu(collinear, 1).any(axis=0) | collinear[index].any(axis=0))
+    return np.setdiff1d(np.flatnonzero(~repeated), index)
+
+
+def omitted_effects(
+    problem: Problem, chosen: Sequence[int], solution: Solution, meat: Array
+) -> Array:
+    """Return the second moment of coefficients' errors from effects that a model lacks.
+
+    Args:
+        problem: The problem.
+        chosen: Columns of the fit.
+        solution: The fit.
+        meat: Covariance of the scores of all columns, from noise.
+    """
+    columns, index = problem.design.columns, np.array(chosen, dtype=np.int64)
+    gram, side = problem.equations.combined(problem.weighting.motor)
+    others = _others(gram, index)
+    offered = np.array([columns.offers(columns.columns[i]) for i in others], dtype=bool)
+    score = side - gram[:, index] @ solution.theta
+    return omitted_columns(solution, gram, score, meat, index, others[offered], columns.scale)
 
 
 def held_by_terms(columns: Columns, theta: Array, wanted: Sequence[int]) -> list[int]:
@@ -231,7 +256,7 @@ def _uncertain_directions(spread: Uncertainty, scale: Array) -> Array:
         spread: Covariance of p coefficients; the prior's pull on them counts, too.
         scale: (p,) prior standard deviations.
     """
-    relative = (spread.covariance + spread.bias) / np.outer(scale, scale)
+    relative = spread.total / np.outer(scale, scale)
     variance, vectors = np.linalg.eigh(relative)
     uncertain = variance > KNOWN**2
     return scale[:, None] * vectors[:, uncertain] * np.sqrt(variance[uncertain])
@@ -267,7 +292,7 @@ def holding(
     anywhere = random.uniform(*arm.range, (POSES, visited.shape[1]))
     recorded = visited[random.integers(0, len(visited), POSES)]
     recorded = np.where(upper - lower < NARROW * arm.scale, anywhere, recorded)
-    covariance = spread.covariance + spread.bias
+    covariance = spread.total
     found = []
     for poses in (recorded, anywhere):
         columns = rows(poses)

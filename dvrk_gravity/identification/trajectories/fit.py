@@ -34,6 +34,7 @@ from dvrk_gravity.identification.quality.uncertainty import (
     kept_samples,
     known_error,
     model_uncertainty,
+    omitted_effects,
 )
 from dvrk_gravity.identification.quality.verdict import judge, of_clock
 from dvrk_gravity.identification.quality.weights import contradictions, idle
@@ -77,7 +78,8 @@ class ColumnFit:
         parameters: Named, with intervals.
         identifiability: What the data determine.
         holding: Gravity torque and its uncertainty, by joint.
-        spread: Covariance of the coefficients.
+        spread: Covariance of the coefficients, with what effects that the model lacks add.
+        meat: Covariance of the scores of all columns.
     """
 
     solution: Solution
@@ -88,6 +90,7 @@ class ColumnFit:
     identifiability: Identifiability
     holding: Mapping[str, Holding]
     spread: Uncertainty
+    meat: Array
 
 
 def fit_dynamic(
@@ -217,27 +220,29 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
         solution = replace(solution, theta=theta)
     predicted = design.x[:, :, index] @ solution.theta
     blind = _held_out(design, problem.folds, problem.selection, index, corrected)
-    spread = _spread(problem, index, solution, predicted, blind)
+    meat = _meat(problem, predicted, blind)
+    spread = replace(
+        sandwich(solution, meat[np.ix_(index, index)]),
+        omitted=omitted_effects(problem, index, solution, meat),
+    )
     weight = weighting.sample * weighting.motor
     parameters, identifiability = describe(columns, index, solution, spread, design, weight)
     held = holding(
         lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
     )
-    return ColumnFit(solution, links, predicted, blind, parameters, identifiability, held, spread)
+    return ColumnFit(
+        solution, links, predicted, blind, parameters, identifiability, held, spread, meat
+    )
 
 
-def _spread(
-    problem: Problem, index: Sequence[int], solution: Solution, predicted: Array, blind: Array
-) -> Uncertainty:
-    """Return the covariance of some columns' coefficients from (N, n) predicted torques."""
+def _meat(problem: Problem, predicted: Array, blind: Array) -> Array:
+    """Return the covariance of the scores of all columns from (N, n) predicted torques."""
     design, weighting = problem.design, problem.weighting
-    x = design.x[:, :, list(index)]  # a copy
-    x[~design.informative] = 0.0
+    x = np.where(design.informative[:, :, None], design.x, 0.0)
     fitted, unseen = (weighting.sample * (design.y - torque) for torque in (predicted, blind))
-    meat = autocorrelated_scores(
+    return autocorrelated_scores(
         x, fitted, unseen, design.part, design.rate, weighting.motor, design.compared
     )
-    return sandwich(solution, meat)
 
 
 def _posterior(
@@ -246,14 +251,14 @@ def _posterior(
     """Return the columns that the model is not sure of, and their coefficients' covariance.
 
     Beside the chosen ones these are columns that the chosen ones may replace: their absence is no
-    more certain than their presence.
+    more certain than their presence. What else the model lacks is its known error.
     """
     columns = problem.design.columns
     wanted = sorted({*chosen, *confounded(problem, chosen)})
     index = held_by_terms(columns, theta, wanted)
     free = np.ones(len(index), dtype=bool)  # a sign that is held at zero is no certainty either
     solution = replace(solved(problem, index), free=free)
-    return index, _spread(problem, index, solution, found.predicted, found.blind)
+    return index, sandwich(solution, found.meat[np.ix_(index, index)])
 
 
 def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:

@@ -1,0 +1,92 @@
+"""What each effect is worth on parts of a recording that a fit has not seen.
+
+    python benchmark/term_gains.py mtm_dynamic_30s_200hz.csv --arm mtmr --coordinates actuator
+
+A window of the recording is identified with all effects, with all but one, and with the plainest
+friction alone; `evaluate` judges each model on the rest. Printed is the change of |e|/|tau| by
+joint when an effect is left out, mean and standard error over the windows: positive where it helps.
+Windows overlap, so the standard errors are somewhat too small.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.model import RIGID, identified
+from dvrk_gravity.recording import Coordinates, Recording
+
+PLAIN = ("coulomb_friction", "viscous_friction", "rotor_inertia")
+GAP = 0.5  # s between what is fitted and what is judged
+SHORTEST = 4.0  # s that is judged at once
+
+
+def part(recording: Recording, first: float, last: float) -> Recording:
+    """Return the samples between two times, s from the first sample."""
+    assert recording.time is not None
+    time = recording.time - recording.time[0]
+    rows = (time >= first) & (time < last)
+    velocity = recording.velocity
+    assert recording.effort is not None
+    return replace(
+        recording, time=recording.time[rows], position=recording.position[rows],
+        velocity=None if velocity is None else velocity[rows], effort=recording.effort[rows],
+    )  # fmt: skip
+
+
+def errors(
+    recording: Recording, arm: Arm, coordinates: Coordinates, window: tuple[float, float],
+    effects: Sequence[str] | None,
+) -> Array:  # fmt: skip
+    """Return (n,) |e|/|tau| outside a window of a model identified within it."""
+    assert recording.time is not None
+    first, last = window
+    rest = ((0.0, first - GAP), (last + GAP, float(np.ptp(recording.time))))
+    fit = identify(part(recording, first, last), arm, coordinates, effects)
+    unseen = [part(recording, *span) for span in rest if span[1] - span[0] > SHORTEST]
+    judged = evaluate(fit.model, unseen, coordinates)
+    return np.array([error.nrmse for error in judged.joints.values()])
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("recording")
+    parser.add_argument("--arm", required=True)
+    parser.add_argument("--coordinates", choices=("joint", "actuator"), default="joint")
+    parser.add_argument("--windows", type=int, default=6)
+    parser.add_argument("--part", type=float, default=0.6, help="of the recording, in a window")
+    parser.add_argument("--drive-gains", type=float, nargs="+", help="if efforts are in A")
+    given = parser.parse_args()
+    arm, recording = Arm.of(given.arm), Recording.load(given.recording)
+    if given.drive_gains:
+        recording = replace(recording, effort=recording.effort * np.array(given.drive_gains))
+    every = [effect for effect in identified(arm) if effect not in RIGID]
+    variants = {f"without {left}": [e for e in every if e != left] for left in every}
+    variants[" and ".join(PLAIN)] = list(PLAIN)
+    duration = float(np.ptp(recording.time))
+    starts = np.linspace(0.0, (1.0 - given.part) * duration, given.windows)
+    windows = [(first, first + given.part * duration) for first in starts.tolist()]
+    run = [errors(recording, arm, given.coordinates, window, None) for window in windows]
+    print(f"{'':52s}" + " ".join(f"{name[:15]:>15s}" for name in arm.joint_names))
+    print(f"{'|e|/|tau| with all':52s}" + " ".join(f"{e:15.3f}" for e in np.mean(run, axis=0)))
+    for title, effects in variants.items():
+        change = [
+            errors(recording, arm, given.coordinates, window, effects) - all_of_them
+            for window, all_of_them in zip(windows, run, strict=True)
+        ]
+        mean, deviation = np.mean(change, axis=0), np.std(change, axis=0, ddof=1)
+        shown = zip(mean, deviation / np.sqrt(len(change)), strict=True)
+        print(f"{title:52s}" + " ".join(f"{m:+8.3f} ± {d:.3f}" for m, d in shown), flush=True)
+
+
+if __name__ == "__main__":
+    main()
