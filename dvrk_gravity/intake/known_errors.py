@@ -177,6 +177,8 @@ def _aligned(parts: Iterable[Recording], delay: float) -> Iterator[Recording]:
 
 def _shifted(recording: Recording, delay: float, after: float, until: float) -> Recording | None:
     """Return the samples in (after, until] s with their efforts of ``delay`` s later, if any."""
+    from scipy.interpolate import CubicSpline  # slow to load
+
     time, effort = recording.time, recording.effort
     assert time is not None
     rows = (time > after) & (time <= until)
