@@ -12,7 +12,6 @@ from functools import partial
 from typing import get_args
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
@@ -159,6 +158,8 @@ def _aligned(parts: Iterable[Recording], delay: float) -> Iterator[Recording]:
 
 def _shifted(recording: Recording, delay: float, after: float, until: float) -> Recording:
     """Return the samples in (after, until] s with their efforts of ``delay`` s later."""
+    from scipy.interpolate import CubicSpline
+
     time, effort = recording.time, recording.effort
     assert time is not None
     rows = (time > after) & (time <= until)
