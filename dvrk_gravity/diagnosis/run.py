@@ -167,7 +167,8 @@ def build(
     if place is not None:
         loaded = replace(loaded, motion=replace(loaded.motion, payload_at=place))
         require_visible_load(loaded.motion, str(payload_at))
-    return DiagnosisProblem(loaded, read.faults, errors.after(read.errors))
+    joints = [arm.joint_names.index(name) for name in loaded.motion.arm.joint_names]
+    return DiagnosisProblem(loaded, read.faults, errors.after(read.errors).at(joints))
 
 
 def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:

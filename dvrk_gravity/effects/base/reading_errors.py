@@ -7,7 +7,8 @@ A wrong reading changes no torque. A model that knows of one says so in its file
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +56,18 @@ class ReadingErrors:
             and (self.velocity == 1.0).all()
             and np.isinf(self.limit).all()
             and (self.delay, self.clock, self.coordinates) == (0.0, 1.0, "")
+        )
+
+    def at(self, joints: Sequence[int]) -> ReadingErrors:
+        """Return the errors of some joints' readings, the others left out."""
+        kept = list(joints)
+        square = np.ix_(kept, kept)
+        return replace(
+            self,
+            position=self.position[square],
+            effort=self.effort[square],
+            velocity=self.velocity[kept],
+            limit=self.limit[kept],
         )
 
     def after(self, inner: ReadingErrors) -> ReadingErrors:
