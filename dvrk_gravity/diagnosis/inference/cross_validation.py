@@ -40,7 +40,7 @@ _SCREENED = 32  # columns screened at a time, on which no result depends: faster
 # Correlation times of the model's known error in a block of the jackknife: of an exponential
 # correlation four leave an eighth of the variance unseen (Künsch 1989).
 _CLUSTER = 4.0
-_ROUNDS = 2  # of weights and fits. Chosen: later ones change weights by less than a hundredth
+_ROUNDS = 1  # of weights and fits. Chosen: later ones change weights by less than a hundredth
 
 
 @dataclass(frozen=True, eq=False)

@@ -261,7 +261,6 @@ class _Form:
         precision, score = self._mass(place)
         root = np.sqrt(precision)
         mean = score / root
-        from scipy.special import log_ndtr
 
         return 0.5 * mean**2 + log_ndtr(mean) - np.log(0.5 * self.plausible * root)
 
@@ -271,7 +270,6 @@ class _Form:
 
         precision, score = self._mass(place)
         root = np.sqrt(precision)
-        from scipy.special import ndtr, ndtri
 
         least = ndtr(-score / root)  # of a normal that is cut off at zero
         chance = least + (1.0 - least) * random.uniform(size=len(place))

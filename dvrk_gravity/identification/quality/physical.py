@@ -134,7 +134,7 @@ def nearest_bodies(
 
 
 def certificate(arm: Arm, links: Array) -> dict[str, float]:
-    """Return each link's least eigenvalue of the pseudo-inertia over its greatest.
+    """Return each link's least eigenvalue of the pseudo-inertia over its largest one by size.
 
     Args:
         arm: The arm.
@@ -146,7 +146,8 @@ def certificate(arm: Arm, links: Array) -> dict[str, float]:
         # Lengths in units of the link, so that the number does not depend on metres.
         unit = np.array([1.0, 1.0, 1.0, extent])
         values = np.linalg.eigvalsh(pseudo_inertia(row) * np.outer(unit, unit))
-        result[body] = float(values[0] / values[-1])
+        largest = np.abs(values).max()  # of a negative mass it is not the last
+        result[body] = float(values[0] / largest) if largest > 0.0 else 0.0
     return result
 
 

@@ -72,6 +72,7 @@ class ColumnFit:
 
     Attributes:
         solution: The coefficients.
+        free: (p,) the same where links need not be bodies.
         links: (10 bodies,) link parameters, if they are physically consistent.
         predicted: (N, n) torque of the fit, N·m.
         blind: (N, n) torque, each sample predicted by a fit that had not seen it, N·m.
@@ -83,6 +84,7 @@ class ColumnFit:
     """
 
     solution: Solution
+    free: Array
     links: Array | None
     predicted: Array
     blind: Array
@@ -146,14 +148,15 @@ def fit_dynamic(
         _errors(design, predicted, coordinates, constant)
         for predicted in (found.blind, found.predicted)
     )
-    theta = np.zeros(len(columns.columns))
-    theta[list(chosen)] = found.solution.theta
+    theta, free = np.zeros((2, len(columns.columns)))
+    theta[list(chosen)], free[list(chosen)] = found.solution.theta, found.free
     model = _model(columns, theta, found.links)
     whole = design.compared.all(axis=1)
     q, effort = design.state.q[whole], arm.joint_effort(design.y)[whole]
     against = (
         *of_clock(motions.warnings, arm),
-        *contradictions(model, q, effort, found.holding),
+        # Bodies near a fit hide what is wrong with efforts: no body has a negative mass.
+        *contradictions(_model(columns, free, None), q, effort, found.holding),
     )
     duration = sum(float(np.ptp(motion.time)) for motion in parts)
     verdict = judge(
@@ -209,7 +212,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
     design, weighting = problem.design, problem.weighting
     columns, index = design.columns, list(chosen)
     solution = solved(problem, chosen)
-    links = None
+    free, links = solution.theta, None
     # Where bodies of the same torque exist, there is nothing to correct, in held-out blocks either.
     corrected = False
     if physical:
@@ -231,7 +234,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
         lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
     )
     return ColumnFit(
-        solution, links, predicted, blind, parameters, identifiability, held, spread, meat
+        solution, free, links, predicted, blind, parameters, identifiability, held, spread, meat
     )
 
 
