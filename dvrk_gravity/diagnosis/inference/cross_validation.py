@@ -40,7 +40,6 @@ _SCREENED = 32  # columns screened at a time, on which no result depends: faster
 # Correlation times of the model's known error in a block of the jackknife: of an exponential
 # correlation four leave an eighth of the variance unseen (Künsch 1989).
 _CLUSTER = 4.0
-_ROUNDS = 1  # of weights and fits. Chosen: later ones change weights by less than a hundredth
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +69,17 @@ class CrossValidation:
     def weighted(self, candidates: Sequence[Candidate], final: bool = False) -> CrossValidation:
         """Return the same with joints weighted by the errors beside some candidates.
 
-        From the errors of the given model on, so that they depend on the candidates alone (feasible
-        generalised least squares).
+        By one fit from the errors of the given model on, so that they depend on the candidates
+        alone (feasible generalised least squares). A second one sharpens a joint whose error a
+        free model can absorb, and friction that grows with load alarms there.
 
         Args:
             candidates: The candidates.
             final: They are all causes: what recurs with the motion is then misfit, and copies of it
                 count once. While causes are missing, it is theirs.
         """
-        validation = self._weighted_by(self.choice.residual)
-        for _ in range(_ROUNDS):
-            error = validation.out_of_fold(candidates)
-            validation = validation._weighted_by(error)
+        error = self._weighted_by(self.choice.residual).out_of_fold(candidates)
+        validation = self._weighted_by(error)
         if not final:
             return validation
         first, second = self.choice.pairs
