@@ -69,17 +69,21 @@ class CrossValidation:
     def weighted(self, candidates: Sequence[Candidate], final: bool = False) -> CrossValidation:
         """Return the same with joints weighted by the errors beside some candidates.
 
-        By one fit from the errors of the given model on, so that they depend on the candidates
-        alone (feasible generalised least squares). A second one sharpens a joint whose error a
-        free model can absorb, and friction that grows with load alarms there.
+        From the errors that the model leaves beside none, so that they depend on the candidates
+        alone (feasible generalised least squares). The model itself is fitted once: a second fit
+        sharpens a joint whose error a free model can absorb, and friction that grows with load
+        alarms there.
 
         Args:
             candidates: The candidates.
             final: They are all causes: what recurs with the motion is then misfit, and copies of it
                 count once. While causes are missing, it is theirs.
         """
-        error = self._weighted_by(self.choice.residual).out_of_fold(candidates)
+        error = self._weighted_by(self.choice.residual).out_of_fold([])
         validation = self._weighted_by(error)
+        if candidates:
+            error = validation.out_of_fold(candidates)
+            validation = self._weighted_by(error)
         if not final:
             return validation
         first, second = self.choice.pairs
