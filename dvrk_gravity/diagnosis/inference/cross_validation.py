@@ -40,6 +40,7 @@ _SCREENED = 32  # columns screened at a time, on which no result depends: faster
 # Correlation times of the model's known error in a block of the jackknife: of an exponential
 # correlation four leave an eighth of the variance unseen (Künsch 1989).
 _CLUSTER = 4.0
+_ROUNDS = 2  # of fits and weights beside candidates: later ones change a hundredth. Chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class CrossValidation:
         """
         error = self._weighted_by(self.choice.residual).out_of_fold([])
         validation = self._weighted_by(error)
-        if candidates:
+        for _ in range(_ROUNDS if candidates else 0):
             error = validation.out_of_fold(candidates)
             validation = self._weighted_by(error)
         if not final:
