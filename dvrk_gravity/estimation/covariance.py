@@ -27,8 +27,8 @@ that counts as determined by the data: at a half, a 95 % interval still holds 92
 
 REPRODUCED = 0.01
 """Part of a column's square that a fit leaves, below which the fit reproduces it (a correlation of
-.995). Chosen: from .01 to .001 as many intervals hold the truth, at .03 6 % fewer of the weights of
-Pandas (`benchmark/coverage.py --arms panda`)."""
+.995). Chosen on fits of eight UR5s and eight Pandas: from .01 to .001 as many intervals hold the
+truth, at .03 6 % fewer of the weights of Pandas. `benchmark/coverage.py --arms` counts with it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -188,7 +188,6 @@ def _shifted(recording: Recording, delay: float, after: float, until: float) -> 
         return None
     if effort is None:
         return recording.rows(rows)
-
     left = np.clip(np.searchsorted(time, then, side="right") - 1, 0, len(time) - 2)
     interval = np.diff(time)
     rows &= interval[left] <= _GAP * np.median(interval)

@@ -261,7 +261,6 @@ class _Form:
         precision, score = self._mass(place)
         root = np.sqrt(precision)
         mean = score / root
-
         return 0.5 * mean**2 + log_ndtr(mean) - np.log(0.5 * self.plausible * root)
 
     def draw(self, place: Array, random: np.random.Generator) -> Array:
@@ -270,7 +269,6 @@ class _Form:
 
         precision, score = self._mass(place)
         root = np.sqrt(precision)
-
         least = ndtr(-score / root)  # of a normal that is cut off at zero
         chance = least + (1.0 - least) * random.uniform(size=len(place))
         return np.maximum((score / root + ndtri(np.clip(chance, 1e-12, 1.0 - 1e-12))) / root, 0.0)
