@@ -47,7 +47,6 @@ setup(
         "lz4>=4.0",
         "backports.zstd>=1.0",
         "matplotlib>=3.6",
-        "jinja2>=3.0",
     ],
     extras_require={
         "test": [

@@ -20,6 +20,7 @@ from dvrk_gravity.diagnosis import (
     Finding,
     Gain,
     Known,
+    Picture,
     Rejected,
     effect_found,
     hypotheses,
@@ -277,7 +278,8 @@ def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
             assert value.unit or name.endswith(("factor", "ratio")), (case.hypothesis.effect, name)
 
 
-def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
+def example_diagnosis() -> Diagnosis:
+    """Return one with something in every part of its report."""
     offset = {"offset": Estimate(-0.02, -0.03, -0.01, "rad")}
     contenders = [
         Contender("joint_offset", (joint,), offset, offset, -2.0, False, joint, 0.01)
@@ -293,15 +295,17 @@ def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
     )  # fmt: skip
     known = Known("model_error", ("elbow_pitch",), {}, "elbow_pitch is left as it was")
     by_joint = dict.fromkeys(JOINT_NAMES, 0.01)
-    text = diagnosis_page(
-        Diagnosis(
-            "ambiguous", (found,), (known,), by_joint, by_joint,
-            dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),
-            (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
-            TorqueModel(Arm.load("mtmr"), ()), band=8.0,
-        ),
-        ["<run>.csv"],
+    picture = Picture("elbow_pitch", "velocity", *np.random.default_rng(0).normal(size=(3, 50)))
+    return Diagnosis(
+        "ambiguous", (replace(found, picture=picture),), (known,), by_joint, by_joint,
+        dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),
+        (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
+        TorqueModel(Arm.load("mtmr"), ()), band=8.0,
     )  # fmt: skip
+
+
+def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
+    text = diagnosis_page(example_diagnosis(), ["<run>.csv"])
 
     assert Page(text).open == []
     assert "&lt;run&gt;.csv" in text

@@ -329,10 +329,14 @@ def test_command_lines_write_model_report_and_json(tmp_path, capsys):
     assert set(content["joints"]["outer_yaw"]) == {"rmse", "nrmse", "r2"}
     page = (tmp_path / "model.html").read_text()
     assert "http" not in page.replace("http-equiv", "")
-    arguments = [data, "--model", str(out), "--json", str(tmp_path / "e.json")]
+    report = tmp_path / "e.html"
+    arguments = [
+        data, "--model", str(out), "--json", str(tmp_path / "e.json"), "--report", str(report),
+    ]  # fmt: skip
     assert command_line.run("dvrk_gravity.cli.evaluate", arguments) == 0
     result = json.loads((tmp_path / "e.json").read_text())
     assert result["samples"] > 1000
+    assert "<h1" in report.read_text()
     assert result["joints"]["outer_yaw"]["nrmse"] < 0.2
 
 

@@ -72,6 +72,10 @@ USES = {
     "evaluate's JSON": Use(
         "evaluate", "{r.csv} {bag} --model {m.yaml} --json {out}", ("r.csv", "bag", "m.yaml")
     ),
+    "evaluate's report": Use(
+        "evaluate", "{r.csv} --model {m.yaml} --json {o.json} --report {out}",
+        ("r.csv", "m.yaml"), ("o.json",),
+    ),
     "diagnose's folder": Use(
         "diagnose", "{r.csv} --model {m.yaml} --out {out}", ("r.csv", "m.yaml")
     ),

@@ -23,7 +23,13 @@ from dvrk_gravity.identification import (
     improvement,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report import identification_page, residual_pictures, torque_pictures
+from dvrk_gravity.report import (
+    Remark,
+    drawn_arm,
+    identification_page,
+    residual_pictures,
+    torque_pictures,
+)
 
 ERRORS = {name: JointError(0.01 * k, 0.1 * k, 0.9) for k, name in enumerate(JOINT_NAMES, start=1)}
 
@@ -94,6 +100,7 @@ def test_the_page_is_whole_and_needs_no_network(kind):
 def test_the_headline_tells_the_measure_of_the_table():
     headline = page_of("poses").split("</h1>")[0]
     assert "R² 0.90 to 0.90 on torque that it had not seen" in headline
+    assert "errs by 10 to 70 % of the torque, most at wrist_roll (70.0 mN·m RMS)" in headline
 
 
 @pytest.mark.parametrize(
@@ -135,6 +142,50 @@ def test_a_picture_holds_nothing_of_the_joint_before_it():
     )
 
 
+def marked(page: str, arm: Arm) -> dict[str, str]:
+    """Return the colour of each joint in the drawing of an arm."""
+    groups = re.findall(r'<g class="joint ?(\w*)">.*?<text[^>]*>(\d+)</text></g>', page)
+    return {arm.joint_names[int(number) - 1]: level for level, number in groups}
+
+
+def test_the_arm_is_drawn_with_the_joints_concerned():
+    arm = Arm.load("mtmr")
+    html = drawn_arm(arm, [
+        Remark("elbow_pitch", "sticks <here>", "poor"), Remark("elbow_pitch", "fine", "good"),
+        Remark("outer_yaw", "fine", "good"),
+    ])  # fmt: skip
+    levels = marked(html, arm)
+    assert list(levels) == list(JOINT_NAMES)
+    assert levels == {**dict.fromkeys(JOINT_NAMES, ""), "elbow_pitch": "poor", "outer_yaw": "good"}
+    assert '<li class="poor"><b>elbow_pitch</b>: sticks &lt;here&gt;; fine</li>' in html
+    assert 'aria-label="mtmr: elbow_pitch marked"' in html
+
+
+@pytest.mark.parametrize("name", ["mtmr", "psm", "ecm", "sliding"])
+def test_no_joint_of_a_drawing_covers_another(name, tmp_path):
+    arm = Arm.load(name) if name != "sliding" else sliding(tmp_path)
+    html = drawn_arm(arm, [Remark("", "its base is tilted", "fair")])
+    assert '<path class="base fair"' in html
+    texts = re.findall(r'<text x="([-\d.]+)" y="([-\d.]+)"', html)
+    places = np.array(texts, dtype=float)
+    assert places.shape == (arm.n, 2)
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2) + 100.0 * np.eye(arm.n)
+    assert apart.min() > 18.0  # the width of a joint
+
+
+def sliding(folder) -> Arm:
+    """Return an arm whose joints all slide along one line: its drawing has no breadth."""
+    text = '<robot name="lift"><link name="l0"/>'
+    for k in (1, 2):
+        text += (
+            f'<link name="l{k}"/><joint name="j{k}" type="prismatic"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        )
+    (folder / "lift.urdf").write_text(text + "</robot>")
+    return Arm.load(folder / "lift.urdf")
+
+
 def test_a_gain_that_is_too_small_is_not_called_none():
     assert improvement("error", 0.006, 0.004, False) == (
         "improves the error, but not by enough: +0.6 ± 0.4 % of the squared error"
@@ -154,8 +205,8 @@ def test_what_is_not_known_stands_beside_what_is():
     assert "a and b cannot be separated" in text
     counted = "7 of 9 independent combinations of parameters better than the prior does"
     assert f"{counted}; condition number 12" in text
-    assert re.search(r'<tr class="open">\s*<td>mcx', text)
-    assert re.search(r"<tr>\s*<td>beta\[0\]", text)
+    assert re.search(r"<td>mcx.*<td>a prior too</td></tr>", text)
+    assert re.search(r"<td>beta\[0\].*<td>the data</td></tr>", text)
     assert "does not improve" in text
     for name in JOINT_NAMES:
         assert name in text

@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model", type=Path, required=True, help="model file; or a .urdf, for its masses"
     )
+    parser.add_argument("--report", type=Path, help="HTML report to write")
     parser.add_argument("--json", type=Path, help="file for the result")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
                         help="coordinates of the recordings (default: detected)")  # fmt: skip
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate, write the JSON and print the table.
+    """Evaluate, write the report and the JSON, and print the table.
 
     Returns:
         0, or 1 if the model is unfit to compensate with, by these errors or by the verdict in its
@@ -38,9 +39,12 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.identification import POOR, by_errors, evaluate
     from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.report import columns, evaluation_text
+    from dvrk_gravity.report import columns, evaluation_page, evaluation_text
 
-    outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
+    outputs.check(
+        {"--report": arguments.report, "--json": arguments.json},
+        [*arguments.recordings, arguments.model],
+    )
     model = options.of_model(TorqueModel.load(arguments.model), arguments)
     recordings = options.recordings(arguments.recordings, arguments, model.arm)
     try:
@@ -49,6 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise error.in_file(arguments.model) from None
     if arguments.json is not None:
         text_file.write(arguments.json, json.dumps(result.to_json(), indent=1) + "\n")
+    if arguments.report is not None:
+        sources = ", ".join(str(path) for path in arguments.recordings)
+        text_file.write(arguments.report, evaluation_page(result, model, sources))
     for line in evaluation_text(result, model, arguments.verbose, columns()):
         print(line)
     alone = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)

@@ -1,6 +1,10 @@
+from .arm_drawing import Level as Level
+from .arm_drawing import Remark as Remark
+from .arm_drawing import drawn_arm as drawn_arm
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png
 from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
+from .evaluation import evaluation_page as evaluation_page
 from .findings import parameter_rows as parameter_rows
 from .findings import size_of as size_of
 from .fit_in_terminal import compared as compared
@@ -9,7 +13,13 @@ from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text
 from .fit_pictures import residual_pictures as residual_pictures
 from .fit_pictures import torque_pictures as torque_pictures
+from .html import folded as folded
+from .html import inline as inline
+from .html import listed as listed
+from .html import picture as picture
+from .html import table as table
 from .identification import identification_page as identification_page
+from .page import page as page
 from .plan_in_terminal import design_text as design_text
 from .plan_picture import plan_picture as plan_picture
 from .terminal import MOST_WARNINGS as MOST_WARNINGS

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from dvrk_gravity.diagnosis import (
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import html
+from dvrk_gravity.report.arm_drawing import Remark, drawn_arm, worst_of
 from dvrk_gravity.report.findings import (
     BETWEEN,
     KNOWN,
@@ -29,6 +31,7 @@ from dvrk_gravity.report.findings import (
     size_of,
 )
 from dvrk_gravity.report.in_simulation import section
+from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import (
     effort_in_picture,
     effort_in_table,
@@ -36,15 +39,9 @@ from dvrk_gravity.report.units import (
     sizes_of,
 )
 
-_STYLE = """
-body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
-h1{font-size:1.5rem;line-height:1.3}h3{font-size:1.02rem;margin-top:1.6rem}h2{font-size:1.15rem;margin-top:2.2rem}
-table{border-collapse:collapse;margin:.6rem 0}
-td,th{padding:.25rem .8rem;text-align:left;border-bottom:1px solid #ddd}
-td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
-.verdict{display:inline-block;padding:.1rem .6rem;border-radius:.6rem;background:#eef;color:#225}
-.small{color:#666;font-size:.9rem}img{max-width:100%}
-"""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _VERDICTS = {
     "nothing_to_explain": "nothing to explain",
     "explained": "explained",
@@ -64,69 +61,66 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         diagnosis: The result.
         sources: Names of the recordings.
     """
-    why = contradiction(diagnosis.warnings)
-    parts = [
-        *([f"<p><b>{escape(why)}</b></p>"] if why else []),
-        f"<h1>{escape(diagnosis.sentence)}</h1>",
-        f'<p><span class="verdict">{_VERDICTS[diagnosis.verdict]}</span> '
-        f'<span class="small">{escape(", ".join(sources))}; {diagnosis.samples} samples '
-        f"compared; {diagnosis.held_out} of them held out of fit and model selection; all errors "
-        "and gains below are of those</span></p>",
-    ]
-    if diagnosis.findings:
-        parts.append(_overview(diagnosis.findings))
-    if diagnosis.findings:
-        parts.append("<h2>Findings</h2>")
-    if diagnosis.caveat:
-        parts.append(f"<p class=small>{escape(diagnosis.caveat)}</p>")
-    for number, finding in enumerate(diagnosis.findings, start=1):
-        parts.append(_finding(number, finding, diagnosis.model.arm))
-    if diagnosis.payload_check is not None:
-        parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.payload_check.sentence)}.</p>")
-    if diagnosis.known:
-        parts.append(_known(diagnosis.known, diagnosis.against_reference))
-    if diagnosis.ambiguities:
-        parts.append(_ambiguities(diagnosis.ambiguities))
-    parts.append(_errors(diagnosis))
-    if diagnosis.in_simulation is not None:
-        parts.append(section(diagnosis.in_simulation, diagnosis.model.arm))
-    parts.append(_list("Data", [str(warning) for warning in diagnosis.warnings], "no warnings"))
-    parts.append(_list("How it was judged", diagnosis.notes, ""))
-    body = "\n".join(parts)
-    return (
-        "<!doctype html>\n<html lang=en><head><meta charset=utf-8>"
-        f"<title>Diagnosis: {escape(_VERDICTS[diagnosis.verdict])}</title>"
-        f"<style>{_STYLE}</style></head><body>\n{body}\n</body></html>\n"
+    arm = diagnosis.model.arm
+    facts = (
+        f"Verdict: {_VERDICTS[diagnosis.verdict]}. {', '.join(sources)}; {diagnosis.samples} "
+        f"samples compared; {diagnosis.held_out} of them held out of fit and model selection; all "
+        "errors and gains below are of those."
     )
+    level = worst_of(remark.level for remark in _remarks(diagnosis.findings)) or "good"
+    return page(f"diagnosis of {arm.name}", diagnosis.sentence, facts, _parts(diagnosis), level)
 
 
-def _overview(findings: Sequence[Finding]) -> str:
-    """Return all findings at a glance."""
-    rows = []
-    for number, finding in enumerate(findings, start=1):
-        gain = finding.gain
-        removed = f"{100 * gain.relative:.0f} % ({100 * gain.low:.0f} to {100 * gain.high:.0f})"
-        rows.append(
-            (
-                str(number),
-                effect_title(finding.effect),
-                ", ".join(finding.joints) or "the arm",
-                finding.place,
-                size_of(finding),
-                removed if gain.relative else "",
-                "yes" if finding.certain else "no",
-            )
+def _parts(diagnosis: Diagnosis) -> Iterator[str]:
+    arm = diagnosis.model.arm
+    if why := contradiction(diagnosis.warnings):
+        yield f"<p><b>{escape(why)}</b></p>"
+    if diagnosis.caveat:
+        yield f'<p class="small">{escape(diagnosis.caveat)}</p>'
+    yield drawn_arm(arm, _remarks(diagnosis.findings))
+    if diagnosis.findings:
+        yield "<h2>Findings</h2>"
+    for number, finding in enumerate(diagnosis.findings, start=1):
+        yield from _finding(number, finding, arm)
+    if diagnosis.payload_check is not None:
+        yield f"<p><b>Known payload:</b> {escape(diagnosis.payload_check.sentence)}.</p>"
+    if diagnosis.known:
+        yield _known(diagnosis.known, diagnosis.against_reference)
+    if diagnosis.in_simulation is not None:
+        yield section(diagnosis.in_simulation, arm)
+    yield "<h2>Tables</h2>"
+    yield _errors(diagnosis)
+    if diagnosis.ambiguities:
+        yield _ambiguities(diagnosis.ambiguities)
+    warnings = [str(warning) for warning in diagnosis.warnings]
+    yield html.folded("Data", html.listed(warnings, "no warnings"))
+    yield html.folded("How it was judged", html.listed(diagnosis.notes))
+
+
+def _remarks(findings: Sequence[Finding]) -> list[Remark]:
+    """Return what is found at each joint, and its size."""
+    return [
+        Remark(
+            joint,
+            f"{effect_title(finding.effect)}, {size_of(finding)}"
+            + (f", removes {100 * finding.gain.relative:.0f} %" if finding.gain.relative else "")
+            + ("" if finding.certain else " (not certain)"),
+            "poor" if finding.certain else "fair",
         )
-    head = ("", "what", "where", "form", "size", "held-out error removed", "certain")
-    return html.table(head, rows)
+        for finding in findings
+        for joint in finding.joints or ("",)
+    ]
 
 
-def _finding(number: int, finding: Finding, arm: Arm) -> str:
+def _finding(number: int, finding: Finding, arm: Arm) -> Iterator[str]:
     where = ", ".join(finding.joints) or "the arm"
-    head = f"{number}. {effect_title(finding.effect)} at {where}"
-    parts = [f"<h3>{escape(head)}</h3>", f"<p>{escape(finding.sentence)}.</p>"]
+    yield f"<h3>{escape(f'{number}. {effect_title(finding.effect)} at {where}')}</h3>"
+    yield f"<p>{escape(finding.sentence)}.</p>"
     if finding.remedy:
-        parts.append(f"<p><b>What to do:</b> {escape(finding.remedy)}.</p>")
+        yield f"<p><b>What to do:</b> {escape(finding.remedy)}.</p>"
+    if finding.picture is not None:
+        address = html.inline(_figure(finding.picture, arm))
+        yield html.picture(address, f"error of {finding.picture.joint} before and after")
     gain = finding.gain
     rows = parameter_rows(finding)
     rows.append(
@@ -139,34 +133,26 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     rows.append(("form", finding.place))
     carried = f"no: {finding.left_out}" if finding.left_out else "yes"
     rows.append(("in the extended model", carried))
-    parts.append(html.table((), rows))
-    if finding.picture is not None:
-        picture = html.data_url(png(finding.picture, arm))
-        parts.append(f'<img alt="error before and after" src="{picture}">')
+    yield html.folded("Parameters", html.table((), rows))
     if finding.alternatives:
-        parts.append("<p>This data cannot separate it from:</p>")
-        parts.append(
-            html.table(
-                ("effect", "joint", "numbers"),
-                [
-                    (effect_title(a.effect), ", ".join(a.joints) or "the arm", a.why)
-                    for a in finding.alternatives
-                ],
-            )
+        rejoined = [
+            (effect_title(a.effect), ", ".join(a.joints) or "the arm", a.why)
+            for a in finding.alternatives
+        ]
+        yield html.folded(
+            f"This data cannot separate it from {len(rejoined)} other possible causes",
+            html.table(("effect", "joint", "numbers"), rejoined),
         )
     if finding.rejected:
-        parts.append("<p>Tried in its place, but worse on unseen blocks:</p>")
-        parts.append(
-            html.table(
-                ("effect", "joint", "form", "log-likelihood gain", "behind"),
-                [
-                    (effect_title(r.effect), ", ".join(r.joints) or "the arm", r.place,
-                     f"{r.gain:.0f}", f"{r.behind:.0f}")
-                    for r in finding.rejected
-                ],
-            )
-        )  # fmt: skip
-    return "\n".join(parts)
+        tried = [
+            (effect_title(r.effect), ", ".join(r.joints) or "the arm", r.place, f"{r.gain:.0f}",
+             f"{r.behind:.0f}")
+            for r in finding.rejected
+        ]  # fmt: skip
+        yield html.folded(
+            f"Tried in its place, but worse on unseen blocks ({len(tried)})",
+            html.table(("effect", "joint", "form", "log-likelihood gain", "behind"), tried),
+        )
 
 
 def _known(known: Sequence[Known], against_reference: bool) -> str:
@@ -175,10 +161,10 @@ def _known(known: Sequence[Known], against_reference: bool) -> str:
         f"{entry.sentence}. What to do: {entry.remedy}" if entry.remedy else entry.sentence
         for entry in known
     )
-    items = "".join(f"<li>{escape(text)}</li>" for text in said)
     within = BETWEEN if against_reference else KNOWN
     return (
-        f"<h2>Expected, not reported as findings</h2><p class=small>{within}:</p><ul>{items}</ul>"
+        f'<h2>Expected, not reported as findings</h2><p class="small">{within}:</p>'
+        + html.listed(said)
     )
 
 
@@ -204,12 +190,12 @@ def _errors(diagnosis: Diagnosis) -> str:
         )
     head = ("joint", "before", "after", "noise floor", "expected", "after / floor")
     legend = (
-        f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}. Expected: from the "
+        f'<p class="small">The noise floor is {FLOORS[diagnosis.floor_from]}. Expected: from the '
         "posterior of the given model's parameters, its error at calibration, and day-to-day "
         "friction variation.</p>"
     )
-    title = f"<h2>Held-out error, {unit} RMS</h2><p class=small>Errors {diagnosis.compared}.</p>"
-    return title + html.table(head, rows) + legend
+    compared = f'<p class="small">Errors {diagnosis.compared}.</p>'
+    return html.folded(f"Held-out error, {unit} RMS", compared, html.table(head, rows), legend)
 
 
 def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
@@ -230,15 +216,12 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
     head = (
         "cause", "joint", "fitted alone", "both fitted", "log-likelihood gain", "held-out error",
     )  # fmt: skip
-    sentences = "".join(f"<li>{escape(ambiguity.sentence)}</li>" for ambiguity in ambiguities)
-    sign = (
-        ""
-        if any(ambiguity.suspected for ambiguity in ambiguities)
-        else "<p>There is no sign of any.</p>"
-    )
-    return (
-        "<h2>Causes that this recording cannot separate</h2>"
-        f"{sign}<ul>{sentences}</ul>" + html.table(head, rows)
+    suspected = any(ambiguity.suspected for ambiguity in ambiguities)
+    return html.folded(
+        f"Causes that this recording cannot separate ({len(ambiguities)})",
+        "" if suspected else "<p>There is no sign of any.</p>",
+        html.listed(ambiguity.sentence for ambiguity in ambiguities),
+        html.table(head, rows),
     )
 
 
@@ -248,11 +231,6 @@ def _numbers(effect: str, parameters: Mapping[str, Estimate]) -> str:
     )
 
 
-def _list(title: str, items: Sequence[str], nothing: str) -> str:
-    inside = "".join(f"<li>{escape(item)}</li>" for item in items) or f"<li>{escape(nothing)}</li>"
-    return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
-
-
 def png(picture: Picture, arm: Arm) -> bytes:
     """Return a joint's error before and after, against what it depends on, as a PNG.
 
@@ -260,6 +238,10 @@ def png(picture: Picture, arm: Arm) -> bytes:
         picture: Errors, N·m or N, and what they depend on.
         arm: The arm.
     """
+    return html.png(_figure(picture, arm))
+
+
+def _figure(picture: Picture, arm: Arm) -> Figure:
     from matplotlib.figure import Figure
 
     joint = arm.joints[arm.joint_names.index(picture.joint)]
@@ -289,7 +271,7 @@ def png(picture: Picture, arm: Arm) -> bytes:
     lines, names = axes[1].get_legend_handles_labels()
     figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
     axes[0].set_ylabel(f"error at {picture.joint} [{unit}]")
-    return html.png(figure)
+    return figure
 
 
 def _means(x: Array, y: Array) -> tuple[Array, Array]:

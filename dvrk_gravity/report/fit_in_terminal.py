@@ -148,7 +148,7 @@ def evaluation_text(
         result.joints, model.arm, verdicts, width, result.expected if result.expected else None
     )
     yield laid_out(result.metric, width)
-    yield laid_out(_expectation(result, model), width)
+    yield laid_out(expectation(result, model), width)
     if len(result.recordings) > 1:
         for label, joints in result.recordings.items():
             yield laid_out(f"{label}: |e|/|tau| {in_short(joints)}", width)
@@ -170,7 +170,7 @@ def evaluation_text(
             yield laid_out(f"data: {line}", width)
 
 
-def _expectation(result: Evaluation, model: TorqueModel) -> str:
+def expectation(result: Evaluation, model: TorqueModel) -> str:
     """Return what a model expects of itself, and where its errors are larger."""
     if not result.expected:
         of_file = "it is what the arm's file states" if model.of_file else ""

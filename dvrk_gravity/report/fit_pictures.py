@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dvrk_gravity.arms import Joint
+from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
-from dvrk_gravity.report.html import data_url, png
+from dvrk_gravity.report.html import inline, picture
 from dvrk_gravity.report.units import effort_in_picture
 
 if TYPE_CHECKING:
@@ -26,6 +27,25 @@ BINS = 25
 MEASURED, PREDICTED, DIFFERENCE = "#7f8fa6", "#c0392b", "#2c3e50"
 
 
+def pictures_by_joint(traces: Sequence[Trace], arm: Arm) -> Iterator[str]:
+    """Yield the HTML of each joint's pictures, under its name.
+
+    Of several traces, the longest is shown over time; the differences of all are.
+
+    Args:
+        traces: Of the same joints.
+        arm: Their arm.
+    """
+    longest = max(traces, key=lambda trace: len(trace.measured))
+    joints = {joint.name: joint for joint in arm.joints}
+    shown = [joints[name] for name in longest.joints]
+    over_time, left = torque_pictures(longest, shown), residual_pictures(traces, shown)
+    for name, torque, residual in zip(longest.joints, over_time, left, strict=True):
+        yield f"<h3>{escape(name)}</h3>"
+        yield picture(torque, f"measured and predicted torque of {name}")
+        yield picture(residual, f"difference by position and velocity of {name}")
+
+
 def torque_pictures(trace: Trace, joints: Sequence[Joint]) -> Iterator[str]:
     """Yield measured and predicted torque of each joint over time, or over the pose number."""
     figure, (axes,) = _drawn_on(1)
@@ -33,7 +53,7 @@ def torque_pictures(trace: Trace, joints: Sequence[Joint]) -> Iterator[str]:
         _torque(axes, trace, column, joint)
         if not figure.legends:
             figure.legend(loc="upper right", ncols=3, fontsize=8, frameon=False)
-        yield data_url(png(figure, dpi=100))
+        yield inline(figure, dpi=100)
         _erase([axes])
 
 
@@ -76,7 +96,7 @@ def residual_pictures(traces: Sequence[Trace], joints: Sequence[Joint]) -> Itera
             _scatter(ax, x[:, column], factor * residual[:, column])
             ax.set_xlabel(f"{label} [{joint.unit}{rate}]")
         axes[0].set_ylabel(f"difference [{effort_unit}]")
-        yield data_url(png(figure, dpi=100))
+        yield inline(figure, dpi=100)
         _erase(axes)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
-from dvrk_gravity.report.html import data_url, png, table
+from dvrk_gravity.report.html import inline, picture, table
 from dvrk_gravity.report.units import milli_position, shown_position
 
 _BEFORE, _AFTER = "#bb3322", "#2266aa"
@@ -44,8 +44,8 @@ def section(result: InSimulation, arm: Arm) -> str:
         parts.append(table(("", *arm.joint_names), rows))
         joints = _drawn(result.drifts, arm)
         if joints:
-            picture = _picture(result.drifts, joints, arm)
-            parts.append(f'<img alt="drift over time" src="{picture}">')
+            address = _picture(result.drifts, joints, arm)
+            parts.append(picture(address, "drift over time"))
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
     return "\n".join(parts)
 
@@ -130,4 +130,4 @@ def _picture(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> str:
         cell.set_xlabel("time [s]")
     lines, names = axes[0][0].get_legend_handles_labels()
     figure.legend(lines, names, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
-    return data_url(png(figure))
+    return inline(figure)

@@ -1,0 +1,80 @@
+"""Errors of a model by joint, as reports show them: in a sentence, on the arm, in a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.identification import GOOD, POOR, JointError, JointVerdict, good_to
+from dvrk_gravity.report import html
+from dvrk_gravity.report.arm_drawing import Level, Remark
+from dvrk_gravity.report.units import effort_in_table
+from dvrk_gravity.units import quantity
+
+
+def level_of_verdict(verdict: str) -> Level:
+    """Return the colour of one of ``model.VERDICTS``."""
+    return "good" if verdict == GOOD else "poor" if verdict == POOR else "fair"
+
+
+def errors_in_short(errors: Mapping[str, JointError], arm: Arm) -> str:
+    """Return the size of errors by joint in a clause: least to most of the torque, and where most.
+
+    Args:
+        errors: By joint, at least one.
+        arm: The arm.
+    """
+    worst = max(errors, key=lambda name: errors[name].nrmse)
+    least = min(error.nrmse for error in errors.values())
+    most = errors[worst].nrmse
+    unit = dict(zip(arm.joint_names, arm.effort_units, strict=True))[worst]
+    size = f"{quantity(errors[worst].rmse, unit)} RMS"
+    if len(errors) == 1:
+        return f"{100 * most:.2g} % of the torque at {worst} ({size})"
+    return f"{100 * least:.2g} to {100 * most:.2g} % of the torque, most at {worst} ({size})"
+
+
+def error_remarks(
+    errors: Mapping[str, JointError], verdicts: Mapping[str, JointVerdict]
+) -> Iterator[Remark]:
+    """Yield verdict and error of each joint, for the drawing of the arm."""
+    for name, error in errors.items():
+        verdict = verdicts[name]
+        text = f"{verdict.words}, error {100 * error.nrmse:.2g} % of the torque"
+        yield Remark(name, text, level_of_verdict(verdict.level))
+
+
+def error_rows(
+    errors: Mapping[str, JointError],
+    arm: Arm,
+    verdicts: Mapping[str, JointVerdict],
+    more: Mapping[str, Mapping[str, str]] | None = None,
+) -> str:
+    """Return the table of errors by joint, with verdicts and what each is judged by.
+
+    Args:
+        errors: By joint.
+        arm: The arm.
+        verdicts: By joint.
+        more: Further columns by their heading, each by joint; what is missing is left blank.
+    """
+    joints = {joint.name: joint for joint in arm.joints}
+    more = more or {}
+    effort, factor, decimals = effort_in_table(arm, [error.rmse for error in errors.values()])
+    head = (
+        "joint", f"RMSE, {effort}", "|e|/|τ|", "R²", *more, "good to", "verdict", "why",
+    )  # fmt: skip
+    rows = [
+        (
+            name,
+            f"{factor * error.rmse:.{decimals}f}",
+            f"{error.nrmse:.3f}",
+            f"{error.r2:.3f}",
+            *(column.get(name, "") for column in more.values()),
+            f"{good_to(joints[name]):.3f}",
+            verdicts[name].words,
+            verdicts[name].reason,
+        )
+        for name, error in errors.items()
+    ]
+    return html.table(head, rows)
