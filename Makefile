@@ -14,7 +14,7 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: bench demo peers story test trials trials-real sensitivity lint lock clean help
+.PHONY: bench demo dist dist-check peers story test trials trials-real sensitivity lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
@@ -58,6 +58,22 @@ lint: $(VENV)/.done
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# What builds and checks packages has an environment of its own, as the peers have.
+DIST := .venv-dist
+$(DIST)/.done: Makefile
+	@rm -rf $(DIST)
+	@"$(SYSTEM_PYTHON)" -m venv $(DIST)
+	@$(DIST)/bin/python -m pip install --quiet --disable-pip-version-check build==1.6.1 twine==7.0.0
+	@touch $(DIST)/COLCON_IGNORE $@
+
+dist: $(DIST)/.done
+	@rm -rf dist
+	@$(DIST)/bin/python -m build --outdir dist . > $(DIST)/log || { cat $(DIST)/log; exit 1; }
+	@$(DIST)/bin/twine check --strict dist/*
+
+dist-check: dist
+	@PYTHON="$(SYSTEM_PYTHON)" .ci/dist-check
 
 SEEDS ?= 0 12
 LAB_SEEDS ?= 0 5
@@ -114,4 +130,4 @@ lock:
 	rm -rf $(VENV)-lock
 
 clean:
-	rm -rf build install log out $(VENV) $(VENV)-lock $(PEERS)
+	rm -rf build dist install log out $(VENV) $(VENV)-lock $(PEERS) $(DIST)

@@ -1,6 +1,7 @@
-"""Build as an ament_python package: `colcon build`, or `pip install .` without ROS's tools."""
+"""Build as an ament_python package with `colcon build`, or as a wheel with `pip install .`."""
 
 import re
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -12,6 +13,19 @@ EXECUTABLES = (
     "compensator", "simulator", "watchdog", "plan", "excite", "replay", "convert", "identify",
     "evaluate", "diagnose", "demo", "newton-euler",
 )  # fmt: skip
+
+# A wheel's executables share one folder with all others, where `convert` is ImageMagick's: there is
+# but one, `dvrk_gravity VERB`.
+IS_WHEEL = bool({"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv))
+
+
+def console_scripts():
+    """Return the executables: one for each verb, of a wheel one for all."""
+    if IS_WHEEL:
+        return [f"{NAME} = {NAME}.__main__:main"]
+    target = f"{NAME}.command_line:executables"
+    return [f"{verb} = {target}.{verb.replace('-', '_')}" for verb in EXECUTABLES]
+
 
 VERSION = re.search(r'__version__ = "(.+)"', Path(NAME, "__init__.py").read_text())[1]
 
@@ -56,19 +70,39 @@ setup(
             "mujoco>=4.0",
             "sympy>=1.12",
             "example-robot-data>=4.0",
+            "jupytext>=1.16",
+            "pandas>=2.0",
+            "websockets>=13",
             "xacrodoc>=2.0",
         ],
         "xacro": ["xacrodoc>=2.0"],  # expands URDFs that xacro has yet to
+        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],  # without a ROS 2
     },
     zip_safe=False,
     maintainer="dvrk_gravity maintainers",
     maintainer_email="maintainers@example.org",
-    description="Gravity compensation of the dVRK's master arms, and why it is not perfect",
+    description="Gravity compensation of the dVRK's arms and others, and why it is not perfect",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     license="BSD-3-Clause",
-    entry_points={
-        "console_scripts": [
-            f"{verb} = {NAME}.command_line:executables.{verb.replace('-', '_')}"
-            for verb in EXECUTABLES
-        ],
-    },
+    license_files=["LICENSE"],
+    keywords=[
+        "robotics",
+        "gravity compensation",
+        "identification",
+        "da Vinci Research Kit",
+        "ROS 2",
+    ],
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Environment :: Console",
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
+    entry_points={"console_scripts": console_scripts()},
 )

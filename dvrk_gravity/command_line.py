@@ -90,6 +90,12 @@ def run(name: str, argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return _INTERRUPTED
+    except ModuleNotFoundError as error:
+        module = (error.name or "").split(".")[0]
+        if module in ("", __package__):
+            raise
+        print(f"dvrk_gravity {verb.NAME}: {_how_to_get(module)}", file=sys.stderr)
+        return 2
     except Exception as error:
         ended = _status_of_signal(error)
         if ended is not None:
@@ -106,6 +112,16 @@ def run(name: str, argv: Sequence[str] | None = None) -> int:
 executables = SimpleNamespace(
     **{verb.replace("-", "_"): partial(run, name) for verb, (name, _) in VERBS.items()}
 )
+
+
+def _how_to_get(module: str) -> str:
+    """Return what a verb needs that is not installed, and how to get it."""
+    if module.startswith(("rcl", "rosgraph", "std_")) or module.endswith("_msgs"):
+        return (
+            f"needs ROS 2 (no module {module}): source its setup.bash, or "
+            '`pip install "dvrk_gravity[ros]"`'
+        )
+    return f"needs the Python module {module}, which is not installed"
 
 
 def _status_of_signal(error: BaseException) -> int | None:

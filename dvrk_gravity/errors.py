@@ -102,5 +102,20 @@ class ShapeError(DvrkGravityError, ValueError):
         super().__init__(f"{name} has shape {shape}, expected {expected}")
 
 
+class PackageError(DvrkGravityError, ImportError):
+    """Something asked for that needs a Python package which is not installed.
+
+    Attributes:
+        wanted: What was asked for.
+        package: The package, as pip calls it.
+    """
+
+    def __init__(self, wanted: str, package: str) -> None:
+        """Store the parts and build the one-line message."""
+        self.wanted = wanted
+        self.package = package
+        super().__init__(f"{wanted}: needs {package}, expected `pip install {package}` before")
+
+
 class PlanError(DvrkGravityError):
     """Limits that no motion can keep; the text says which would have to give, and by how much."""

@@ -20,15 +20,16 @@ from conftest import REPOSITORY, syntax
 PACKAGE = REPOSITORY / "dvrk_gravity"
 # Each room imports only those before it (CONTRIBUTING.md says what they hold).
 ROOMS = (
-    "faces", "arrays", "errors", "validation", "units", "files", "parameters", "arms",
+    "faces", "arrays", "errors", "tabular", "validation", "units", "files", "parameters", "arms",
     "parameters.nodes", "gravity", "newton_euler", "effects", "model", "console", "recording",
     "estimation", "intake", "identification", "planning", "simulate", "exports", "compensate",
     "diagnosis", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
-# Done without where they are not installed: the dVRK's own messages, and what expands xacro.
-OPTIONAL = {"crtk_msgs", "xacrodoc"}
+# Done without where they are not installed: the dVRK's own messages, what expands xacro, and
+# data frames.
+OPTIONAL = {"crtk_msgs", "xacrodoc", "pandas"}
 
 
 def modules(package: Path) -> dict[str, Path]:

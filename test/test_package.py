@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import importlib.util
+import os
+import pkgutil
 import re
 import runpy
 import subprocess
 import sys
+import types
 import xml.etree.ElementTree as ElementTree
 
 import pytest
 import setuptools
+import yaml
 from conftest import REPOSITORY, executables, syntax
 
 import dvrk_gravity
-from dvrk_gravity.command_line import VERBS
+from dvrk_gravity.command_line import VERBS, run
 
 
 def test_the_table_of_parameters_in_the_docs_is_that_of_the_declarations():
@@ -103,3 +108,73 @@ def test_the_public_names_import_without_rclpy():
         "sys.exit('rclpy' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "scripts"),
+    [("bdist_wheel", ["dvrk_gravity"]), ("dist_info", ["dvrk_gravity"]), ("install", [*VERBS])],
+)
+def test_a_wheel_has_one_executable_and_a_ros_package_one_for_each_verb(
+    command, scripts, monkeypatch
+):
+    given = {}
+    monkeypatch.setattr(setuptools, "setup", given.update)
+    monkeypatch.setattr(sys, "argv", ["setup.py", command])
+    monkeypatch.chdir(REPOSITORY)
+    runpy.run_path("setup.py")
+    installed = [line.split(" = ") for line in given["entry_points"]["console_scripts"]]
+    assert sorted(name for name, _ in installed) == sorted(scripts)
+    assert all(callable(pkgutil.resolve_name(target)) for _, target in installed)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["compensator"], ["demo", "--out", "new"], ["excite", "--arm", "mtmr", "--out", "new"]],
+)
+def test_what_needs_ros_says_so_in_one_line_where_there_is_none(words, tmp_path):
+    code = (
+        "import sys; sys.modules.update(rclpy=None); from dvrk_gravity.__main__ import main; "
+        f"sys.exit(main({words!r}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"dvrk_gravity {words[0]}: needs ROS 2 (no module rclpy")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_fault_of_our_own_imports_is_not_taken_for_something_to_install(monkeypatch):
+    module = types.ModuleType("broken")
+    module.NAME, module.EXAMPLE, module.__doc__ = "broken", "broken", "Breaks."
+    module.add_arguments = lambda parser: None
+    module.run = lambda arguments: importlib.import_module("dvrk_gravity.not_there")
+    monkeypatch.setitem(sys.modules, "broken", module)
+    with pytest.raises(ModuleNotFoundError):
+        run("broken", [])
+    module.run = lambda arguments: importlib.import_module("nowhere_to_be_found")
+    assert run("broken", []) == 2
+
+
+def test_the_version_is_the_same_everywhere():
+    text = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (.*)$", text, re.MULTILINE) == [dvrk_gravity.__version__]
+
+
+def test_the_readme_s_table_is_that_of_the_measured_page():
+    path = REPOSITORY / "docs" / "readme_table.py"
+    spec = importlib.util.spec_from_file_location("readme_table", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert module.written() == readme, "docs/readme_table.py --write renews it"
+
+
+def test_the_public_workflow_runs_what_ci_runs_on_both_versions():
+    workflow = yaml.safe_load((REPOSITORY / ".github" / "workflows" / "ci.yml").read_text())
+    jobs = workflow["jobs"]
+    assert jobs["test"]["strategy"]["matrix"]["python"] == ["3.11", "3.12"]
+    commands = [step["run"] for job in jobs.values() for step in job["steps"] if "run" in step]
+    assert commands == [".ci/run", "make docs", "make dist-check"]

@@ -31,8 +31,8 @@ def _folders() -> list[Path]:
     """Return the possible ``config/`` folders, the nearest first."""
     package = Path(__file__).resolve().parents[1]
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    # <prefix>/lib/python3.X/site-packages/dvrk_gravity
-    prefixes += package.parents[2:4]
+    # <prefix>/lib/python3.X/site-packages/dvrk_gravity; <prefix>/dvrk_gravity of `pip --target`
+    prefixes += (*package.parents[2:4], package.parent)
     return [
         package.parent / "config",
         *(prefix / "share" / PACKAGE / "config" for prefix in prefixes),

@@ -16,7 +16,13 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.expected_error import ExpectedError, expected_errors
 from dvrk_gravity.identification.quality.weights import idle
-from dvrk_gravity.identification.result import JointError, Trace, in_short, joint_errors
+from dvrk_gravity.identification.result import (
+    JointError,
+    Trace,
+    error_columns,
+    in_short,
+    joint_errors,
+)
 from dvrk_gravity.intake import (
     Decision,
     all_static,
@@ -47,10 +53,11 @@ from dvrk_gravity.recording import (
     opened,
     prepare,
 )
+from dvrk_gravity.tabular import Columns, Tabular
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class Evaluation(Tabular):
     """How well a model predicts recordings.
 
     Attributes:
@@ -91,6 +98,18 @@ class Evaluation:
     def __repr__(self) -> str:
         """Give the errors, in short."""
         return f"<Evaluation of {self.samples} samples: |e|/|tau| {in_short(self.joints)}>"
+
+    def _headline(self) -> str:
+        return f"{self.samples} samples, errors in {self.coordinates} coordinates"
+
+    def _columns(self) -> Columns:
+        """Return the errors of each joint, and what the model expects of them, NaN: unknown."""
+        expected = [self.expected.get(name) for name in self.joints]
+        return {
+            **error_columns(self.joints, self.units),
+            "expected_low": [np.nan if band is None else band.low for band in expected],
+            "expected_high": [np.nan if band is None else band.high for band in expected],
+        }
 
     @property
     def metric(self) -> str:

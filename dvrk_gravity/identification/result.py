@@ -13,6 +13,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation import beats
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import Coordinates, DataWarning
+from dvrk_gravity.tabular import Columns, Tabular
 
 
 @dataclass(frozen=True)
@@ -160,6 +161,17 @@ def in_short(joints: Mapping[str, JointError]) -> str:
     return ", ".join(f"{name} {error.nrmse:.3f}" for name, error in joints.items())
 
 
+def error_columns(errors: Mapping[str, JointError], units: Mapping[str, str]) -> Columns:
+    """Return a table of errors by joint, with the units of their RMSE."""
+    return {
+        "joint": list(errors),
+        "rmse": [error.rmse for error in errors.values()],
+        "unit": [units[name] for name in errors],
+        "nrmse": [error.nrmse for error in errors.values()],
+        "r2": [error.r2 for error in errors.values()],
+    }
+
+
 def in_words(level: str) -> str:
     """Return one of ``model.VERDICTS`` in words."""
     return "do not compensate with this" if level == VERDICTS[-1] else level
@@ -264,7 +276,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Tabular):
     """A fitted model, its errors and its verdict.
 
     Attributes:
@@ -310,6 +322,20 @@ class Fit:
             f"<Fit of {self.model.arm.name} to {self.samples} samples: {self.verdict.words}; "
             f"held-out |e|/|tau| {in_short(self.held_out)}>"
         )
+
+    def _headline(self) -> str:
+        return f"{self.model.arm.name}: {self.verdict.words}"
+
+    def _columns(self) -> Columns:
+        """Return held-out errors and verdict of each joint."""
+        arm = self.model.arm
+        units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
+        verdicts = [self.verdict.joints[name] for name in self.held_out]
+        return {
+            **error_columns(self.held_out, units),
+            "verdict": [verdict.words for verdict in verdicts],
+            "why": [verdict.reason for verdict in verdicts],
+        }
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``identify --json``."""

@@ -18,6 +18,7 @@ from dvrk_gravity.planning.keeping import Slack, slacks
 from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
 from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.tabular import Columns, Tabular
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class SeriesSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionDesign:
+class MotionDesign(Tabular):
     """A plan and what it promises.
 
     Attributes:
@@ -60,6 +61,15 @@ class MotionDesign:
     parameters: tuple[tuple[str, str, float, float], ...]
     condition: float
     slacks: tuple[Slack, ...]
+
+    def _headline(self) -> str:
+        return f"{self.plan.arm.name}: {self.plan.duration:.4g} s"
+
+    def _columns(self) -> Columns:
+        """Return the standard error of each parameter, now and as expected of the motion."""
+        columns = ("parameter", "unit", "now", "expected")
+        rows = zip(*self.parameters, strict=True) if self.parameters else ((),) * len(columns)
+        return {name: list(values) for name, values in zip(columns, rows, strict=True)}
 
 
 def series_basis(duration: float, settings: SeriesSettings | None = None) -> Basis:

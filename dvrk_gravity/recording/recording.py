@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -27,7 +27,11 @@ from dvrk_gravity.recording.samples import (
     join,
     not_recorded,
 )
+from dvrk_gravity.tabular import frame_of
 from dvrk_gravity.validation import floats, path_of
+
+if TYPE_CHECKING:
+    import pandas
 
 
 def known_coordinates(given: Coordinates | None) -> Coordinates | None:
@@ -200,6 +204,14 @@ class Recording(Samples):
         number = len(self.joints)
         joints = f"{number} joints" if number > 1 else self.joints[0]
         return f"<Recording {self.source}: {what}, {joints}, {self.coordinates} coordinates>"
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the samples with the columns of a CSV file: ``time``, ``<joint>.position``, ….
+
+        Raises:
+            PackageError: pandas is not installed.
+        """
+        return frame_of(writing.columns(self))
 
     @property
     def head(self) -> Recording:

@@ -241,28 +241,30 @@ def write_csv(chunks: Iterable[Samples], path: str | Path) -> None:
     with new_file(path) as file:
         header: list[str] = []
         for part in chunks:
-            names, arrays = _table(part)
+            table = columns(part)
+            names = list(table)
             if not header:
                 header = names
                 file.write(",".join(header) + "\n")
             elif names != header:
                 raise RecordingError(part.source, "columns change within the recording")
-            table = np.column_stack(arrays)
-            file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
+            rows = np.column_stack(list(table.values())).tolist()
+            file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
         if not header:
             raise RecordingError(path, "nothing to write")
 
 
-def _table(part: Samples) -> tuple[list[str], list[Array]]:
-    """Return names and arrays of a file's columns."""
-    names: list[str] = []
-    arrays = part.arrays()
-    for quantity, array in arrays.items():
+def columns(part: Samples) -> dict[str, Array]:
+    """Return the columns of a file by name."""
+    found: dict[str, Array] = {}
+    for quantity, array in part.arrays().items():
         if quantity == "direction" and np.all(array == array[:, :1]):
-            arrays[quantity] = array[:, 0]
-        single = arrays[quantity].ndim == 1
-        names += [quantity] if single else [f"{joint}.{quantity}" for joint in part.joints]
-    return names, list(arrays.values())
+            array = array[:, 0]
+        if array.ndim == 1:
+            found[quantity] = array
+        else:
+            found |= {f"{joint}.{quantity}": array[:, k] for k, joint in enumerate(part.joints)}
+    return found
 
 
 def save_recording(

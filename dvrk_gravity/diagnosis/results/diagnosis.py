@@ -16,13 +16,14 @@ from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.tabular import Columns, Tabular
 
 _UNEXPECTED = 2.0  # times what a model expects of itself: more than it should be. Chosen
 Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Tabular):
     """The result of a diagnosis.
 
     Attributes:
@@ -83,6 +84,24 @@ class Diagnosis:
             for finding in self.findings
         )
         return f"<Diagnosis {self.verdict}: {found or 'no findings'}>"
+
+    def _headline(self) -> str:
+        return f"{self.verdict.replace('_', ' ')}: {self.sentence}"
+
+    def _columns(self) -> Columns:
+        """Return the findings, in their order."""
+        found = self.findings
+        return {
+            "effect": [finding.effect for finding in found],
+            "joints": [", ".join(finding.joints) or "the arm" for finding in found],
+            "place": [finding.place for finding in found],
+            "certain": [finding.certain for finding in found],
+            "removed": [finding.gain.relative for finding in found],
+            "removed_low": [finding.gain.low for finding in found],
+            "removed_high": [finding.gain.high for finding in found],
+            "p_value": [finding.gain.p_value for finding in found],
+            "sentence": [finding.sentence for finding in found],
+        }
 
     @property
     def sentence(self) -> str:

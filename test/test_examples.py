@@ -1,0 +1,83 @@
+"""The examples run as they stand, and the notebooks are what their scripts are."""
+
+from __future__ import annotations
+
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import jupytext
+import matplotlib
+import pytest
+from conftest import REPOSITORY
+
+from dvrk_gravity import diagnosis, identification
+
+pytestmark = pytest.mark.usefixtures("four_folds")
+
+EXAMPLES = REPOSITORY / "examples"
+NOTEBOOKS = [path.with_suffix(".py") for path in sorted(EXAMPLES.glob("*.ipynb"))]
+
+
+def computed_once(monkeypatch, function: str) -> None:
+    """Let examples that identify or diagnose the same recording share the result."""
+    room = {"identify": identification, "diagnose": diagnosis}[function]
+    compute, known = getattr(room, function), {}
+
+    def once(recording, *others, **options):
+        key = (recording.effort.tobytes(), repr(options))
+        if key not in known:
+            known[key] = compute(recording, *others, **options)
+        return known[key]
+
+    monkeypatch.setattr(room, function, once)
+
+
+def test_the_examples_run_as_they_stand(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(EXAMPLES)
+    computed_once(monkeypatch, "identify")
+    computed_once(monkeypatch, "diagnose")
+
+    runpy.run_path(str(EXAMPLES / "ten_lines.py"))
+    assert Path("model.yaml").is_file()
+    assert "elbow_pitch has" in capsys.readouterr().out
+
+    with matplotlib.rc_context({"backend": "agg"}):
+        errors = runpy.run_path(str(EXAMPLES / "identify_and_compare.py"))["errors"]
+    assert list(errors.columns) == ["rigid", "full"]
+    assert errors["full"].mean() < 0.7 * errors["rigid"].mean()
+
+    names = runpy.run_path(str(EXAMPLES / "what_changed.py"))
+    found = names["first"].parameters["coefficient"]
+    assert found.low < 0.08 < found.high  # N·m·s/rad, which the script has added
+    before, after = (names[name].loc["elbow_pitch", "rmse"] for name in ("before", "after"))
+    assert after < 0.7 * before
+
+
+def test_an_example_for_any_arm_says_how_it_is_called():
+    script = EXAMPLES / "any_arm.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "any_arm.py robot.urdf motion.csv" in done.stderr
+
+
+def test_the_readme_shows_these_ten_lines():
+    code = (EXAMPLES / "ten_lines.py").read_text().split('"""')[2].strip()
+    assert len([line for line in code.splitlines() if line]) <= 10
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert "\n".join(f"    {line}".rstrip() for line in code.splitlines()) in readme
+
+
+@pytest.mark.parametrize("script", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_its_script_without_outputs(script):
+    notebook = jupytext.read(script.with_suffix(".ipynb"))
+    cells = [(cell.cell_type, cell.source) for cell in notebook.cells]
+    paired = [(cell.cell_type, cell.source) for cell in jupytext.read(script).cells]
+    assert cells == paired, f"jupytext --to ipynb {script} renews it"
+    assert not any(cell.get("outputs") for cell in notebook.cells)
+
+
+def test_there_are_two_notebooks():
+    assert [path.stem for path in NOTEBOOKS] == ["identify_and_compare", "what_changed"]
