@@ -26,6 +26,7 @@ help:
 	@echo "make sensitivity  halve and double every threshold of estimation, and tell what moves"
 	@echo "make story   the diagnosis on real recordings: docs/real_data.md, docs/psm.md (DVRK_GRAVITY_DATA)"
 	@echo "make peers   this package beside least squares, figaroh and mujoco.sysid, on the same recordings: docs/peers.md (QUICK=1: two arms, printed only)"
+	@echo "make dist    wheel and sdist in dist/; make dist-check tries both in fresh environments"
 	@echo "make lock    renew requirements.lock from requirements.in"
 	@echo "make clean   remove what make has made"
 

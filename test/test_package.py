@@ -178,3 +178,11 @@ def test_the_public_workflow_runs_what_ci_runs_on_both_versions():
     assert jobs["test"]["strategy"]["matrix"]["python"] == ["3.11", "3.12"]
     commands = [step["run"] for job in jobs.values() for step in job["steps"] if "run" in step]
     assert commands == [".ci/run", "make docs", "make dist-check"]
+
+
+def test_the_changelog_is_newest_first():
+    text = (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
+    first, *released = re.findall(r"^## (\S+)", text, re.MULTILINE)
+    assert first == "Unreleased"
+    numbers = [tuple(map(int, version.split("."))) for version in released]
+    assert numbers == sorted(numbers, reverse=True)
