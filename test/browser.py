@@ -66,13 +66,13 @@ class Browser:
         for domain in ("Page", "Runtime", "Log"):
             self._call(f"{domain}.enable")
 
-    def open(self, page: Path, width: int, dark: bool = False) -> None:
-        """Show a page in a window of a width, px, and wait until it is loaded."""
+    def open(self, page: Path, width: int, dark: bool = False, medium: str = "screen") -> None:
+        """Show a page on a screen, or in print, of a width, px, and wait until it is loaded."""
         self.errors.clear()
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=900,
                    deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self._call("Emulation.setEmulatedMedia", features=[scheme])
+        self._call("Emulation.setEmulatedMedia", media=medium, features=[scheme])
         self._call("Page.navigate", url=page.resolve().as_uri())
         while self._received().get("method") != "Page.loadEventFired":
             pass

@@ -58,6 +58,15 @@ def test_a_report_fits_every_screen_and_can_be_read(name, reports, browser: Brow
             assert browser.errors == [], (width, dark)
 
 
+def test_a_printed_report_is_light_and_hides_nothing(reports, browser: Browser):
+    for report in reports.values():
+        browser.open(report, 700, dark=True, medium="print")
+        heights = browser.value("[...document.querySelectorAll('table')].map(e => e.offsetHeight)")
+        assert min(heights) > 0
+        ground = browser.value("getComputedStyle(document.body).backgroundColor")
+        assert ground == "rgb(255, 255, 255)"
+
+
 def test_pictures_come_before_tables_and_the_arm_before_both(reports, browser: Browser):
     for report in reports.values():
         browser.open(report, 800)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
-from dvrk_gravity.identification import RULE, Evaluation, by_errors, in_words
+from dvrk_gravity.identification import RULE, Evaluation, by_errors
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.report import html
@@ -17,6 +17,7 @@ from dvrk_gravity.report.fit_tables import (
     error_rows,
     errors_in_short,
     level_of_verdict,
+    verdict_in_short,
 )
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import effort_in_table
@@ -33,7 +34,10 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
     arm = model.arm
     verdicts = by_errors(arm, result.joints, result.coordinates, result.with_friction)
     level = max((verdict.level for verdict in verdicts.values()), key=VERDICTS.index)
-    headline = f"{arm.name}, {in_words(level)}: errs by {errors_in_short(result.joints, arm)}"
+    headline = (
+        f"{arm.name}, {verdict_in_short(level, verdicts)}: "
+        f"errs by {errors_in_short(result.joints, arm)}"
+    )
     facts = f"{sources}; {result.samples} samples; errors in {result.coordinates} coordinates."
 
     def parts() -> Iterator[str]:
@@ -55,8 +59,7 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
             error_rows(
                 result.joints, arm, verdicts, {"expected RMSE": expected} if expected else None
             ),
-            f'<p class="small">{escape(result.metric)}. {escape(expectation(result, model))}. '
-            f"Rule: {escape(RULE)}.</p>",
+            html.listed((result.metric, expectation(result, model), f"rule: {RULE}")),
         )
         if len(result.recordings) > 1:
             rows = [

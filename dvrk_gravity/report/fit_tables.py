@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.identification import GOOD, POOR, JointError, JointVerdict, good_to
+from dvrk_gravity.identification import GOOD, POOR, JointError, JointVerdict, good_to, in_words
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Level, Remark
 from dvrk_gravity.report.units import effort_in_table
@@ -15,6 +15,17 @@ from dvrk_gravity.units import quantity
 def level_of_verdict(verdict: str) -> Level:
     """Return the colour of one of ``model.VERDICTS``."""
     return "good" if verdict == GOOD else "poor" if verdict == POOR else "fair"
+
+
+def verdict_in_short(level: str, verdicts: Mapping[str, JointVerdict]) -> str:
+    """Return a verdict in words, with the joints that have it where it is not good.
+
+    Args:
+        level: One of ``model.VERDICTS``.
+        verdicts: By joint.
+    """
+    named = [name for name, verdict in verdicts.items() if verdict.level == level != GOOD]
+    return in_words(level) + (f" ({', '.join(named)})" if named else "")
 
 
 def errors_in_short(errors: Mapping[str, JointError], arm: Arm) -> str:
@@ -61,9 +72,7 @@ def error_rows(
     joints = {joint.name: joint for joint in arm.joints}
     more = more or {}
     effort, factor, decimals = effort_in_table(arm, [error.rmse for error in errors.values()])
-    head = (
-        "joint", f"RMSE, {effort}", "|e|/|τ|", "R²", *more, "good to", "verdict", "why",
-    )  # fmt: skip
+    head = ("joint", f"RMSE, {effort}", "|e|/|τ|", "R²", *more, "good to", "verdict")
     rows = [
         (
             name,
@@ -72,8 +81,7 @@ def error_rows(
             f"{error.r2:.3f}",
             *(column.get(name, "") for column in more.values()),
             f"{good_to(joints[name]):.3f}",
-            verdicts[name].words,
-            verdicts[name].reason,
+            ": ".join(filter(None, (verdicts[name].words, verdicts[name].reason))),
         )
         for name, error in errors.items()
     ]

@@ -15,6 +15,7 @@ from dvrk_gravity.report.fit_tables import (
     error_rows,
     errors_in_short,
     level_of_verdict,
+    verdict_in_short,
 )
 from dvrk_gravity.report.page import page
 
@@ -29,7 +30,8 @@ def identification_page(fit: Fit, sources: str) -> str:
     arm, verdict = fit.model.arm, fit.verdict
     found = [error.r2 for error in fit.held_out.values()]
     headline = (
-        f"{arm.name}, {verdict.words}: errs by {errors_in_short(fit.held_out, arm)}; "
+        f"{arm.name}, {verdict_in_short(verdict.level, verdict.joints)}: "
+        f"errs by {errors_in_short(fit.held_out, arm)}; "
         f"R² {min(found):.2f} to {max(found):.2f} on torque that it had not seen"
     )
     facts = (
