@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import replace
 
@@ -233,10 +234,10 @@ def test_a_recording_of_the_other_arm_has_status_1_from_every_verb_and_is_named_
     truth(1, 12.0).save(recording)
     LEFT.save(model)
     words = "looks like a recording of mtmr, not mtml"
-    out = tmp_path / "model.yaml"
+    out, evaluated = tmp_path / "model.yaml", tmp_path / "evaluated.html"
     for verb, options in (
         ("identify", ["--arm", "mtml", "--out", str(out), "--terms", "coulomb_friction"]),
-        ("evaluate", ["--model", str(model)]),
+        ("evaluate", ["--model", str(model), "--report", str(evaluated)]),
         ("diagnose", ["--model", str(model), "--out", str(tmp_path / "diagnosis")]),
     ):
         status = command_line.run(f"dvrk_gravity.cli.{verb}", [str(recording), *options])
@@ -251,7 +252,9 @@ def test_a_recording_of_the_other_arm_has_status_1_from_every_verb_and_is_named_
     assert {found["effect"] for found in diagnosed["findings"]} <= {"unknown"}
     assert TorqueModel.load(out).verdict == "do_not_compensate"
     assert words in TorqueModel.load(out).reason
-    assert f'<p class="bad">{words}' in out.with_suffix(".html").read_text()
+    for report in (out.with_suffix(".html"), tmp_path / "diagnosis" / "report.html", evaluated):
+        head = re.search(r"<h1[^>]*>(.*)</h1>", report.read_text())
+        assert words in head[1]
 
 
 @pytest.mark.parametrize(

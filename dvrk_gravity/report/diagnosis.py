@@ -68,13 +68,14 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         "errors and gains below are of those."
     )
     level = worst_of(remark.level for remark in _remarks(diagnosis.findings)) or "good"
-    return page(f"diagnosis of {arm.name}", diagnosis.sentence, facts, _parts(diagnosis), level)
+    return page(
+        f"Diagnosis of {arm.name}", diagnosis.sentence, facts, _parts(diagnosis), level,
+        contradiction(diagnosis.warnings),
+    )  # fmt: skip
 
 
 def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     arm = diagnosis.model.arm
-    if why := contradiction(diagnosis.warnings):
-        yield f"<p><b>{escape(why)}</b></p>"
     if diagnosis.caveat:
         yield f'<p class="small">{escape(diagnosis.caveat)}</p>'
     yield drawn_arm(arm, _remarks(diagnosis.findings))

@@ -41,8 +41,6 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
     facts = f"{sources}; {result.samples} samples; errors in {result.coordinates} coordinates."
 
     def parts() -> Iterator[str]:
-        if why := contradiction(result.warnings):
-            yield f'<p class="poor">{escape(why)}</p>'
         said = compared(model, result.joints, result.coordinates, result.with_friction)
         yield f"<p>{escape(said[:1].upper() + said[1:])}.</p>"
         yield drawn_arm(arm, error_remarks(result.joints, verdicts))
@@ -73,4 +71,7 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
             "Data", html.listed(result.warnings, "no warnings"), html.listed(result.handling)
         )
 
-    return page(f"evaluation of {arm.name}", headline, facts, parts(), level_of_verdict(level))
+    return page(
+        f"Evaluation of {arm.name}", headline, facts, parts(), level_of_verdict(level),
+        contradiction(result.warnings),
+    )  # fmt: skip

@@ -39,15 +39,13 @@ def identification_page(fit: Fit, sources: str) -> str:
         f"Held out: {fit.validation}."
     )
     return page(
-        f"identification of {arm.name}", headline, facts, _parts(fit),
-        level_of_verdict(verdict.level),
+        f"Identification of {arm.name}", headline, facts, _parts(fit),
+        level_of_verdict(verdict.level), contradiction(fit.warnings),
     )  # fmt: skip
 
 
 def _parts(fit: Fit) -> Iterator[str]:
     arm = fit.model.arm
-    if why := contradiction(fit.warnings):
-        yield f'<p class="poor">{escape(why)}</p>'
     if fit.verdict.record:
         yield f"<p>Record instead: {escape(fit.verdict.record)}.</p>"
     if fit.verdict.level == POOR:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
+from dvrk_gravity.report.arm_drawing import Level
+
 # Text on its ground has a contrast of 4.5 or more in either scheme (WCAG 2.2, 1.4.3). Pictures are
 # drawn dark on transparent; inverted, with their hues turned back, they are light on dark.
 _STYLE = """
@@ -51,22 +53,34 @@ details::details-content{content-visibility:visible;display:block}}
 """
 
 
-def page(kind: str, headline: str, facts: str, parts: Iterable[str], level: str = "") -> str:
+def page(
+    kind: str,
+    headline: str,
+    facts: str,
+    parts: Iterable[str],
+    level: Level = "",
+    contradiction: str = "",
+) -> str:
     """Return a report's HTML, complete in itself.
 
     Args:
-        kind: What it is of: ``identification of mtmr``.
+        kind: What it is of: ``Identification of mtmr``.
         headline: The verdict in a sentence, with its size.
         facts: From which data, in a line.
         parts: HTML of what follows: the arm (:func:`drawn_arm`), pictures, folded tables.
-        level: ``good``, ``fair`` or ``poor``, which colours the headline; ``""``: as text is.
+        level: Colours the headline.
+        contradiction: Why the recordings say nothing of this arm, which comes before all else;
+            ``""``: nothing does.
     """
+    said = f"<p>{escape(headline)}</p>\n" if contradiction else ""
+    if contradiction:
+        headline, level = contradiction, "poor"
     colour = f' class="{level}"' if level else ""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(kind.capitalize())}: {escape(headline)}</title>"
+        f"<title>{escape(kind)}: {escape(headline)}</title>"
         f"<style>{_STYLE}</style></head><body>\n"
-        f'<p class="of">{escape(kind.capitalize())}</p>\n<h1{colour}>{escape(headline)}</h1>\n'
-        f'<p class="small">{escape(facts)}</p>\n' + "\n".join(parts) + "\n</body></html>\n"
+        f'<p class="of">{escape(kind)}</p>\n<h1{colour}>{escape(headline)}</h1>\n'
+        f'{said}<p class="small">{escape(facts)}</p>\n' + "\n".join(parts) + "\n</body></html>\n"
     )
