@@ -21,6 +21,7 @@ from conftest import REPOSITORY, executables, syntax
 
 import dvrk_gravity
 from dvrk_gravity.command_line import VERBS, run
+from dvrk_gravity.files import resources
 
 
 def test_the_table_of_parameters_in_the_docs_is_that_of_the_declarations():
@@ -186,3 +187,22 @@ def test_the_changelog_is_newest_first():
     assert first == "Unreleased"
     numbers = [tuple(map(int, version.split("."))) for version in released]
     assert numbers == sorted(numbers, reverse=True)
+
+
+@pytest.mark.parametrize(
+    "site",
+    ["lib/python3.12/site-packages", "local/lib/python3.12/dist-packages", ""],
+    ids=["a prefix or an environment", "Debian's", "pip --target"],
+)
+def test_configuration_is_found_beside_the_package_however_it_is_installed(
+    site, tmp_path, monkeypatch
+):
+    prefix = tmp_path / site.split("lib/")[0]
+    config = prefix / "share" / "dvrk_gravity" / "config" / "arms"
+    config.mkdir(parents=True)
+    (config / "mine.yaml").write_text("")
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.setattr(
+        resources, "__file__", str(tmp_path / site / "dvrk_gravity" / "files" / "resources.py")
+    )
+    assert resources.config_path("arms/mine.yaml") == config / "mine.yaml"
