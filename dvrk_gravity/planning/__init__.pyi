@@ -8,6 +8,7 @@ from .design import series_basis as series_basis
 from .exciting import coverage as coverage
 from .exciting import covering_motion as covering_motion
 from .exciting import exciting_motion as exciting_motion
+from .fourier import RISE as RISE
 from .fourier import Basis as Basis
 from .fourier import FourierMotion as FourierMotion
 from .information import Knowledge as Knowledge
@@ -15,6 +16,7 @@ from .information import ModelKnowledge as ModelKnowledge
 from .information import PriorKnowledge as PriorKnowledge
 from .information import noise_of as noise_of
 from .keeping import Slack as Slack
+from .keeping import effort_band as effort_band
 from .keeping import slacks as slacks
 from .limits import MotionLimits as MotionLimits
 from .limits import PairLimit as PairLimit
@@ -32,6 +34,7 @@ from .plan_limits import Box as Box
 from .plan_limits import Combination as Combination
 from .plan_limits import PlanLimits as PlanLimits
 from .pose_path import PosePath as PosePath
+from .pose_path import Straight as Straight
 from .poses import PoseSettings as PoseSettings
 from .poses import design_poses as design_poses
 from .resting import resting_positions as resting_positions
