@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -96,8 +97,11 @@ def _kept(plant: PlantFile, of: DrawSettings) -> list[Term]:
     loads = [
         term for term in model.terms if term.WEIGHT_OF_ARM or not isinstance(term, LinearTerm)
     ]
-    slow = State(np.zeros((1, arm.n)), _SLOW * arm.scale[None])
-    dry = sum((np.abs(term.torque(slow)[0]) for term in friction), np.zeros(arm.n))
+    # In any combination of directions: a motor that two joints turn rubs in some of them only.
+    ways = np.array(list(product((-1.0, 1.0), repeat=arm.n)))
+    slow = State(np.zeros_like(ways), _SLOW * arm.scale * ways)
+    torque = sum((np.abs(term.torque(slow)) for term in friction), np.zeros_like(ways))
+    dry = torque.min(axis=0)
     without = (dry < of.dry * arm.effort_limit).astype(float)
     usual = [each for effect in effect_terms() if effect.FRICTION and (each := effect.nominal(arm))]
     return [*friction, *(each.scaled(without) for each in usual), *loads]
@@ -133,51 +137,3 @@ def _cables(arm: Arm, random: np.random.Generator, part: float) -> ElasticCable:
     ]
     ends = Range(np.full(arm.n, -np.inf), np.full(arm.n, np.inf))
     return ElasticCable(arm, np.array(rows).T, ends)
-
-
-def _with_weight(term: LinearTerm, arm: Arm, links: Mapping[str, pin.Inertia]) -> LinearTerm:
-    """Return the weight of these links, which is that of their inertia."""
-    q = np.random.default_rng(0).uniform(*arm.range, (10 * len(term.theta), arm.n))
-    tree = build_tree(arm, links, arm.gravity)
-    torque = np.ravel([tree.gravity(pose) for pose in q])
-    columns = term.with_gravity(arm.gravity).columns(State(q))
-    return term.with_theta(np.linalg.lstsq(columns.reshape(len(torque), -1), torque, rcond=None)[0])
-
-
-def _kept(plant: PlantFile, of: DrawSettings) -> list[Term]:
-    """Return friction, which every joint has, weight and loads."""
-    arm, model = plant.model.arm, plant.model
-    friction = [term for term in model.terms if term.FRICTION]
-    loads = [
-        term for term in model.terms if term.WEIGHT_OF_ARM or not isinstance(term, LinearTerm)
-    ]
-    slow = State(np.zeros((1, arm.n)), _SLOW * arm.scale[None])
-    dry = sum((np.abs(term.torque(slow)[0]) for term in friction), np.zeros(arm.n))
-    without = (dry < of.dry * arm.effort_limit).astype(float)
-    usual = [each for effect in effect_terms() if effect.FRICTION and (each := effect.nominal(arm))]
-    return [*friction, *(each.scaled(without) for each in usual), *loads]
-
-
-def _cables(arm: Arm, random: np.random.Generator, part: float) -> ElasticCable:
-    lowest, highest = (np.clip(end, -2.0 * np.pi, 2.0 * np.pi) for end in arm.range)
-    coefficients = part * arm.effort_limit * random.uniform(-1.0, 1.0, (4, arm.n))
-    rows = [
-        Polynomial(each, [low, high], [-1.0, 1.0]).convert().coef
-        for each, low, high in zip(coefficients.T, lowest, highest, strict=True)
-    ]
-    ends = Range(np.full(arm.n, -np.inf), np.full(arm.n, np.inf))
-    return ElasticCable(arm, np.array(rows).T, ends)
-
-
-def _with_weight(
-    term: LinearTerm, arm: Arm, before: Mapping[str, pin.Inertia], after: Mapping[str, pin.Inertia]
-) -> LinearTerm:
-    """Return a weight with what links weigh after less what they weighed before."""
-    q = np.random.default_rng(0).uniform(*arm.range, (10 * len(term.theta), arm.n))
-    trees = [build_tree(arm, links, arm.gravity) for links in (after, before)]
-    change = [trees[0].gravity(pose) - trees[1].gravity(pose) for pose in q]
-    columns = term.with_gravity(arm.gravity).regressor(State(q))
-    theta = np.linalg.lstsq(
-        columns.reshape(-1, columns.shape[-1]), np.ravel(change), rcond=None
-    )[0]
-    return term.with_theta(term.theta + theta)
