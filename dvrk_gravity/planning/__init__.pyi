@@ -13,6 +13,7 @@ from .fourier import Basis as Basis
 from .fourier import FourierMotion as FourierMotion
 from .information import Knowledge as Knowledge
 from .information import ModelKnowledge as ModelKnowledge
+from .information import Objective as Objective
 from .information import PriorKnowledge as PriorKnowledge
 from .information import noise_of as noise_of
 from .keeping import Slack as Slack
@@ -38,3 +39,13 @@ from .pose_path import Straight as Straight
 from .poses import PoseSettings as PoseSettings
 from .poses import design_poses as design_poses
 from .resting import resting_positions as resting_positions
+from .rivalry import STRONG as STRONG
+from .rivalry import Rival as Rival
+from .rivalry import Rivalry as Rivalry
+from .rivalry import Separation as Separation
+from .rivalry import divergence as divergence
+from .separation import Expected as Expected
+from .separation import SeparationDesign as SeparationDesign
+from .separation import SeparationSettings as SeparationSettings
+from .separation import Unseparated as Unseparated
+from .separation import design_separation as design_separation

@@ -11,6 +11,7 @@ from .fit_pictures import residual_pictures as residual_pictures
 from .fit_pictures import torque_pictures as torque_pictures
 from .identification import identification_page as identification_page
 from .plan_in_terminal import design_text as design_text
+from .plan_in_terminal import separation_text as separation_text
 from .plan_picture import plan_picture as plan_picture
 from .terminal import MOST_WARNINGS as MOST_WARNINGS
 from .terminal import columns as columns
