@@ -40,6 +40,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "identify": ("dvrk_gravity.cli.identify", "recordings -> torque model"),
     "evaluate": ("dvrk_gravity.cli.evaluate", "error of a model on recordings"),
     "diagnose": ("dvrk_gravity.cli.diagnose", "what a model gets wrong, with evidence"),
+    "calibrate": ("dvrk_gravity.cli.calibrate", "from an arm to a certified model"),
     "demo": ("dvrk_gravity.cli.demo", "everything in simulation: fall, float, push, kill"),
     "newton-euler": (
         "dvrk_gravity.cli.newton_euler",

@@ -17,6 +17,7 @@ from .information import Objective as Objective
 from .information import PriorKnowledge as PriorKnowledge
 from .information import noise_of as noise_of
 from .keeping import Slack as Slack
+from .keeping import distances as distances
 from .keeping import effort_band as effort_band
 from .keeping import slacks as slacks
 from .limits import MotionLimits as MotionLimits

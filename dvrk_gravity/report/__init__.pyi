@@ -1,3 +1,4 @@
+from .certificate import certificate_page as certificate_page
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png
 from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
