@@ -14,5 +14,5 @@ from .settings import CalibrationSettings as CalibrationSettings
 from .steps import CERTIFICATE as CERTIFICATE
 from .steps import Pages as Pages
 from .steps import Work as Work
-from .steps import calibrate as calibrate
 from .steps import all_steps as all_steps
+from .steps import calibrate as calibrate

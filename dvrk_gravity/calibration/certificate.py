@@ -261,7 +261,9 @@ def _verdict(
     errors = sorted(100 * each.nrmse for each in joints)
     most = max((each.drift or 0.0) / size for each, size in zip(joints, arm.scale, strict=True))
     with_friction = (
-        "" if release["friction"] == 1.0 else f" with {100 * release['friction']:g} % of its friction"
+        ""
+        if release["friction"] == 1.0
+        else f" with {100 * release['friction']:g} % of its friction"
     )
     text = (
         f"{name} holds itself: at {len(worst)} poses that nothing was fitted on it drifted by at "

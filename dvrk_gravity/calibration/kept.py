@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -44,11 +43,8 @@ class KeptDriver:
         self._driver.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
-        self._driver.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._driver.__exit__(*error)
 
     def connect(self) -> Array:
         """Wait for the arm, and return its (n,) rest position, rad or m."""

@@ -102,9 +102,7 @@ class Logbook:
         """Return what a step left, ``None`` if it is not done."""
         return next((entry for entry in self.entries if entry.step == step), None)
 
-    def add(
-        self, step: str, said: str, paths: Iterable[Path], motion: Mapping[str, Any]
-    ) -> Entry:
+    def add(self, step: str, said: str, paths: Iterable[Path], motion: Mapping[str, Any]) -> Entry:
         """Note that a step is done, and the hashes of its files and of all in its folders."""
         files = {
             path.relative_to(self.folder).as_posix(): file_hash(path)

@@ -25,7 +25,7 @@ from dvrk_gravity.calibration.rig import Rig
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.collecting import CollectSettings, collect
 from dvrk_gravity.diagnosis import Diagnosis, Files, diagnose, load_unseparated
-from dvrk_gravity.errors import ConfigError, PlanError
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
 from dvrk_gravity.identification import POOR, Evaluation, Fit, by_errors, evaluate, identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
@@ -199,7 +199,7 @@ def _plan_second(work: Work, book: Logbook, step: str) -> Outcome:
 def _plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     """Plan a motion that separates causes, or else shows what holds the arm, where it is needed."""
     of, model = work.settings, _trusted(work, book)
-    if model is None or book.motions(f"further_{k - 1}") is None and k > 1:
+    if model is None or (book.motions(f"further_{k - 1}") is None and k > 1):
         return Outcome()
     after = of.further + of.poses * (of.seconds + 3.0)
     if Motion.total(book.moved()).seconds + after > of.longest:
@@ -270,9 +270,7 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
             progress=lambda phase, part: work.progress(f"{step}, {phase}", part),
         )  # fmt: skip
     rehearsed = min(rehearsed, driver.seconds)
-    motion = Motion(
-        driver.seconds - rehearsed, rehearsed, driver.samples, driver.used, driver.most
-    )
+    motion = Motion(driver.seconds - rehearsed, rehearsed, driver.samples, driver.used, driver.most)
     return Outcome(f"{found.samples} samples in {name}", (bag,), motion)
 
 
@@ -299,7 +297,7 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
 
 def _diagnose(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     """Diagnose the first model by all motions that it was not identified from."""
-    if k and book.motions(f"further_{k}") is None or _trusted(work, book) is None:
+    if (k and book.motions(f"further_{k}") is None) or _trusted(work, book) is None:
         return Outcome()
     model = work.at(_model_file(0))
     bags = [work.at("second"), *_fitted(work, book, k)[1:]]
@@ -345,7 +343,10 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
         return Outcome(content["why"], (work.write(RELEASE, content),))
     fitted = np.vstack(
-        [Recording.load(bag).position[::_EVERY] for bag in _fitted(work, book, work.settings.rounds)]
+        [
+            Recording.load(bag).position[::_EVERY]
+            for bag in _fitted(work, book, work.settings.rounds)
+        ]
     )
     drift: list[list[float]] = []
     with KeptDriver(rig.driver(), work.limits, work.arm) as driver:
@@ -381,14 +382,12 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
 
 
 def _certify(work: Work, book: Logbook, step: str) -> Outcome:
-    last = Path(_last_model(book))
-    contents = [json_file.load(work.at(name)) for name in (last.with_suffix(".json").name, CHECK,
-                                                           RELEASE)]  # fmt: skip
-    diagnosis = {"findings": [], "ambiguities": []}
-    for path in sorted(work.folder.glob("diagnosis_*.json")):
-        diagnosis = json_file.load(path)
+    last = Path(_last_model(book)).with_suffix(".json").name
+    fit, check, release = (json_file.load(work.at(name)) for name in (last, CHECK, RELEASE))
+    found = sorted(name for name in book.files if name.startswith("diagnosis_") and "json" in name)
+    diagnosis = json_file.load(work.at(found[-1])) if found else {"findings": [], "ambiguities": []}
     certificate = certify(
-        work.arm, work.settings, *contents, diagnosis, Motion.total(book.moved()),
+        work.arm, work.settings, fit, check, release, diagnosis, Motion.total(book.moved()),
         namespace=work.namespace, simulated=work.rig.simulated,
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(),
         files=book.files, model=MODEL,

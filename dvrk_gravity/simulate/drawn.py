@@ -14,7 +14,6 @@ from dvrk_gravity.arms import Arm, build_tree, gravity_in_base
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import ElasticCable, LinearTerm, Range, State, Term
 from dvrk_gravity.effects import terms as effect_terms
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.plant_file import PlantFile
 from dvrk_gravity.simulate.sensors import Sensors
 
@@ -32,8 +31,8 @@ class DrawSettings:
             difference between them is a constant torque to any motion, and none at rest.
         cable: Greatest coefficient of each joint's cable, a polynomial of degree three of its
             position, from -1 to 1 at the ends of its range, as a part of its effort limit.
-        dry: Friction at slow motion, as a part of the effort limit, below which a joint gets a usual
-            one (``Term.nominal``): in a console's file it is part of the cables.
+        dry: Friction at slow motion, as a part of the effort limit, below which a joint gets a
+            usual one (``Term.nominal``): in a console's file it is part of the cables.
         zero: Standard deviation of the joints' zeros, rad (``Arm.scale``).
         tilt: That of the base's roll and pitch, rad.
         step: Steps of encoders, rad (``Arm.scale``), and
@@ -94,9 +93,7 @@ def _kept(plant: PlantFile, of: DrawSettings) -> list[Term]:
     """Return friction, which every joint has, weight and loads."""
     arm, model = plant.model.arm, plant.model
     friction = [term for term in model.terms if term.FRICTION]
-    loads = [
-        term for term in model.terms if term.WEIGHT_OF_ARM or not isinstance(term, LinearTerm)
-    ]
+    loads = [term for term in model.terms if term.WEIGHT_OF_ARM or not isinstance(term, LinearTerm)]
     # In any combination of directions: a motor that two joints turn rubs in some of them only.
     ways = np.array(list(product((-1.0, 1.0), repeat=arm.n)))
     slow = State(np.zeros_like(ways), _SLOW * arm.scale * ways)
@@ -124,7 +121,8 @@ def _with_weight(term: LinearTerm, arm: Arm, links: Mapping[str, pin.Inertia]) -
     tree = build_tree(arm, links, arm.gravity)
     torque = np.ravel([tree.gravity(pose) for pose in q])
     level = term.with_gravity(arm.gravity)
-    columns = np.asarray(level.regressor(State(q))).reshape(len(torque), -1)
+    assert isinstance(level, LinearTerm)
+    columns = level.regressor(State(q)).reshape(len(torque), -1)
     return term.with_theta(np.linalg.lstsq(columns, torque, rcond=None)[0])
 
 
@@ -136,4 +134,4 @@ def _cables(arm: Arm, random: np.random.Generator, part: float) -> ElasticCable:
         for each, low, high in zip(coefficients.T, lowest, highest, strict=True)
     ]
     ends = Range(np.full(arm.n, -np.inf), np.full(arm.n, np.inf))
-    return ElasticCable(arm, np.array(rows).T, ends)
+    return ElasticCable(arm, np.array(rows, dtype=float).T, ends)
