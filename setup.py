@@ -9,7 +9,8 @@ NAME = "dvrk_gravity"
 
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = (
-    "compensator", "simulator", "watchdog", "plan", "calibrate", "excite", "replay", "convert",
+    "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
+    "convert", "identify", "evaluate", "diagnose", "demo", "newton-euler",
     "identify", "evaluate", "diagnose", "demo", "newton-euler",
 )  # fmt: skip
 

@@ -35,6 +35,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "watchdog": ("dvrk_gravity.ros.verbs:WatchdogVerb", "node: hold the arm when commands stop"),
     "convert": ("dvrk_gravity.cli.convert", "console JSON <-> model, CSV <-> rosbag2"),
     "plan": ("dvrk_gravity.cli.plan", "the motion that would teach most, within limits"),
+    "collect": ("dvrk_gravity.cli.collect", "move an arm along a plan, and record it"),
     "excite": ("dvrk_gravity.cli.excite", "move an arm for identification, and record it"),
     "replay": ("dvrk_gravity.cli.replay", "play a bag into the real node, and check its answers"),
     "identify": ("dvrk_gravity.cli.identify", "recordings -> torque model"),

@@ -94,6 +94,14 @@ USES = {
     "plan's motion": Use(
         "plan", "--arm {a.yaml} --out {o.yaml} --csv {out}", ("a.yaml",), ("o.yaml", "o.png")
     ),
+    "collect's bag": Use(
+        "collect", "{p.yaml} --model {m.yaml} --limits {l.yaml} --out {out}",
+        ("p.yaml", "m.yaml", "l.yaml"),
+    ),
+    "collect's limits": Use(
+        "collect", "--arm {a.yaml} --from {r.csv} --teach {out}", ("a.yaml", "r.csv"),
+        suffix=".yaml",
+    ),
     "excite's bag": Use("excite", "--arm {a.yaml} --out {out}", ("a.yaml",)),
     "newton-euler's JSON": Use("newton-euler", "{n.yaml} --json {out}", ("n.yaml",)),
 }  # fmt: skip

@@ -198,7 +198,7 @@ class Journal:
         for part in earlier:
             marks = [mark for mark in part.marks if mark[:2] <= (motion, moment)]
             if not marks or not marks[-1][2]:
-                break
+                continue
             kept.append(part)
             if len(marks) < len(part.marks):
                 part.marks, part.keep = marks, marks[-1][2]

@@ -18,7 +18,7 @@ from dvrk_gravity.collecting.effort_watch import EffortWatch
 from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal
 from dvrk_gravity.collecting.pace import Paced, resumed
 from dvrk_gravity.compensate import MotionError
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import DvrkGravityError, RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits, Straight, slacks
 from dvrk_gravity.recording import JOINT_STATE, BagWriter
@@ -179,7 +179,7 @@ class _Collection:
                     where = self._motion(bag, number, where, rehearse)
             except BrokenPipeError:
                 raise
-            except (MotionError, RecordingError, OSError, KeyboardInterrupt) as error:
+            except (DvrkGravityError, OSError, KeyboardInterrupt) as error:
                 stopped = error
                 self._note(error)
             finally:
@@ -199,6 +199,7 @@ class _Collection:
             paced = resumed(path, plan.duration, at, plan.limits, of.rehearsal)
             self._phase(bag, number, REHEARSAL, paced, where)
             self._driver.hold()
+            journal.enter(number, MOTION, 0.0, approaching=True)
             self._ask(f"rehearsed: now at {1.0 / of.rehearsal:g} times that speed?")
             where = self._again(number)
             goes_on = False

@@ -7,6 +7,7 @@ from .design import require_arm as require_arm
 from .design import series_basis as series_basis
 from .exciting import coverage as coverage
 from .exciting import covering_motion as covering_motion
+from .exciting import covering_plan as covering_plan
 from .exciting import exciting_motion as exciting_motion
 from .fourier import RISE as RISE
 from .fourier import Basis as Basis
@@ -24,6 +25,7 @@ from .limits import MotionLimits as MotionLimits
 from .limits import PairLimit as PairLimit
 from .limits import careful as careful
 from .limits_file import load_limits as load_limits
+from .limits_file import save_limits as save_limits
 from .motions import Move as Move
 from .motions import Multisine as Multisine
 from .motions import used_range as used_range

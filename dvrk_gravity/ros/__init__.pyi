@@ -6,6 +6,7 @@ from .demo import Schedule as Schedule
 from .executor import PromptExecutor as PromptExecutor
 from .executor import PromptNode as PromptNode
 from .executor import kept_awake as kept_awake
+from .listening import listen as listen
 from .mover import MotionError as MotionError
 from .mover import Mover as Mover
 from .others import COMMANDS as COMMANDS
