@@ -11,7 +11,6 @@ NAME = "dvrk_gravity"
 EXECUTABLES = (
     "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
     "convert", "identify", "evaluate", "diagnose", "demo", "newton-euler",
-    "identify", "evaluate", "diagnose", "demo", "newton-euler",
 )  # fmt: skip
 
 VERSION = re.search(r'__version__ = "(.+)"', Path(NAME, "__init__.py").read_text())[1]

@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.calibration.certificate import Motion
 from dvrk_gravity.collecting import Driver, Path, Watch
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.planning import PlanLimits, distances
@@ -40,11 +41,12 @@ class KeptDriver:
         return self._driver.topic
 
     def __enter__(self) -> Self:
-        self._driver.__enter__()
+        """Begin."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._driver.__exit__(*error)
+        """Hold the arm if it was moved."""
+        self.hold()
 
     def connect(self) -> Array:
         """Wait for the arm, and return its (n,) rest position, rad or m."""
@@ -70,6 +72,11 @@ class KeptDriver:
         self._look(path, duration)
         self.seconds += duration
         return self._driver.follow(path, duration, record, progress, watch)
+
+    def motion(self, released: float = 0.0, rehearsed: float = 0.0) -> Motion:
+        """Return how the arm was moved, with the s for which it was released, and rehearsed."""
+        seconds = self.seconds - rehearsed + released
+        return Motion(seconds, rehearsed, self.samples, self.used, self.most)
 
     def _look(self, path: Path, duration: float) -> None:
         limits = self._limits

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Protocol
 
@@ -25,8 +26,8 @@ class Rig(Protocol):
     def friction(self) -> float:
         """Part of its friction that it has while it is released."""
 
-    def driver(self) -> Driver:
-        """Return what moves it."""
+    def driver(self) -> AbstractContextManager[Driver]:
+        """Return what moves it, once entered."""
 
     def release(self, model: Path, pose: Array, seconds: float) -> Array:
         """Release it where it is held, compensated, and hold it again.
@@ -61,14 +62,16 @@ class SimulatedRig:
             friction: Part of its friction that it has while it is released.
         """
         self._plant, self._seed, self.friction = plant, seed, friction
+        self._at: Array | None = None
         self.simulated = plant.source
 
-    def driver(self) -> Driver:
-        """Return what moves it; it is switched on with every call."""
-        return SimulatedDriver(self._plant, seed=self._seed)
+    def driver(self) -> SimulatedDriver:
+        """Return what moves it from where it was released last, or else from where it starts."""
+        return SimulatedDriver(self._plant, seed=self._seed, at=self._at)
 
     def release(self, model: Path, pose: Array, seconds: float) -> Array:
         """Release it at a pose: :meth:`Rig.release`."""
         plant = self._plant.plant(self.friction)
+        self._at = pose - self._plant.model.joint_offset
         way = let_go(plant, TorqueModel.load(model), pose, seconds, self.friction)
         return np.asarray(np.abs(way).max(axis=0))

@@ -24,8 +24,8 @@ from dvrk_gravity.calibration.release import PART, holding, predicted_drift, rel
 from dvrk_gravity.calibration.rig import Rig
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.collecting import CollectSettings, collect
+from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import Diagnosis, Files, diagnose, load_unseparated
-from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
 from dvrk_gravity.identification import POOR, Evaluation, Fit, by_errors, evaluate, identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
@@ -89,7 +89,7 @@ class Work:
     pages: Pages
     namespace: str
     seed: int
-    settings: CalibrationSettings = CalibrationSettings()
+    settings: CalibrationSettings
     consent: Callable[[str], bool] = lambda question: True
     report: Callable[[str], None] = print
     progress: Callable[[str, float], None] = lambda step, part: None
@@ -263,14 +263,14 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     if bag.exists():
         motion = Motion(plan.duration, rehearsed, 0, 0.0, "")
         return Outcome(f"{plan.duration:g} s, recorded before", (bag,), motion)
-    with KeptDriver(work.rig.driver(), work.limits, work.arm) as driver:
+    with work.rig.driver() as moves:
+        driver = KeptDriver(moves, work.limits, work.arm)
         found = collect(
             plan, driver, bag, model=_trusted(work, book), rehearse=of.rehearsal, resume=True,
             limits=lambda: work.limits, consent=work.consent, report=lambda line: None,
             progress=lambda phase, part: work.progress(f"{step}, {phase}", part),
         )  # fmt: skip
-    rehearsed = min(rehearsed, driver.seconds)
-    motion = Motion(driver.seconds - rehearsed, rehearsed, driver.samples, driver.used, driver.most)
+    motion = driver.motion(rehearsed=min(rehearsed, driver.seconds))
     return Outcome(f"{found.samples} samples in {name}", (bag,), motion)
 
 
@@ -348,21 +348,26 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
             for bag in _fitted(work, book, work.settings.rounds)
         ]
     )
+    if not work.consent("the arm is about to be released under compensation: is it watched?"):
+        raise MotionError("not released: no consent was given")
     drift: list[list[float]] = []
-    with KeptDriver(rig.driver(), work.limits, work.arm) as driver:
-        if not work.consent("the arm is about to be released under compensation: is it watched?"):
-            raise ConfigError("release", "no consent", "consent, to be certified")
-        where = driver.connect()
-        poses, apart = release_poses(
-            work.arm, work.limits, model, fitted, of, work.seed + _POSES, where
-        )
-        for number, pose in enumerate(poses):
-            work.progress(step, number / len(poses))
-            way = Straight.within(where, pose, work.limits, PART)
+    moved: list[dict[str, Any]] = []
+    poses, apart = np.zeros((0, work.arm.n)), 0.0
+    while not len(poses) or len(drift) < len(poses):
+        work.progress(step, len(drift) / max(len(poses), 1))
+        with rig.driver() as moves:
+            driver = KeptDriver(moves, work.limits, work.arm)
+            where = driver.connect()
+            if not len(poses):
+                poses, apart = release_poses(
+                    work.arm, work.limits, model, fitted, of, work.seed + _POSES, where
+                )
+            way = Straight.within(where, poses[len(drift)], work.limits, PART)
             driver.follow(way.at, way.duration)
             driver.hold()
-            drift.append(rig.release(path, driver.connect(), of.seconds).tolist())
             where = driver.connect()
+        drift.append(rig.release(path, where, of.seconds).tolist())
+        moved.append(asdict(driver.motion(of.seconds)))
     predicted = None
     if rig.friction != of.friction:
         predicted = predicted_drift(model, poses, of, range(_DRAWS))
@@ -371,13 +376,11 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
         "predicted": [] if predicted is None else predicted.tolist(),
         "reduced": None if predicted is None else of.friction,
     }  # fmt: skip
-    seconds = driver.seconds + of.seconds * len(poses)
-    motion = Motion(seconds, 0.0, driver.samples, driver.used, driver.most)
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
     return Outcome(
         f"{len(poses)} poses of {of.seconds:g} s each: drift at most "
         f"{np.degrees(worst.max()):.2f} deg",
-        (work.write(RELEASE, content),), motion,
+        (work.write(RELEASE, content),), Motion.total(moved),
     )  # fmt: skip
 
 

@@ -52,6 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="poses at which the arm is released (default: 20)")  # fmt: skip
     parser.add_argument("--time", type=float, default=60.0, metavar="S",
                         help="time of one core for each plan, s (default: 60)")  # fmt: skip
+    parser.add_argument(
+        "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
+    )
     parser.add_argument("--no-rehearsal", action="store_true",
                         help="skip the rehearsals of the motions at a tenth of their "
                         "speed")  # fmt: skip
@@ -75,6 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
     if arguments.seed < 0:
         raise ConfigError("--seed", arguments.seed, "0 or more")
+    if arguments.ros_args:
+        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
+    simulated = arguments.simulated is not None
+    if not (simulated or arguments.yes or sys.stdin.isatty()):
+        raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")
     inputs = [Arm.file(arguments.arm), arguments.limits]
     out = outputs.check_folder("--out", arguments.out, (), inputs)
     arm = Arm.load(arguments.arm)
@@ -84,7 +92,6 @@ def run(arguments: argparse.Namespace) -> int:
     settings = _settings(arguments)
     rig = _rig(arguments, arm, settings)
     out.mkdir(parents=True, exist_ok=True)
-    simulated = arguments.simulated is not None
     shown: dict[str, command_line.Progress] = {}
 
     def progress(step: str, part: float) -> None:
@@ -103,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     work = Work(
         out, _asked(arguments, settings), arm, limits, rig, _pages(arm),
         arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings,
-        (lambda question: True) if simulated else _consent, report, progress,
+        (lambda question: True) if simulated or arguments.yes else _consent, report, progress,
     )  # fmt: skip
     certificate = calibrate(work)
     print(f"written: {out / CERTIFICATE}, {(out / CERTIFICATE).with_suffix('.html')}")
@@ -125,7 +132,11 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
     from dvrk_gravity.simulate import PlantFile, drawn_arm
 
     if arguments.simulated is None:
-        raise ConfigError("--simulated", None, "--simulated")
+        # Here and not above: rclpy is slow to load, and bad arguments need none of it.
+        from dvrk_gravity.ros import RosRig, end_on_signals, namespace_of
+
+        end_on_signals()
+        return RosRig(arm, namespace_of(arm, arguments.namespace))
     model = arguments.simulated
     plant = PlantFile.load(model) if model else PlantFile.of(arm)
     if plant.model.arm.joint_names != arm.joint_names:
