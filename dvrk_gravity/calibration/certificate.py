@@ -168,7 +168,7 @@ def certify(
     worst = _worst(arm, release)
     held = sum(each <= settings.allowed for each in worst)
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
-    unknown = (*_uncertain(joints), *fit["identifiability"]["statements"], *check["outside"],
+    unknown = (*_uncertain(joints), *_beyond(joints), *fit["identifiability"]["statements"], *check["outside"],
                *([] if release["poses"] else [release["why"]]))  # fmt: skip
     findings = tuple(
         f"{each['sentence']}" + ("" if each["certainty"] == "certain" else " (perhaps)")
@@ -275,6 +275,16 @@ def _verdict(
         listed = ", ".join(uncertain[:_MANY]) + (", …" if len(uncertain) > _MANY else "")
         text += f"; friction of {listed} is uncertain"
     return text
+
+
+def _beyond(joints: Sequence[JointCertificate]) -> list[str]:
+    return [
+        f"{joint.name}: the error on the second motion, {quantity(joint.rmse, joint.unit)}, is "
+        f"more than the model expects (at most {quantity(joint.expected[1], joint.unit)}): it "
+        "lacks something there"
+        for joint in joints
+        if joint.expected is not None and joint.rmse > joint.expected[1]
+    ]
 
 
 def _angle(value: float) -> str:

@@ -27,6 +27,7 @@ EXAMPLE = (
 DURATIONS = (10.0, 120.0)  # s; below, hardly anything is identified
 TIMES = (1.0, 120.0)  # s, for each plan
 POSES = (1, 100)
+TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--namespace", help="namespace of the arm's topics (default: its name: /MTMR)"
     )
+    parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
+                        help="hold the arm after this long without measured_js, or without a "
+                        "command, s (default: 0.1)")  # fmt: skip
     parser.add_argument("--simulated", nargs="?", const="", metavar="MODEL",
                         help="a simulated arm in this process, faster than real time, with errors "
                         "drawn by --seed: the arm's plant, or the one of a model or plant "
@@ -72,7 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.calibration import CERTIFICATE, Work, calibrate
     from dvrk_gravity.planning import PlanLimits, load_limits
 
-    bounds = (("duration", DURATIONS), ("time", TIMES), ("poses", POSES))
+    bounds = (
+        ("duration", DURATIONS), ("time", TIMES), ("poses", POSES), ("timeout", TIMEOUTS),
+    )  # fmt: skip
     for name, (least, most) in bounds:
         if not least <= getattr(arguments, name) <= most:
             raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
@@ -136,7 +142,7 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
         from dvrk_gravity.ros import RosRig, end_on_signals, namespace_of
 
         end_on_signals()
-        return RosRig(arm, namespace_of(arm, arguments.namespace))
+        return RosRig(arm, namespace_of(arm, arguments.namespace), arguments.timeout)
     model = arguments.simulated
     plant = PlantFile.load(model) if model else PlantFile.of(arm)
     if plant.model.arm.joint_names != arm.joint_names:

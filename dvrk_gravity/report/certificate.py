@@ -31,16 +31,18 @@ td,th{padding:.12rem .5rem;text-align:left;border-bottom:1px solid #ddd;vertical
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
 th{font-weight:600;font-size:.85rem}ul{margin:.2rem 0;padding-left:1.1rem}
 .small{color:#555;font-size:.85rem}.bad{color:#b00020}
-.files td{font:9.5px/1.3 ui-monospace,monospace;padding:0 .4rem;border:0}
+.files{columns:2;column-gap:1rem;font:7.6px/1.45 ui-monospace,monospace}
+.files div{display:flex;justify-content:space-between;break-inside:avoid}
+.now td,.now th{white-space:nowrap}.now{font-size:.92em}.now th{white-space:normal}
 img{max-width:100%;display:block;margin:.3rem 0}
 </style></head><body>
 <div class="small">Calibration of gravity compensation &middot; {{ c.arm }} at {{ c.namespace }}
 &middot; {{ c.date }}</div>
-<h1 class="{{ 'yes' if c.certified else 'no' }}">{{ c.verdict }}.</h1>
+<h1 class="{{ 'yes' if c.certified else 'no' }}">{{ headline }}.</h1>
 {% if c.simulated %}<p class="bad">Simulated: {{ c.simulated }}. This is not the certificate of an
 arm.</p>{% endif %}
 <h2>By joint</h2>
-<table><tr><th>joint</th><th class="n">held-out |e|/|&tau;|</th>
+<table class="now"><tr><th>joint</th><th class="n">held-out |e|/|&tau;|</th>
 <th class="n">RMSE, {{ effort }}</th><th class="n">expected (95 %)</th>
 <th class="n">gravity torque &plusmn;</th><th>dry friction (95 %)</th><th>identified range</th>
 <th class="n">drift</th>{% if c.reduced is not none %}
@@ -79,8 +81,8 @@ arm moved: none is beyond any of them; the most that is used is
 <p class="small">The compensator's model is <code>{{ c.model }}</code>.
 {% for name, version in c.versions.items() %}{{ name }} {{ version }}{{ ", " if not loop.last }}
 {%- endfor %}.</p>
-<table class="files">{% for name, hash in c.files.items() %}
-<tr><td>{{ name }}</td><td>{{ hash }}</td></tr>{% endfor %}</table>
+<div class="files">{% for name, hash in c.files.items() %}
+<div><span>{{ name }}</span><span>{{ hash }}</span></div>{% endfor %}</div>
 </body></html>
 """
 
@@ -99,7 +101,7 @@ def certificate_page(certificate: Certificate, evaluation: Evaluation, arm: Arm)
     effort, factor, decimals = effort_in_table(arm, [each.rmse for each in certificate.joints])
     rows = [_row(joint, factor, decimals) for joint in certificate.joints]
     return template.render(
-        c=certificate, rows=rows, effort=effort, degrees=math.degrees,
+        c=certificate, headline=certificate.verdict[:1].upper() + certificate.verdict[1:], rows=rows, effort=effort, degrees=math.degrees,
         unknown=_some(certificate.unknown), findings=_some(certificate.findings),
         picture=data_url(_picture(evaluation, arm)),
     )  # fmt: skip
@@ -116,12 +118,12 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> dict[str, str
 
     band = joint.expected
     friction = "" if joint.friction is None else interval(*joint.friction, joint.unit)
-    low, high = (_position(value, joint, 0) for value in (joint.lower, joint.upper))
+    low, high = _position(joint.lower, joint, 0).split(" ")[0], _position(joint.upper, joint, 0)
     return {
         "name": joint.name,
         "nrmse": f"{100 * joint.nrmse:.1f} %",
         "rmse": shown(joint.rmse),
-        "expected": "" if band is None else f"{shown(band[0])} to {shown(band[1])}",
+        "expected": "" if band is None else f"{shown(band[0])}–{shown(band[1])}",
         "holding": quantity(joint.holding, joint.unit),
         "friction": friction or "not determined",
         "range": f"{low} to {high}",

@@ -15,7 +15,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.mover import Mover
+from dvrk_gravity.ros.mover import TIMEOUT, Mover
 from dvrk_gravity.ros.presence import MEASURED
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
 
@@ -38,28 +38,30 @@ class RosRig:
         self,
         arm: Arm,
         namespace: str,
+        timeout: float = TIMEOUT,
         simulated: str = "",
         friction: float = 1.0,
-        parameters: Mapping[str, Any] | None = None,
     ) -> None:
         """Store the arguments; nothing is started.
 
         Args:
             arm: The arm.
             namespace: Of its topics.
-            simulated: What is simulated behind them, in words.
+            timeout: Without measurements, or commands, for so long it is held, s.
+            simulated: What is simulated behind the topics, in words; its clock may lag.
             friction: Part of its friction that it has.
-            parameters: Of the compensator, beside the model's.
         """
         self.simulated, self.friction = simulated, friction
-        self._arm, self._namespace = arm, namespace
-        self._given = {"enabled": "true", "disable_builtin": "true", **(parameters or {})}
+        self._arm, self._namespace, self._timeout = arm, namespace, timeout
 
     @contextmanager
     def driver(self) -> Iterator[Mover]:
         """Yield what moves it."""
-        with Client(self._namespace, "calibrate") as client, Mover(client, self._arm, _RATE) as it:
-            yield it
+        with (
+            Client(self._namespace, "calibrate") as client,
+            Mover(client, self._arm, _RATE, self._timeout) as mover,
+        ):
+            yield mover
 
     def release(self, model: Path, pose: Array, seconds: float) -> Array:
         """Release it where it is held: :meth:`dvrk_gravity.calibration.Rig.release`.
@@ -68,8 +70,13 @@ class RosRig:
         it ends; if it is killed, the watchdog does.
         """
         arm, found = self._arm, [pose]
-        given = [word for name, value in self._given.items() for word in ("-p", f"{name}:={value}")]
-        words = ("--params-file", str(model), *given)
+        given: dict[str, Any] = {
+            "enabled": "true", "disable_builtin": "true", "timeout": self._timeout,
+        }  # fmt: skip
+        if self.simulated:
+            given["max_stamp_age"] = 0.0
+        words = ["--params-file", str(model), *_words(given)]
+        watching = _words({"watchdog_timeout": self._timeout})
         with Client(self._namespace, "calibrate_release") as client:
 
             def measured(message: JointState) -> None:
@@ -79,7 +86,7 @@ class RosRig:
             client.node.create_subscription(JointState, MEASURED, measured, 100)
             client.watch_state("compensator")
             with (
-                NodeProcess("watchdog", namespace=self._namespace, of_arm=True),
+                NodeProcess("watchdog", *watching, namespace=self._namespace, of_arm=True),
                 NodeProcess(
                     "compensator", *words, namespace=self._namespace, of_arm=True
                 ) as compensator,
@@ -105,3 +112,7 @@ class RosRig:
                         why = client.state("compensator") or compensator.output[-300:]
                         raise MotionError(f"the compensator stopped: {why}")
         return way
+
+
+def _words(parameters: Mapping[str, Any]) -> list[str]:
+    return [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
