@@ -1,6 +1,6 @@
 """From power-on to a certificate: simulated arms drawn at random, each calibrated by itself.
 
-    python benchmark/calibrate.py                       # 20 MTMs, 5 PSMs, 5 arms of URDFs: two hours
+    python benchmark/calibrate.py         # 20 MTMs, 5 PSMs, 5 other arms: two hours
     python benchmark/calibrate.py --arms mtmr psm --count 2 --time 10
 
 Each arm has other masses, friction, cables, zeros of its joints and mounting than the model that

@@ -1,6 +1,6 @@
 from .certificate import Certificate as Certificate
 from .certificate import JointCertificate as JointCertificate
-from .certificate import Motion as Motion
+from .certificate import Moved as Moved
 from .certificate import certify as certify
 from .kept import KeptDriver as KeptDriver
 from .logbook import Logbook as Logbook

@@ -55,7 +55,7 @@ class JointCertificate:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Moved:
     """How the arm was moved.
 
     Attributes:
@@ -73,7 +73,7 @@ class Motion:
     most: str
 
     @classmethod
-    def total(cls, parts: Sequence[Mapping[str, Any]]) -> Motion:
+    def total(cls, parts: Sequence[Mapping[str, Any]]) -> Moved:
         """Return several as one."""
         each = [cls(**part) for part in parts]
         most = max(each, key=lambda part: part.used, default=cls(0.0, 0.0, 0, 0.0, ""))
@@ -125,7 +125,7 @@ class Certificate:
     held: int
     allowed: float
     reduced: float | None
-    motion: Motion
+    motion: Moved
     findings: tuple[str, ...]
     unknown: tuple[str, ...]
     files: Mapping[str, str]
@@ -149,7 +149,7 @@ def certify(
     check: Mapping[str, Any],
     release: Mapping[str, Any],
     diagnosis: Mapping[str, Any],
-    motion: Motion,
+    motion: Moved,
     **known: Any,
 ) -> Certificate:
     """Return the certificate of what was found.
@@ -168,8 +168,10 @@ def certify(
     worst = _worst(arm, release)
     held = sum(each <= settings.allowed for each in worst)
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
-    unknown = (*_uncertain(joints), *_beyond(joints), *fit["identifiability"]["statements"], *check["outside"],
-               *([] if release["poses"] else [release["why"]]))  # fmt: skip
+    unknown = (
+        *_uncertain(joints), *_beyond(joints), *fit["identifiability"]["statements"],
+        *check["outside"], *([] if release["poses"] else [release["why"]]),
+    )  # fmt: skip
     findings = tuple(
         f"{each['sentence']}" + ("" if each["certainty"] == "certain" else " (perhaps)")
         for each in diagnosis["findings"]
@@ -224,7 +226,7 @@ def _worst(arm: Arm, release: Mapping[str, Any]) -> list[float]:
 def _reasons(
     arm: Arm, settings: CalibrationSettings, fit: Mapping[str, Any],
     joints: Sequence[JointCertificate], worst: Sequence[float], release: Mapping[str, Any],
-    motion: Motion,
+    motion: Moved,
 ) -> tuple[str, ...]:  # fmt: skip
     found = []
     if fit["verdict"]["overall"] == POOR:

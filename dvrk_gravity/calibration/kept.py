@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.calibration.certificate import Motion
+from dvrk_gravity.calibration.certificate import Moved
 from dvrk_gravity.collecting import Driver, Path, Watch
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.planning import PlanLimits, distances
@@ -73,10 +73,10 @@ class KeptDriver:
         self.seconds += duration
         return self._driver.follow(path, duration, record, progress, watch)
 
-    def motion(self, released: float = 0.0, rehearsed: float = 0.0) -> Motion:
+    def motion(self, released: float = 0.0, rehearsed: float = 0.0) -> Moved:
         """Return how the arm was moved, with the s for which it was released, and rehearsed."""
         seconds = self.seconds - rehearsed + released
-        return Motion(seconds, rehearsed, self.samples, self.used, self.most)
+        return Moved(seconds, rehearsed, self.samples, self.used, self.most)
 
     def _look(self, path: Path, duration: float) -> None:
         limits = self._limits

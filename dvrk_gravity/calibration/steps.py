@@ -17,13 +17,13 @@ import numpy as np
 from dvrk_gravity import __version__
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.calibration.certificate import Certificate, Motion, certify
+from dvrk_gravity.calibration.certificate import Certificate, Moved, certify
 from dvrk_gravity.calibration.kept import KeptDriver
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.release import PART, holding, predicted_drift, release_poses
 from dvrk_gravity.calibration.rig import Rig
 from dvrk_gravity.calibration.settings import CalibrationSettings
-from dvrk_gravity.collecting import CollectSettings, collect
+from dvrk_gravity.collecting import CollectSettings, MotionStoppedError, collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import Diagnosis, Files, diagnose, load_unseparated
 from dvrk_gravity.files import json_file, text_file
@@ -116,7 +116,7 @@ class Outcome:
 
     said: str = ""
     paths: tuple[Path, ...] = ()
-    motion: Motion | None = None
+    motion: Moved | None = None
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def _plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     if model is None or (book.motions(f"further_{k - 1}") is None and k > 1):
         return Outcome()
     after = of.further + of.poses * (of.seconds + 3.0)
-    if Motion.total(book.moved()).seconds + after > of.longest:
+    if Moved.total(book.moved()).seconds + after > of.longest:
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
     findings = work.at(f"diagnosis_{k - 1}.json")
@@ -261,15 +261,21 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
     rehearsed = plan.duration / CollectSettings().rehearsal if of.rehearsal else 0.0
     if bag.exists():
-        motion = Motion(plan.duration, rehearsed, 0, 0.0, "")
+        motion = Moved(plan.duration, rehearsed, 0, 0.0, "")
         return Outcome(f"{plan.duration:g} s, recorded before", (bag,), motion)
     with work.rig.driver() as moves:
         driver = KeptDriver(moves, work.limits, work.arm)
-        found = collect(
-            plan, driver, bag, model=_trusted(work, book), rehearse=of.rehearsal, resume=True,
-            limits=lambda: work.limits, consent=work.consent, report=lambda line: None,
-            progress=lambda phase, part: work.progress(f"{step}, {phase}", part),
-        )  # fmt: skip
+        try:
+            found = collect(
+                plan, driver, bag, model=_trusted(work, book), rehearse=of.rehearsal, resume=True,
+                limits=lambda: work.limits, consent=work.consent, report=lambda line: None,
+                progress=lambda phase, part: work.progress(f"{step}, {phase}", part),
+            )  # fmt: skip
+        except MotionStoppedError as error:
+            raise MotionError(
+                f"{step}: stopped in its {error.phase}, {error.moment:.1f} s into the motion: "
+                f"{error.why}; the same command goes on from there"
+            ) from error
     motion = driver.motion(rehearsed=min(rehearsed, driver.seconds))
     return Outcome(f"{found.samples} samples in {name}", (bag,), motion)
 
@@ -380,7 +386,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     return Outcome(
         f"{len(poses)} poses of {of.seconds:g} s each: drift at most "
         f"{np.degrees(worst.max()):.2f} deg",
-        (work.write(RELEASE, content),), Motion.total(moved),
+        (work.write(RELEASE, content),), Moved.total(moved),
     )  # fmt: skip
 
 
@@ -390,7 +396,7 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     found = sorted(name for name in book.files if name.startswith("diagnosis_") and "json" in name)
     diagnosis = json_file.load(work.at(found[-1])) if found else {"findings": [], "ambiguities": []}
     certificate = certify(
-        work.arm, work.settings, fit, check, release, diagnosis, Motion.total(book.moved()),
+        work.arm, work.settings, fit, check, release, diagnosis, Moved.total(book.moved()),
         namespace=work.namespace, simulated=work.rig.simulated,
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(),
         files=book.files, model=MODEL,

@@ -100,10 +100,11 @@ def certificate_page(certificate: Certificate, evaluation: Evaluation, arm: Arm)
     template = Environment(autoescape=True).from_string(_TEMPLATE)
     effort, factor, decimals = effort_in_table(arm, [each.rmse for each in certificate.joints])
     rows = [_row(joint, factor, decimals) for joint in certificate.joints]
+    verdict = certificate.verdict
     return template.render(
-        c=certificate, headline=certificate.verdict[:1].upper() + certificate.verdict[1:], rows=rows, effort=effort, degrees=math.degrees,
-        unknown=_some(certificate.unknown), findings=_some(certificate.findings),
-        picture=data_url(_picture(evaluation, arm)),
+        c=certificate, headline=verdict[:1].upper() + verdict[1:], rows=rows, effort=effort,
+        degrees=math.degrees, unknown=_some(certificate.unknown),
+        findings=_some(certificate.findings), picture=data_url(_picture(evaluation, arm)),
     )  # fmt: skip
 
 
