@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dvrk_gravity.planning import Plan, PlanLimits
 
 NAME = "collect"
-EXAMPLE = "python -m dvrk_gravity collect plan.yaml --out my_bag --simulated"
+EXAMPLE = "python -m dvrk_gravity collect plan.yaml --namespace /MTMR --out my_bag"
 
 RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
 TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
@@ -62,8 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="model .yaml of the arm: its efforts are watched against the "
                         "model's")  # fmt: skip
     parser.add_argument("--limits", type=Path,
-                        help="limits .yaml that must be kept, read before every phase (default: "
-                        "the plan's own)")  # fmt: skip
+                        help="limits .yaml to keep; before every phase the file is read again "
+                        "(default: the plan's own)")  # fmt: skip
     parser.add_argument(
         "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
     )

@@ -14,9 +14,9 @@ States = tuple[Array, Array, Array]  # positions, velocities, accelerations, rad
 # A way from rest to rest: position, velocity, acceleration, (n,) each, at a time, s; or (N, n) at
 # (N,) times.
 Path = Callable[[float | Array], States]
-# Receives every believed measurement with the set point of that moment, position, velocity and
-# acceleration, (n,) each; raises MotionError to stop the arm.
-Watch = Callable[[Sample, States], None]
+# Receives every believed measurement, and where on the path the set point is then, s; raises
+# MotionError to stop the arm.
+Watch = Callable[[Sample, float], None]
 
 
 class Driver(Protocol):

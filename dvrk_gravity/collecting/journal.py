@@ -1,7 +1,7 @@
 """What a collection has done so far, in a folder beside its bag: what --resume goes on from.
 
 The folder holds ``state.json`` and a bag for each time that the arm was moved. Its state is written
-anew, whole or not at all, before every phase and with every second of a motion, so that a process
+whole or not at all, before every phase and with every second of a motion, so that a process
 that is killed loses no more than that.
 """
 
@@ -191,7 +191,7 @@ class Journal:
     def cut_at(self, motion: int, moment: float) -> None:
         """Drop what was recorded of a motion from a moment on, s.
 
-        Of a motion that begins anew (0.0), all of it.
+        Of a motion that begins again (0.0), all of it.
         """
         *earlier, present = self.parts
         kept: list[RecordedPart] = []
@@ -253,7 +253,7 @@ class Journal:
 
 
 def fingerprint(plans: Sequence[Plan]) -> str:
-    """Return what tells motions apart."""
+    """Return a hash of the motions' positions."""
     of = hashlib.sha256()
     for plan in plans:
         of.update(" ".join((*plan.arm.joint_names, f"{plan.duration:.6f}")).encode())

@@ -170,25 +170,33 @@ class _Collection:
             "free, and a hand at the emergency stop?"
         )
         where = self._driver.connect()
-        writer = journal.new_part()
         stopped: BaseException | None = None
-        with writer as bag:
-            bag.add_topic(self._driver.topic, JOINT_STATE)
-            try:
-                for number in range(first, len(self._plans)):
-                    where = self._motion(bag, number, where, rehearse)
-            except BrokenPipeError:
-                raise
-            except (DvrkGravityError, OSError, KeyboardInterrupt) as error:
-                stopped = error
-                self._note(error)
-            finally:
-                self._driver.hold()  # before the bag is closed, which may take time
+        try:
+            with journal.new_part() as bag:
+                bag.add_topic(self._driver.topic, JOINT_STATE)
+                stopped = self._motions(bag, first, where, rehearse)
+        except RecordingError as error:  # its end could not be written
+            stopped = stopped or self._note(error)
         if isinstance(stopped, KeyboardInterrupt):
             self._report(self._stopped())
             raise stopped
         if stopped is not None:
             raise MotionStoppedError(journal.phase, journal.moment, journal.why, self._stopped())
+
+    def _motions(
+        self, bag: BagWriter, first: int, where: Array, rehearse: bool
+    ) -> BaseException | None:
+        """Go through the motions; return what stopped them, once the arm is held."""
+        try:
+            for number in range(first, len(self._plans)):
+                where = self._motion(bag, number, where, rehearse)
+        except BrokenPipeError:
+            raise
+        except (DvrkGravityError, OSError, KeyboardInterrupt) as error:
+            return self._note(error)
+        finally:
+            self._driver.hold()  # before the bag is closed, which may take time
+        return None
 
     def _motion(self, bag: BagWriter, number: int, where: Array, rehearse: bool) -> Array:
         """Rehearse a motion, and go through it recorded, from where the arm is or stopped."""
@@ -224,14 +232,17 @@ class _Collection:
         plan, journal, driver = self._plans[number], self._journal, self._driver
         recorded = phase == MOTION
         limits = self._checked[number] or plan.limits
-        watch = EffortWatch(plan.arm, limits.effort, self._model)
+
+        def watch(path: Path) -> EffortWatch:
+            return EffortWatch(path, plan.arm, limits.effort, self._model)
+
         journal.enter(number, phase, paced.begin, approaching=True)
         of = f" {number + 1} of {len(self._plans)}" if len(self._plans) > 1 else ""
         approach = Straight.within(where, paced(0.0)[0], limits, self._settings.approach)
         _require_clear(approach, limits, plan.arm)
         name = f"approach{of}"
         self._say(name, approach.duration)
-        driver.follow(approach.at, approach.duration, None, self._shown(name), watch)
+        driver.follow(approach.at, approach.duration, None, self._shown(name), watch(approach.at))
         journal.enter(number, phase, paced.begin, approaching=False)
         name = f"{phase}{of}{', recorded' if recorded else ''}"
         self._say(name, paced.duration)
@@ -249,7 +260,9 @@ class _Collection:
             if journal.moment >= paced.begin:  # not while it takes up a motion's speed
                 bag.write(driver.topic, JOINT_STATE, data, time.time_ns())
 
-        longer = driver.follow(paced, paced.duration, record if recorded else None, progress, watch)
+        longer = driver.follow(
+            paced, paced.duration, record if recorded else None, progress, watch(paced)
+        )
         journal.mark(plan.duration, bag)
         return longer
 
@@ -292,11 +305,12 @@ class _Collection:
     def _shown(self, name: str) -> Callable[[float], None]:
         return lambda part: self._progress(name, part)
 
-    def _note(self, error: BaseException) -> None:
+    def _note(self, error: BaseException) -> BaseException:
         """Save where and why it stopped; a full disk keeps the state of a second before."""
         self._journal.why = str(error) or "interrupted"
         with contextlib.suppress(OSError):
             self._journal.save()
+        return error
 
     def _stopped(self) -> str:
         journal = self._journal

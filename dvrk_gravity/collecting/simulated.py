@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting.driver import Path, States, Watch
+from dvrk_gravity.collecting.driver import Path, Watch
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     Following,
@@ -81,7 +81,8 @@ class SimulatedDriver:
         self._type, self._rate = arm, rate
         self._start_ns = time.time_ns()
         self._gate, self._following = InputGate(arm), Following(arm)
-        self._commanded: States | None = None
+        self._commanded: tuple[Array, Array] | None = None  # position and velocity
+        self._moment = 0.0  # of the set point, on its path, s
 
     def __enter__(self) -> Self:
         """Begin."""
@@ -123,8 +124,10 @@ class SimulatedDriver:
         try:
             for start in range(0, len(moments), _BLOCK):
                 block = moments[start : start + _BLOCK]
-                for moment, *states in zip(block.tolist(), *path(block), strict=True):
+                position, velocity, _ = path(block)
+                for moment, *states in zip(block.tolist(), position, velocity, strict=True):
                     self._command(*states)
+                    self._moment = moment
                     if progress is not None:
                         progress(moment / duration if duration else 1.0)
                     if moment < duration:
@@ -142,20 +145,19 @@ class SimulatedDriver:
         """Hold the arm where it comes to rest, if it was moved."""
         if self._commanded is None:
             return
-        position, velocity, _ = self._commanded
-        self.arm.servo_jp(self._following.resting_place(position, velocity, self._gate.velocity))
+        self.arm.servo_jp(self._following.resting_place(*self._commanded, self._gate.velocity))
         self._commanded = None
         for _ in range(round(LISTEN * self._rate)):  # until it rests
             self._listen(None, None)
         self.arm.hold()
 
-    def _command(self, position: Array, velocity: Array, acceleration: Array) -> None:
+    def _command(self, position: Array, velocity: Array) -> None:
         """Send a set point, unless anything forbids it."""
         silence = self._gate.silence(self.arm.plant.time, TIMEOUT)
         if silence:
             raise MotionError(f"{self.topic}: {silence}")
         self._following.check(position, velocity, first=self._commanded is None)
-        self._commanded = position, velocity, acceleration
+        self._commanded = position, velocity
         self.arm.servo_jp(position)
 
     def _listen(self, record: Callable[[bytes], None] | None, watch: Watch | None) -> None:
@@ -182,4 +184,4 @@ class SimulatedDriver:
             return
         self._following.add(admitted.sample)
         if watch is not None and self._commanded is not None:
-            watch(admitted.sample, self._commanded)
+            watch(admitted.sample, self._moment)

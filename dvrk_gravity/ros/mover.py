@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting import Path, States, Watch
+from dvrk_gravity.collecting import Path, Watch
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     Following,
@@ -79,8 +79,9 @@ class Mover:
         self._next_look = 0.0
         self._sink: Callable[[bytes], None] | None = None
         self._watch: Watch | None = None
-        # (n,) each, of the last set point, until the arm is held.
-        self._commanded: States | None = None
+        self._moment = 0.0  # of the last set point, on its path, s
+        # (n,) last set point and its velocity, until the arm is held.
+        self._commanded: tuple[Array, Array] | None = None
         self.interrupted = False
         on_measured: Any = self._on_measured  # takes the message's information, too
         self._input = client.node.create_subscription(
@@ -186,7 +187,8 @@ class Mover:
         period, moment, first = 1.0 / self._rate, 0.0, self._following.time
         start = last = time.monotonic()
         while moment < duration:
-            self._command(path(moment))
+            self._moment = moment
+            self._command(*path(moment)[:2])
             if progress is not None:
                 progress(moment / duration)
             # On a grid of instants: the rate does not depend on the duration of one round.
@@ -194,7 +196,7 @@ class Mover:
             now = time.monotonic()
             moment = min(moment + min(now - last, LATE), self._following.time - first + AHEAD)
             last = now
-        self._command(path(duration))
+        self._command(*path(duration)[:2])
         return self._following.time - first - duration
 
     def hold(self) -> None:
@@ -213,20 +215,18 @@ class Mover:
             self._commanded = None  # the person who freed the arm may have a hand in it
             return
         if not any(self._against.values()) and time.monotonic() - self._awake < ASLEEP:
-            position, velocity = self._commanded[:2]
-            stop = self._following.resting_place(position, velocity, self._gate.velocity)
+            stop = self._following.resting_place(*self._commanded, self._gate.velocity)
             self._publish(stop)
         self._commanded = None
         self._link.hold.send()
         if not self._link.hold.settle():
             raise MotionError("hold was not acknowledged: check that the arm holds")
 
-    def _command(self, states: States) -> None:
+    def _command(self, position: Array, velocity: Array) -> None:
         """Send a set point, unless anything forbids it."""
         self._check()
-        position, velocity = states[:2]
         self._following.check(position, velocity, first=self._commanded is None)
-        self._commanded = states
+        self._commanded = position, velocity
         self._publish(position, velocity)
 
     def _publish(self, position: Array, velocity: Array | None = None) -> None:
@@ -303,7 +303,7 @@ class Mover:
             self._following.add(admitted.sample)
             self._dropped = ""
             if self._watch is not None and self._commanded is not None:
-                self._watch(admitted.sample, self._commanded)
+                self._watch(admitted.sample, self._moment)
 
     def _forbid(self, cause: str, reason: str) -> None:
         self._against[cause] = reason
