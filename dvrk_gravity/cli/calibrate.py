@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
+from dvrk_gravity.cli.collect import asking
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
@@ -87,8 +87,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.ros_args:
         raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
     simulated = arguments.simulated is not None
-    if not (simulated or arguments.yes or sys.stdin.isatty()):
-        raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")
     inputs = [Arm.file(arguments.arm), arguments.limits]
     out = outputs.check_folder("--out", arguments.out, (), inputs)
     arm = Arm.load(arguments.arm)
@@ -97,6 +95,8 @@ def run(arguments: argparse.Namespace) -> int:
         limits = load_limits(arguments.limits, arm)
     settings = _settings(arguments)
     rig = _rig(arguments, arm, settings)
+    free = simulated or arguments.yes
+    consent = (lambda question: True) if free else asking(rig)
     out.mkdir(parents=True, exist_ok=True)
     shown: dict[str, command_line.Progress] = {}
 
@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
     work = Work(
         out, _asked(arguments, settings), arm, limits, rig, _pages(arm),
         arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings,
-        (lambda question: True) if simulated or arguments.yes else _consent, report, progress,
+        consent, report, progress,
     )  # fmt: skip
     certificate = calibrate(work)
     print(f"written: {out / CERTIFICATE}, {(out / CERTIFICATE).with_suffix('.html')}")
@@ -188,8 +188,3 @@ def _pages(arm: Arm) -> Pages:
     return Pages(
         plan_picture, identification_page, diagnosis_page, partial(certificate_page, arm=arm)
     )
-
-
-def _consent(question: str) -> bool:
-    print(f"{question} [y/N] ", end="", flush=True)
-    return sys.stdin.readline().strip().lower() in ("y", "yes")

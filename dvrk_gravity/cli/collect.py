@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
     with driver_of(plan.arm, arguments, NAME) as driver:
         collected = carry_out(
             [plan], driver, arguments, model=model, limits=limits,
-            consent=(lambda question: True) if arguments.yes else _asking(driver),
+            consent=(lambda question: True) if arguments.yes else asking(driver),
         )  # fmt: skip
     finish(collected, plan.arm.source or plan.arm.name, PAUSED)
     return 0
@@ -201,7 +201,7 @@ def finish(collected: Collected, arm: str, paused: float) -> None:
     )
 
 
-def _asking(driver: Driver) -> Callable[[str], bool]:
+def asking(driver: object) -> Callable[[str], bool]:
     """Return what asks on the terminal; Ctrl-C counts while it waits."""
     if not sys.stdin.isatty():
         raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")

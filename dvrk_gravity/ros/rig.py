@@ -53,6 +53,12 @@ class RosRig:
         """
         self.simulated, self.friction = simulated, friction
         self._arm, self._namespace, self._timeout = arm, namespace, timeout
+        self._mover: Mover | None = None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal has asked for the end while the arm could be moved."""
+        return self._mover is not None and self._mover.interrupted
 
     @contextmanager
     def driver(self) -> Iterator[Mover]:
@@ -61,6 +67,7 @@ class RosRig:
             Client(self._namespace, "calibrate") as client,
             Mover(client, self._arm, _RATE, self._timeout) as mover,
         ):
+            self._mover = mover
             yield mover
 
     def release(self, model: Path, pose: Array, seconds: float) -> Array:
