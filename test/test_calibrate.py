@@ -49,7 +49,7 @@ pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 
 ARM = Arm.load("ecm")
 BRIEF = CalibrationSettings(
-    motion=12.0, check=8.0, further=8.0, rounds=1, search=0.5, poses=3, seconds=1.0,
+    motion=12.0, check=9.0, further=9.0, rounds=1, search=0.5, poses=3, seconds=1.0,
     rehearsal=False,
 )  # fmt: skip
 ASKED = {"--arm": "ecm", "--seed": "1"}

@@ -128,7 +128,8 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
 
     lasts = arguments.duration
     return CalibrationSettings(
-        motion=lasts, check=lasts / 2.0, further=lasts * 2.0 / 3.0, search=arguments.time,
+        motion=lasts, check=max(lasts / 2.0, DURATIONS[0]),
+        further=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=arguments.time,
         poses=arguments.poses, rehearsal=not arguments.no_rehearsal,
     )  # fmt: skip
 
@@ -139,10 +140,13 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
 
     if arguments.simulated is None:
         # Here and not above: rclpy is slow to load, and bad arguments need none of it.
-        from dvrk_gravity.ros import RosRig, end_on_signals, namespace_of
+        from dvrk_gravity.ros import PRIVATE, RosRig, end_on_signals, namespace_of
 
         end_on_signals()
-        return RosRig(arm, namespace_of(arm, arguments.namespace), arguments.timeout)
+        namespace = namespace_of(arm, arguments.namespace)
+        nobody = f"{namespace}/".startswith(f"{PRIVATE}/")  # no arm has such a name
+        simulated = f"the node at {namespace}" if nobody else ""
+        return RosRig(arm, namespace, arguments.timeout, simulated)
     model = arguments.simulated
     plant = PlantFile.load(model) if model else PlantFile.of(arm)
     if plant.model.arm.joint_names != arm.joint_names:
