@@ -276,7 +276,7 @@ def test_killed_in_its_motion_it_goes_on_there(tmp_path):
         process = subprocess.Popen(
             words, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
-        end = time.monotonic() + 120.0
+        end = time.monotonic() + 300.0
         while not there() and process.poll() is None and time.monotonic() < end:
             time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
