@@ -29,6 +29,9 @@ from dvrk_gravity.calibration import (
     calibrate,
     certify,
     file_hash,
+    holding,
+    predicted_drift,
+    release_poses,
 )
 from dvrk_gravity.collecting import SimulatedDriver
 from dvrk_gravity.compensate import MotionError
@@ -36,7 +39,9 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.identification import POOR
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PlanLimits, Straight
+from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import (
     certificate_page,
     diagnosis_page,
@@ -224,6 +229,31 @@ def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
     ):
         (said,) = certified_with(folder, **{**good, **changed})
         assert reason in said
+
+
+# Released.
+def test_poses_are_reached_within_limits_and_away_from_what_was_fitted(calibrated):
+    folder, _ = calibrated
+    model, limits = TorqueModel.load(folder / "model.yaml"), PlanLimits.of(ARM)
+    fitted = Recording.load(folder / "motion").position[::10]
+    start = fitted[0]
+    poses, apart = release_poses(ARM, limits, model, fitted, BRIEF, 5, start)
+    away = np.abs((poses[:, None] - fitted) / ARM.scale).max(axis=2).min(axis=1)
+    assert away.min() == pytest.approx(apart)
+    assert apart >= BRIEF.apart
+    assert ((poses >= limits.lower) & (poses <= limits.upper)).all()
+
+
+def test_drift_is_predicted_of_arms_that_the_model_may_be_of(calibrated):
+    folder, _ = calibrated
+    model = TorqueModel.load(folder / "model.yaml")
+    poses = np.array(json_file.load(folder / "release.json")["poses"])[:1]
+    few = replace(BRIEF, seconds=0.2)
+    found = predicted_drift(model, poses, few, [0])
+    assert found is not None
+    assert found.shape == poses.shape
+    assert np.allclose(holding(model, poses, 0.1), 10.0 * holding(model, poses, 1.0))
+    assert predicted_drift(replace(model, uncertainty=None), poses, few, [0]) is None
 
 
 # Limits.

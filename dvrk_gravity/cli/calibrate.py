@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import CERTIFICATE, Work, calibrate
+    from dvrk_gravity.compensate import MotionError
     from dvrk_gravity.planning import PlanLimits, load_limits
 
     bounds = (
@@ -113,9 +114,16 @@ def run(arguments: argparse.Namespace) -> int:
             each.done()
         print(line, flush=True)
 
+    asked = _asked(arguments)
+
+    def limits_now() -> PlanLimits:
+        if _asked(arguments) != asked:
+            raise MotionError(f"{arguments.limits} or the arm's file has changed meanwhile")
+        return limits
+
     work = Work(
-        out, _asked(arguments, settings), arm, limits, rig, _pages(arm),
-        arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings,
+        out, asked, arm, limits, rig, _pages(arm),
+        arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings, limits_now,
         consent, report, progress,
     )  # fmt: skip
     certificate = calibrate(work)
@@ -154,7 +162,7 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
     return SimulatedRig(drawn_arm(plant, arguments.seed), arguments.seed, settings.friction)
 
 
-def _asked(arguments: argparse.Namespace, settings: CalibrationSettings) -> dict[str, str]:
+def _asked(arguments: argparse.Namespace) -> dict[str, str]:
     """Return what is asked for, with the hash of each file, by option."""
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import file_hash
