@@ -170,8 +170,9 @@ def certify(
     held = sum(each <= settings.allowed for each in worst)
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
     unknown = (
-        *_uncertain(joints), *_beyond(joints), *fit["identifiability"]["statements"],
-        *check["outside"], *([] if release["poses"] else [release["why"]]),
+        *_uncertain(joints), *_beyond(joints), *_with_less_friction(arm, settings, joints),
+        *fit["identifiability"]["statements"], *check["outside"],
+        *([] if release["poses"] else [release["why"]]),
     )  # fmt: skip
     findings = tuple(
         f"{each['sentence']}" + ("" if each["certainty"] == "certain" else " (perhaps)")
@@ -288,6 +289,17 @@ def _beyond(joints: Sequence[JointCertificate]) -> list[str]:
         "lacks something there"
         for joint in joints
         if joint.expected is not None and joint.rmse > joint.expected[1]
+    ]
+
+
+def _with_less_friction(
+    arm: Arm, settings: CalibrationSettings, joints: Sequence[JointCertificate]
+) -> list[str]:
+    return [
+        f"{joint.name}: with {100 * settings.friction:g} % of its friction it may drift by "
+        f"{_way(arm, k, joint.predicted)} in {settings.seconds:g} s, by the model's uncertainty"
+        for k, joint in enumerate(joints)
+        if joint.predicted is not None and joint.predicted > settings.allowed * arm.scale[k]
     ]
 
 
