@@ -17,9 +17,14 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State
+from dvrk_gravity.effects import Motion, State
 from dvrk_gravity.planning.information import Knowledge, Objective
 
+Passing = Callable[[State, Array], Motion]
+"""From (N, n) states at (M,) times, s, to the motion that passes them.
+
+N is a multiple of M: motions one after the other. Poses have a direction, and any times.
+"""
 STRONG = float(np.log(20.0))
 """Log Bayes factor of odds of 20 to one: strong evidence (Kass and Raftery 1995)."""
 
@@ -30,14 +35,13 @@ class Rival:
 
     Attributes:
         words: Its effect and where, as ``coulomb_friction at elbow_pitch``.
-        columns: From (N, n) states at (M,) times, s, to its (N, n, k) torque by parameter, N·m. N
-            is a multiple of M: motions one after the other.
+        columns: From a motion of N samples to its (N, n, k) torque by parameter, N·m.
         theta: (k,) its parameters as they were found.
         covariance: (k, k) of them.
     """
 
     words: str
-    columns: Callable[[State, Array], Array]
+    columns: Callable[[Motion], Array]
     theta: Array
     covariance: Array
 
@@ -105,6 +109,7 @@ class Separation(Objective):
         self,
         arm: Arm,
         rivalries: Sequence[Rivalry],
+        passing: Passing,
         noise: Array,
         uncertain: Knowledge | None = None,
         time: Array | None = None,
@@ -114,11 +119,12 @@ class Separation(Objective):
         Args:
             arm: The arm.
             rivalries: At least one.
+            passing: What rivals see of states.
             noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
             uncertain: What a model is uncertain of; ``None``: nothing.
             time: (M,) times of states, s; ``None``: poses, each for itself.
         """
-        self.arm, self.noise, self.rivalries = arm, noise, tuple(rivalries)
+        self.arm, self.noise, self.rivalries, self._passing = arm, noise, rivalries, passing
         self._uncertain, self._time = uncertain, time
         rivals = {id(each): each for pair in rivalries for each in (pair.first, pair.second)}
         self._rivals = tuple(rivals.values())
@@ -131,13 +137,16 @@ class Separation(Objective):
 
     def over(self, time: Array) -> Separation:
         """Return the objective of motions that are looked at at (M,) times, s."""
-        return Separation(self.arm, self.rivalries, self.noise, self._uncertain, time)
+        return Separation(
+            self.arm, self.rivalries, self._passing, self.noise, self._uncertain, time
+        )  # fmt: skip
 
     def regressor(self, state: State) -> Array:
         """Return the torques of what the model is uncertain of, then those of the rivals."""
         time = np.zeros(len(state.q)) if self._time is None else self._time
         parts = [] if self._uncertain is None else [self._uncertain.regressor(state)]
-        parts += [rival.columns(state, time) for rival in self._rivals]
+        motion = self._passing(state, time)
+        parts += [rival.columns(motion) for rival in self._rivals]
         return np.concatenate(parts, axis=-1)
 
     def score(self, gram: Array) -> tuple[float, Array]:

@@ -20,7 +20,7 @@ from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
 from dvrk_gravity.planning.resting import resting_positions
-from dvrk_gravity.planning.rivalry import STRONG, Rivalry, Separation
+from dvrk_gravity.planning.rivalry import STRONG, Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
 
 
@@ -31,8 +31,8 @@ class SeparationSettings:
     Attributes:
         duration: Of the motion, or of all poses at most, s. Chosen: as long as a diagnosis needs to
             judge a cause, and short enough to record in between.
-        solver: Effort of the search for a motion. Chosen: a third of a plan's, of which fewer
-            columns are to be separated. The penalty is softer: the value is a logarithm.
+        solver: Effort of the search for a motion. Chosen: a fifth of a plan's, for most of what
+            separates is found early. The penalty is softer: the value is a logarithm.
         candidates: Random poses among which are chosen. Chosen.
         states: Random states at which torques are compared. Chosen.
     """
@@ -40,7 +40,7 @@ class SeparationSettings:
     duration: float = 40.0
     solver: SolverSettings = field(
         default_factory=lambda: SolverSettings(
-            draws=60, starts=3, first=15, rounds=4, iterations=25, stiffness=3.0, seconds=60.0
+            draws=60, starts=2, first=15, rounds=4, iterations=20, stiffness=3.0, seconds=60.0
         )
     )
     candidates: int = 200
@@ -54,6 +54,7 @@ class Unseparated:
     Attributes:
         model: The model that was diagnosed.
         rivalries: Pairs of explanations; at least one.
+        passing: What they see of states.
         noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
         coherent: (n,) standard deviation of an error that looks like a cause in all of a motion,
             N·m: no duration averages it out.
@@ -62,6 +63,7 @@ class Unseparated:
 
     model: TorqueModel
     rivalries: tuple[Rivalry, ...]
+    passing: Passing
     noise: Array
     coherent: Array
     poses: bool = False
@@ -71,7 +73,7 @@ class Unseparated:
         known = self.model.uncertainty
         uncertain = ModelKnowledge(self.model, known) if known is not None and known.size else None
         noise = self.noise + self.coherent**2 * duration
-        return Separation(self.model.arm, self.rivalries, noise, uncertain)
+        return Separation(self.model.arm, self.rivalries, self.passing, noise, uncertain)
 
 
 @dataclass(frozen=True)
@@ -202,10 +204,8 @@ def _why(
         state = stands(q, 1.0)
     else:
         state = State(q, random.uniform(-1.0, 1.0, q.shape) * limits.velocity, rest)
-    time = np.zeros(len(q))
-    torques = [
-        rival.columns(state, time) @ rival.theta for rival in (rivalry.first, rivalry.second)
-    ]
+    motion = unseparated.passing(state, np.zeros(len(q)))
+    torques = [rival.columns(motion) @ rival.theta for rival in (rivalry.first, rivalry.second)]
     apart = np.abs(torques[0] - torques[1])
     error = np.sqrt(unseparated.coherent**2 + unseparated.noise / of.duration)
     where, joint = np.unravel_index(int(np.argmax(apart / error)), apart.shape)

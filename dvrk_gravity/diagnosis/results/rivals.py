@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.significance import SignificanceSettings
-from dvrk_gravity.effects import Hypothesis, Kind, Site, State
+from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site, State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PoseSettings, Rival, Rivalry, Unseparated, noise_of
@@ -83,13 +84,13 @@ class RivalCause:
             _is_plain(value) for _, value in _given(self.hypothesis)
         )
 
-    def rival(self, model: TorqueModel) -> Rival:
+    def rival(self) -> Rival:
         """Return it as a plan needs it."""
 
-        def columns(state: State, time: Array) -> Array:
+        def columns(motion: Motion) -> Array:
             if self.hypothesis.transient:  # it happened once
-                return np.zeros((*state.q.shape, len(self.theta)))
-            return self.hypothesis.regressor(PlannedMotion.of(model, state, time))
+                return np.zeros((*motion.q.shape, len(self.theta)))
+            return self.hypothesis.regressor(motion)
 
         return Rival(self.words, columns, self.theta, self.covariance)
 
@@ -137,10 +138,6 @@ class RivalCauses:
 
     first: RivalCause
     second: RivalCause
-
-    def rivalry(self, model: TorqueModel, again: float | None = None) -> Rivalry:
-        """Return it as a plan needs it."""
-        return Rivalry(self.first.rival(model), self.second.rival(model), again)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,10 +200,15 @@ class Contest:
     def unseparated(self) -> Unseparated:
         """Return it as a plan needs it."""
         again = self.again or (None,) * len(self.pairs)
+        rivals = {
+            id(each): each.rival() for pair in self.pairs for each in (pair.first, pair.second)
+        }  # one that stands beside several has its columns once
         rivalries = tuple(
-            pair.rivalry(self.model, value) for pair, value in zip(self.pairs, again, strict=True)
+            Rivalry(rivals[id(pair.first)], rivals[id(pair.second)], value)
+            for pair, value in zip(self.pairs, again, strict=True)
         )
-        return Unseparated(self.model, rivalries, self.noise, self.coherent, self.poses)
+        passing = partial(PlannedMotion.of, self.model)
+        return Unseparated(self.model, rivalries, passing, self.noise, self.coherent, self.poses)
 
     def to_dict(self) -> dict[str, Any]:
         """Return its part of findings.json."""
@@ -241,7 +243,7 @@ def _is_plain(value: Any) -> bool:
         return all(map(_is_plain, value))
     if isinstance(value, float | np.floating):
         return bool(np.isfinite(value))
-    return value is None or isinstance(value, str | bool | int | np.integer | np.ndarray)
+    return value is None or isinstance(value, str | bool | int | np.integer | np.bool_ | np.ndarray)
 
 
 def _written(value: Any) -> Any:
