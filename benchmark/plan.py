@@ -22,7 +22,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +45,7 @@ from dvrk_gravity.planning import (
     series_basis,
 )
 from dvrk_gravity.simulate import SimulatedArm, record_motion
+from testing.followed import Followed
 from testing.world import World
 
 PARTS = ("condition", "random", "identified")
@@ -126,19 +127,6 @@ def sampled(motion: FourierMotion) -> tuple[Array, Array, Array]:
 def errors(prior: Knowledge, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the standard errors of the parameters expected after a motion."""
     return prior.errors(prior.inverse_covariance(State(q, qd, qdd), instants()[1]))
-
-
-@dataclass(frozen=True)
-class Followed:
-    """A planned motion as the simulated arm's servo follows it, recorded from its beginning."""
-
-    motion: FourierMotion
-    ramp: float = 0.1
-
-    def at(self, moment: Array | float) -> tuple[Array, Array]:
-        """Return position and velocity."""
-        q, qd, _ = self.motion.at(np.asarray(moment) - self.ramp)
-        return q, qd
 
 
 def identified(seed: int, settings: SolverSettings) -> dict[str, float]:

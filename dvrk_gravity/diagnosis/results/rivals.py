@@ -66,8 +66,14 @@ class RivalCause:
     def fitted(
         cls, validation: CrossValidation, rest: Sequence[Candidate], candidate: Candidate
     ) -> RivalCause:
-        """Return a candidate as it fits beside the rest."""
-        theta, covariance = validation.fit([*rest, candidate])
+        """Return a candidate as it fits beside the rest.
+
+        The covariance is that of blocks and of the known error, and that of the posterior: along
+        what the recording does not determine blocks agree, for the prior holds them.
+        """
+        together = [*rest, candidate]
+        theta, covariance = validation.fit(together)
+        covariance = covariance + validation.posterior(together)[1][-len(theta) :, -len(theta) :]
         own = slice(len(theta) - candidate.size, None)
         return cls(candidate.hypothesis, theta[own], covariance[own, own])
 
@@ -241,9 +247,7 @@ def _is_plain(value: Any) -> bool:
         return all(isinstance(name, str) and _is_plain(each) for name, each in value.items())
     if isinstance(value, tuple | list):
         return all(map(_is_plain, value))
-    if isinstance(value, float | np.floating):
-        return bool(np.isfinite(value))
-    return value is None or isinstance(value, str | bool | int | np.integer | np.bool_ | np.ndarray)
+    return value is None or isinstance(value, str | bool | int | float | np.generic | np.ndarray)
 
 
 def _written(value: Any) -> Any:
@@ -253,7 +257,10 @@ def _written(value: Any) -> Any:
         return {"mapping": {name: _written(each) for name, each in value.items()}}
     if isinstance(value, tuple | list):
         return [_written(each) for each in value]
-    return value.item() if isinstance(value, np.generic) else value
+    plain = value.item() if isinstance(value, np.generic) else value
+    # JSON has no infinity, which is the standard deviation of a parameter without a prior.
+    infinite = isinstance(plain, float) and not np.isfinite(plain)
+    return {"number": str(plain)} if infinite else plain
 
 
 def _read(value: Any) -> Any:
@@ -263,6 +270,8 @@ def _read(value: Any) -> Any:
         ((kind, content),) = value.items()
         if kind == "array":
             return np.array(content, dtype=float)
+        if kind == "number":
+            return float(content)
         return {name: _read(each) for name, each in content.items()}
     return value
 
