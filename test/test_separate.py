@@ -22,7 +22,6 @@ from dvrk_gravity.diagnosis import (
     Gain,
     PlannedMotion,
     RivalCause,
-    RivalCauses,
     load_unseparated,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, State
@@ -80,7 +79,7 @@ def cause(motion: PlannedMotion, effect: str, joint: int, theta, spread: float) 
 def contest(model: TorqueModel, *pairs: tuple[RivalCause, RivalCause]) -> Contest:
     motion = passed(model)
     left = 0.01 * model.arm.effort_limit
-    return Contest.of(motion, [RivalCauses(*pair) for pair in pairs], left)
+    return Contest.of(motion, pairs, left)
 
 
 @pytest.fixture(scope="module")
@@ -119,11 +118,11 @@ def test_the_expected_log_bayes_factor_is_the_divergence_of_the_predictions():
     first[:3, :3] = second[:3, :3] = np.eye(3)
     first[3:5, 3:], second[5:, 3:] = random.normal(size=(2, 2, 2))
     apart = np.array([0.0, 0.0, 0.0, 1.0, 2.0, -1.0, 0.5])
-    one, other = (np.eye(40) + (y := columns @ root) @ y.T for root in (first, second))
-    mean, inverse = columns @ apart, np.linalg.inv(other)
+    here, there = (np.eye(40) + (y := columns @ root) @ y.T for root in (first, second))
+    mean, inverse = columns @ apart, np.linalg.inv(there)
     expected = 0.5 * (
-        np.trace(inverse @ one) - 40 + mean @ inverse @ mean
-        + np.linalg.slogdet(other)[1] - np.linalg.slogdet(one)[1]
+        np.trace(inverse @ here) - 40 + mean @ inverse @ mean
+        + np.linalg.slogdet(there)[1] - np.linalg.slogdet(here)[1]
     )  # fmt: skip
     gram = columns.T @ columns
     value, slope = divergence(gram, first, second, apart)
@@ -171,7 +170,7 @@ def test_poses_are_chosen_where_two_springs_differ_at_rest(unclear):
 def test_what_is_the_same_torque_everywhere_is_said_to_be(model):
     motion = passed(model)
     offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
-    twin = replace(offset, hypothesis=replace(offset.hypothesis))
+    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
     unseparated = contest(model, (offset, twin)).unseparated()
     design = design_separation(unseparated, PlanLimits.of(model.arm), settings=BRIEF)
     (expected,) = design.expected
@@ -188,6 +187,16 @@ def test_a_push_that_happened_once_is_not_expected_again(model):
     )
     assert push.hypothesis.transient
     assert not push.rival().columns(motion).any()
+
+
+def test_friction_of_a_joint_without_a_measured_speed_is_finite(model):
+    motion = passed(model)
+    still = replace(motion, qd=np.zeros_like(motion.qd))
+    columns = [
+        each.regressor(still) for each in effects.named("stribeck_friction").hypotheses(still)
+    ]
+    assert columns
+    assert all(np.isfinite(each).all() for each in columns)
 
 
 # Its files.
@@ -272,7 +281,8 @@ def test_the_verb_plans_prints_the_evidence_and_writes_plan_and_picture(unclear,
 def test_what_no_motion_separates_ends_with_status_1_and_says_why(model, tmp_path, capsys):
     motion = passed(model)
     offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
-    same = contest(model, (offset, replace(offset)))
+    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
+    same = contest(model, (offset, twin))
     words = ["--separate", str(written(same, tmp_path)), "--duration", "8", "--time", "1"]
     assert main(["plan", *words, "--out", str(tmp_path / "separate.yaml")]) == 1
     printed = capsys.readouterr().out
@@ -291,8 +301,8 @@ def found(contest: Contest) -> Diagnosis:
     pair, names = contest.pairs[0], contest.model.arm.joint_names
     finding = Finding(
         "torque_offset", ("pitch",), "joint", {"offset": Estimate(1.0, 0.5, 1.5, "N·m")},
-        Gain(0.4, 0.3, 0.5, 1e-9), (Alternative("elastic_cable", ("pitch",), "as well", pair),),
-        (), "pitch has an offset", None, "",
+        Gain(0.4, 0.3, 0.5, 1e-9), (Alternative("elastic_cable", ("pitch",), "as well"),),
+        (), "pitch has an offset", None, "", rivals=(pair.first, pair.second),
     )  # fmt: skip
     level = dict.fromkeys(names, 0.1)
     return Diagnosis(
@@ -318,7 +328,7 @@ def test_a_clear_diagnosis_and_one_beside_a_reference_name_no_command(unclear):
     assert "plan --separate" not in "\n".join(diagnosis_text(diagnosis))
     motion = passed(unclear.model)
     beside = replace(motion, reference=np.zeros_like(motion.q))
-    assert Contest.of(beside, unclear.pairs, unclear.noise).pairs == ()
+    assert Contest.of(beside, [found(unclear).findings[0].rivals], unclear.noise).pairs == ()
 
 
 def test_static_poses_are_separated_by_poses(unclear):

@@ -41,7 +41,7 @@ from .rivalry import Rival as Rival
 from .rivalry import Rivalry as Rivalry
 from .rivalry import Separation as Separation
 from .rivalry import divergence as divergence
-from .separation import Expected as Expected
+from .separation import ExpectedEvidence as ExpectedEvidence
 from .separation import SeparationDesign as SeparationDesign
 from .separation import SeparationSettings as SeparationSettings
 from .separation import Unseparated as Unseparated

@@ -77,7 +77,7 @@ class Unseparated:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedEvidence:
     """What a plan is expected to show of a rivalry.
 
     Attributes:
@@ -110,7 +110,7 @@ class SeparationDesign:
     """
 
     plan: Plan
-    expected: tuple[Expected, ...]
+    expected: tuple[ExpectedEvidence, ...]
     slacks: tuple[Slack, ...]
 
     @property
@@ -153,7 +153,7 @@ def design_separation(
         motion = search.best(report)
         gram = search.gram(motion)
     expected = tuple(
-        Expected(rivalry.words, rivalry.again, value,
+        ExpectedEvidence(rivalry.words, rivalry.again, value,
                  "" if value >= STRONG else _why(unseparated, rivalry, limits, poses, seed, of))
         for rivalry, value in zip(unseparated.rivalries, objective.expected(gram), strict=True)
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -80,8 +81,15 @@ class RivalCause:
     @property
     def words(self) -> str:
         """Effect and where."""
-        where = " and ".join(self.hypothesis.names) or "the arm"
-        return f"{self.hypothesis.effect} at {where}"
+        hypothesis = self.hypothesis
+        at_link = hypothesis.site.kind is Kind.LINK or not hypothesis.names
+        where = hypothesis.site.words(hypothesis.arm)
+        return f"{hypothesis.effect} at {where if at_link else ' and '.join(hypothesis.names)}"
+
+    @property
+    def named(self) -> tuple[str, tuple[int, ...]]:
+        """Effect and joints, by which findings name it."""
+        return self.hypothesis.effect, self.hypothesis.joints
 
     @property
     def known_elsewhere(self) -> bool:
@@ -167,19 +175,25 @@ class Contest:
     again: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, motion: MeasuredMotion, pairs: Sequence[RivalCauses], left: Array) -> Contest:
-        """Return the pairs of which a plan can tell the torques.
+    def of(
+        cls, motion: MeasuredMotion, several: Sequence[Sequence[RivalCause]], left: Array
+    ) -> Contest:
+        """Return the pairs of which a plan knows the torques.
 
         Args:
             motion: What was diagnosed.
-            pairs: All pairs.
+            several: Causes of which one is there, each time. Any two are a pair, for any may be the
+                true one; but not two to which findings give the same name.
             left: (n,) RMS error that the findings leave, N·m.
         """
         if motion.reference is not None:  # torques are known only where they were measured
-            pairs = ()
+            several = ()
         known = motion.model.uncertainty
         pairs = tuple(
-            each for each in pairs if each.first.known_elsewhere and each.second.known_elsewhere
+            RivalCauses(first, second)
+            for rivals in several
+            for first, second in combinations([each for each in rivals if each.known_elsewhere], 2)
+            if first.named != second.named
         )
         if known is None:
             noise, coherent = left**2 * _NOISE_TIME, np.zeros(motion.arm.n)
