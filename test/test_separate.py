@@ -42,7 +42,7 @@ from dvrk_gravity.report import diagnosis_page, diagnosis_text
 from dvrk_gravity.simulate import PlantFile
 
 BRIEF = SeparationSettings(
-    duration=12.0, candidates=60, states=100,
+    duration=12.0, candidates=60,
     solver=SolverSettings(draws=8, starts=1, first=8, rounds=2, iterations=8, stiffness=3.0),
 )  # fmt: skip
 

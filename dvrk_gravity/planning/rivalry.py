@@ -88,9 +88,11 @@ def divergence(gram: Array, first: Array, second: Array, apart: Array) -> tuple[
 
 def _inside(gram: Array, root: Array) -> tuple[Array, float]:
     """Return B = L (1 + L' G L)^-1 L', and the logarithm of the determinant in it."""
-    factor = np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ gram @ root)
-    half = np.linalg.solve(factor, root.T)
-    return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
+    # Of 1e12 times the noise a Cholesky factor may fail by rounding.
+    values, vectors = np.linalg.eigh(np.eye(root.shape[1]) + root.T @ gram @ root)
+    values = np.maximum(values, 1.0)
+    half = (root @ vectors) / np.sqrt(values)
+    return half @ half.T, float(np.log(values).sum())
 
 
 def _root(covariance: Array) -> Array:

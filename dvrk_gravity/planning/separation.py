@@ -19,9 +19,10 @@ from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
-from dvrk_gravity.planning.resting import resting_positions
 from dvrk_gravity.planning.rivalry import STRONG, Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
+
+_STATES = 500  # of a motion, at which torques are compared in words
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,6 @@ class SeparationSettings:
         solver: Effort of the search for a motion. Chosen: a fifth of a plan's, for most of what
             separates is found early. The penalty is softer: the value is a logarithm.
         candidates: Random poses among which are chosen. Chosen.
-        states: Random states at which torques are compared. Chosen.
     """
 
     duration: float = 40.0
@@ -44,7 +44,6 @@ class SeparationSettings:
         )
     )
     candidates: int = 200
-    states: int = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +153,7 @@ def design_separation(
         gram = search.gram(motion)
     expected = tuple(
         ExpectedEvidence(rivalry.words, rivalry.again, value,
-                 "" if value >= STRONG else _why(unseparated, rivalry, limits, poses, seed, of))
+                 "" if value >= STRONG else _why(unseparated, rivalry, motion))
         for rivalry, value in zip(unseparated.rivalries, objective.expected(gram), strict=True)
     )  # fmt: skip
     return SeparationDesign(
@@ -191,33 +190,27 @@ def _poses(
     return path, grams(path.poses).sum(axis=0)
 
 
-def _why(
-    unseparated: Unseparated, rivalry: Rivalry, limits: PlanLimits, poses: bool, seed: int,
-    of: SeparationSettings,
-) -> str:  # fmt: skip
-    """Return where both differ most within the limits, and by how much more than the noise."""
-    model, random = unseparated.model, np.random.default_rng(seed)
-    arm = model.arm
-    q = resting_positions(limits, arm, model, random, of.states)
-    rest = np.zeros_like(q)
-    if poses:
-        state = stands(q, 1.0)
+def _why(unseparated: Unseparated, rivalry: Rivalry, motion: FourierMotion | PosePath) -> str:
+    """Return where both differ most in the best that was found, and what errors are expected."""
+    arm = unseparated.model.arm
+    if isinstance(motion, PosePath):
+        time, state = np.zeros(len(motion.poses)), stands(motion.poses, 1.0)
     else:
-        state = State(q, random.uniform(-1.0, 1.0, q.shape) * limits.velocity, rest)
-    motion = unseparated.passing(state, np.zeros(len(q)))
-    torques = [rival.columns(motion) @ rival.theta for rival in (rivalry.first, rivalry.second)]
-    apart = np.abs(torques[0] - torques[1])
-    error = np.sqrt(unseparated.coherent**2 + unseparated.noise / of.duration)
+        time = np.linspace(0.0, motion.duration, _STATES)
+        state = State(*motion.at(time))
+    passed = unseparated.passing(state, time)
+    first, second = (
+        rival.columns(passed) @ rival.theta for rival in (rivalry.first, rivalry.second)
+    )
+    apart = np.abs(first - second)
+    error = np.sqrt(unseparated.coherent**2 + unseparated.noise / motion.duration)
     where, joint = np.unravel_index(int(np.argmax(apart / error)), apart.shape)
-    unit = arm.joints[joint].effort_unit
-    most = f"at most by {quantity(float(apart[where, joint]), unit)} on {arm.joint_names[joint]}"
+    unit, most = arm.joints[joint].effort_unit, float(apart[where, joint])
     least = quantity(float(error[joint]), unit)
-    if apart[where, joint] < 2.0 * error[joint]:
-        return (
-            f"they are the same torque within the limits: they differ {most}, of which errors of "
-            f"{least} are expected"
-        )
+    differ = f"they differ by at most {quantity(most, unit)} on {arm.joint_names[joint]}"
+    if most < float(error[joint]):
+        return f"they are the same torque within the limits: {differ}, and errors are {least}"
     return (
-        f"they differ {most}, at {pose(q[where], arm.units)}: too seldom, or too much like what "
-        f"the model is uncertain of, for errors of {least}"
+        f"{differ}, at {pose(state.q[where], arm.units)}: too little beside errors of {least} and "
+        "what the model and their own sizes are uncertain by"
     )

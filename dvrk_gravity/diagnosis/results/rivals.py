@@ -94,9 +94,9 @@ class RivalCause:
     @property
     def known_elsewhere(self) -> bool:
         """Whether its torque is known in other motions, and its record holds all of it."""
-        return not self.hypothesis.refits_model and all(
-            _is_plain(value) for _, value in _given(self.hypothesis)
-        )
+        sized = np.isfinite(self.theta).all() and np.isfinite(self.covariance).all()
+        plain = all(_is_plain(value) for _, value in _given(self.hypothesis))
+        return bool(sized and plain and not self.hypothesis.refits_model)
 
     def rival(self) -> Rival:
         """Return it as a plan needs it."""
