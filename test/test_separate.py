@@ -31,6 +31,7 @@ from dvrk_gravity.planning import (
     STRONG,
     Plan,
     PlanLimits,
+    Prediction,
     SeparationDesign,
     SeparationSettings,
     SolverSettings,
@@ -125,11 +126,15 @@ def test_the_expected_log_bayes_factor_is_the_divergence_of_the_predictions():
         + np.linalg.slogdet(there)[1] - np.linalg.slogdet(here)[1]
     )  # fmt: skip
     gram = columns.T @ columns
-    value, slope = divergence(gram, first, second, apart)
+
+    def expects(gram):
+        return divergence(gram, Prediction.of(gram, first), Prediction.of(gram, second), apart)
+
+    value, slope = expects(gram)
     assert value == pytest.approx(expected)
     way = random.normal(size=(7, 7))
     way += way.T
-    sides = [divergence(gram + sign * 1e-6 * way, first, second, apart)[0] for sign in (1, -1)]
+    sides = [expects(gram + sign * 1e-6 * way)[0] for sign in (1, -1)]
     assert np.sum(slope * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-5)
 
 

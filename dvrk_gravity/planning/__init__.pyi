@@ -37,6 +37,7 @@ from .poses import PoseSettings as PoseSettings
 from .poses import design_poses as design_poses
 from .resting import resting_positions as resting_positions
 from .rivalry import STRONG as STRONG
+from .rivalry import Prediction as Prediction
 from .rivalry import Rival as Rival
 from .rivalry import Rivalry as Rivalry
 from .rivalry import Separation as Separation
