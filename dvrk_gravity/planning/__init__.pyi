@@ -43,11 +43,12 @@ from .poses import PoseSettings as PoseSettings
 from .poses import design_poses as design_poses
 from .resting import resting_positions as resting_positions
 from .rivalry import STRONG as STRONG
+from .rivalry import Prediction as Prediction
 from .rivalry import Rival as Rival
 from .rivalry import Rivalry as Rivalry
 from .rivalry import Separation as Separation
 from .rivalry import divergence as divergence
-from .separation import Expected as Expected
+from .separation import ExpectedEvidence as ExpectedEvidence
 from .separation import SeparationDesign as SeparationDesign
 from .separation import SeparationSettings as SeparationSettings
 from .separation import Unseparated as Unseparated

@@ -9,17 +9,21 @@ It depends on the motion through G = integral of Y' R^-1 Y dt alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State
+from dvrk_gravity.effects import Motion, State
 from dvrk_gravity.planning.information import Knowledge, Objective
 
+Passing = Callable[[State, Array], Motion]
+"""From (N, n) states at (M,) times, s, to the motion that passes them.
+
+N is a multiple of M: motions one after the other. Poses have a direction, and any times.
+"""
 STRONG = float(np.log(20.0))
 """Log Bayes factor of odds of 20 to one: strong evidence (Kass and Raftery 1995)."""
 
@@ -30,14 +34,13 @@ class Rival:
 
     Attributes:
         words: Its effect and where, as ``coulomb_friction at elbow_pitch``.
-        columns: From (N, n) states at (M,) times, s, to its (N, n, k) torque by parameter, N·m. N
-            is a multiple of M: motions one after the other.
+        columns: From a motion of N samples to its (N, n, k) torque by parameter, N·m.
         theta: (k,) its parameters as they were found.
         covariance: (k, k) of them.
     """
 
     words: str
-    columns: Callable[[State, Array], Array]
+    columns: Callable[[Motion], Array]
     theta: Array
     covariance: Array
 
@@ -63,30 +66,49 @@ class Rivalry:
         return f"{self.first.words} or {self.second.words}"
 
 
-def divergence(gram: Array, first: Array, second: Array, apart: Array) -> tuple[float, Array]:
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is known of the columns' factors if one rival is true, and what a motion makes of it.
+
+    Attributes:
+        covariance: (p, p) L L' of the factors.
+        inside: (p, p) B = L (1 + L' G L)^-1 L'.
+        log_determinant: Of what is inverted in B.
+    """
+
+    covariance: Array
+    inside: Array
+    log_determinant: float
+
+    @classmethod
+    def of(cls, gram: Array, root: Array) -> Prediction:
+        """Return it for (p, p) G and (p, r) L."""
+        # Of 1e12 times the noise a Cholesky factor may fail by rounding.
+        values, vectors = np.linalg.eigh(np.eye(root.shape[1]) + root.T @ gram @ root)
+        values = np.maximum(values, 1.0)
+        half = (root @ vectors) / np.sqrt(values)
+        return cls(root @ root.T, half @ half.T, float(np.log(values).sum()))
+
+
+def divergence(
+    gram: Array, first: Prediction, second: Prediction, apart: Array
+) -> tuple[float, Array]:
     """Return the divergence of the second Gaussian from the first, and its (p, p) slope by G.
 
     Args:
         gram: (p, p) G.
-        first: (p, r) L, of the covariance L L' of the columns' factors if the first is true.
-        second: (p, s) likewise of the second.
-        apart: (p,) difference of their means.
+        first: If the first is true.
+        second: If the second is.
+        apart: (p,) difference of the factors' means.
     """
-    inside, log_first = _inside(gram, first)
-    beyond, log_second = _inside(gram, second)
+    beyond = second.inside
     # What the first expects of squares of factors about the second's mean.
-    square = first @ first.T + np.outer(apart, apart)
+    square = first.covariance + np.outer(apart, apart)
     left = np.eye(len(gram)) - beyond @ gram
-    value = np.sum(gram * (left @ square)) - np.sum(beyond * gram)
-    slope = left @ square @ left.T + beyond @ gram @ beyond - inside
-    return 0.5 * float(value + log_second - log_first), 0.5 * slope
-
-
-def _inside(gram: Array, root: Array) -> tuple[Array, float]:
-    """Return B = L (1 + L' G L)^-1 L', and the logarithm of the determinant in it."""
-    factor = np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ gram @ root)
-    half = np.linalg.solve(factor, root.T)
-    return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
+    expected = left @ square
+    value = np.sum(gram * expected) - np.sum(beyond * gram)
+    slope = expected @ left.T + beyond @ gram @ beyond - first.inside
+    return 0.5 * float(value + second.log_determinant - first.log_determinant), 0.5 * slope
 
 
 def _root(covariance: Array) -> Array:
@@ -105,6 +127,7 @@ class Separation(Objective):
         self,
         arm: Arm,
         rivalries: Sequence[Rivalry],
+        passing: Passing,
         noise: Array,
         uncertain: Knowledge | None = None,
         time: Array | None = None,
@@ -114,76 +137,62 @@ class Separation(Objective):
         Args:
             arm: The arm.
             rivalries: At least one.
+            passing: What rivals see of states.
             noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
             uncertain: What a model is uncertain of; ``None``: nothing.
             time: (M,) times of states, s; ``None``: poses, each for itself.
         """
-        self.arm, self.noise, self.rivalries = arm, noise, tuple(rivalries)
+        self.arm, self.noise, self.rivalries, self._passing = arm, noise, rivalries, passing
         self._uncertain, self._time = uncertain, time
         rivals = {id(each): each for pair in rivalries for each in (pair.first, pair.second)}
         self._rivals = tuple(rivals.values())
         shared = 0 if uncertain is None else uncertain.rows.shape[1]
-        edges = shared + np.cumsum([0, *(len(each.theta) for each in self._rivals)])
-        own = dict(zip(rivals, map(np.arange, edges[:-1], edges[1:]), strict=True))
-        self._pairs = [
-            _Pair.of(pair, shared, own[id(pair.first)], own[id(pair.second)]) for pair in rivalries
-        ]
+        edges = (shared + np.cumsum([0, *(len(each.theta) for each in self._rivals)])).tolist()
+        self._roots, means = [], []
+        for rival, own in zip(self._rivals, map(slice, edges, edges[1:]), strict=True):
+            root = np.zeros((edges[-1], shared + len(rival.theta)))
+            root[:shared, :shared] = np.eye(shared)
+            root[own, shared:] = _root(rival.covariance)
+            self._roots.append(root)
+            means.append(np.zeros(edges[-1]))
+            means[-1][own] = rival.theta
+        number = {key: k for k, key in enumerate(rivals)}
+        self._pairs = [(number[id(each.first)], number[id(each.second)]) for each in rivalries]
+        self._means = np.array(means)
 
     def over(self, time: Array) -> Separation:
         """Return the objective of motions that are looked at at (M,) times, s."""
-        return Separation(self.arm, self.rivalries, self.noise, self._uncertain, time)
+        return Separation(
+            self.arm, self.rivalries, self._passing, self.noise, self._uncertain, time
+        )  # fmt: skip
 
     def regressor(self, state: State) -> Array:
         """Return the torques of what the model is uncertain of, then those of the rivals."""
         time = np.zeros(len(state.q)) if self._time is None else self._time
         parts = [] if self._uncertain is None else [self._uncertain.regressor(state)]
-        parts += [rival.columns(state, time) for rival in self._rivals]
+        motion = self._passing(state, time)
+        parts += [rival.columns(motion) for rival in self._rivals]
         return np.concatenate(parts, axis=-1)
 
     def score(self, gram: Array) -> tuple[float, Array]:
         """Return the sum of log(1 + K) over both senses of all rivalries, and its slope."""
         total, slope = 0.0, np.zeros_like(gram)
-        for pair in self._pairs:
-            for value, by in pair.divergences(gram):
+        for senses in self._divergences(gram):
+            for value, by in senses:
                 total += float(np.log1p(max(value, 0.0)))
-                slope[pair.grid] += by / (1.0 + max(value, 0.0))
+                slope += by / (1.0 + max(value, 0.0))
         return total, slope
 
     def expected(self, gram: Array) -> list[float]:
         """Return of each rivalry the lesser of both log Bayes factors that are expected."""
-        return [min(value for value, _ in pair.divergences(gram)) for pair in self._pairs]
+        return [min(value for value, _ in senses) for senses in self._divergences(gram)]
 
-
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """Where a rivalry's columns are among all, and what is known of their factors."""
-
-    grid: tuple[NDArray[np.int_], NDArray[np.int_]]
-    first: Array
-    second: Array
-    apart: Array
-
-    @classmethod
-    def of(
-        cls, pair: Rivalry, shared: int, first: NDArray[np.int_], second: NDArray[np.int_]
-    ) -> _Pair:
-        columns = np.concatenate([np.arange(shared), first, second])
-        split = shared + len(first)
-        roots = []
-        for rival, own in ((pair.first, slice(shared, split)), (pair.second, slice(split, None))):
-            size = len(rival.theta)
-            root = np.zeros((len(columns), shared + size))
-            root[:shared, :shared] = np.eye(shared)
-            root[own, shared:] = _root(rival.covariance)
-            roots.append(root)
-        apart = np.concatenate([np.zeros(shared), pair.first.theta, -pair.second.theta])
-        a, b = np.ix_(columns, columns)
-        return cls((a, b), roots[0], roots[1], apart)
-
-    def divergences(self, gram: Array) -> list[tuple[float, Array]]:
-        """Return the divergence and its slope if the first is true, and if the second is."""
-        own = gram[self.grid]
-        return [
-            divergence(own, self.first, self.second, self.apart),
-            divergence(own, self.second, self.first, self.apart),
-        ]
+    def _divergences(self, gram: Array) -> Iterator[list[tuple[float, Array]]]:
+        """Yield of each rivalry the divergence and its slope if the first is true, and if not."""
+        found = [Prediction.of(gram, root) for root in self._roots]
+        for first, second in self._pairs:
+            apart = self._means[first] - self._means[second]
+            yield [
+                divergence(gram, found[first], found[second], apart),
+                divergence(gram, found[second], found[first], apart),
+            ]

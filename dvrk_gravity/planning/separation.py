@@ -19,9 +19,10 @@ from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
-from dvrk_gravity.planning.resting import resting_positions
-from dvrk_gravity.planning.rivalry import STRONG, Rivalry, Separation
+from dvrk_gravity.planning.rivalry import STRONG, Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
+
+_STATES = 500  # of a motion, at which torques are compared in words
 
 
 @dataclass(frozen=True)
@@ -31,20 +32,18 @@ class SeparationSettings:
     Attributes:
         duration: Of the motion, or of all poses at most, s. Chosen: as long as a diagnosis needs to
             judge a cause, and short enough to record in between.
-        solver: Effort of the search for a motion. Chosen: a third of a plan's, of which fewer
-            columns are to be separated. The penalty is softer: the value is a logarithm.
+        solver: Effort of the search for a motion. Chosen: a fifth of a plan's, for most of what
+            separates is found early. The penalty is softer: the value is a logarithm.
         candidates: Random poses among which are chosen. Chosen.
-        states: Random states at which torques are compared. Chosen.
     """
 
     duration: float = 40.0
     solver: SolverSettings = field(
         default_factory=lambda: SolverSettings(
-            draws=60, starts=3, first=15, rounds=4, iterations=25, stiffness=3.0, seconds=60.0
+            draws=60, starts=2, first=15, rounds=4, iterations=20, stiffness=3.0, seconds=60.0
         )
     )
     candidates: int = 200
-    states: int = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +53,7 @@ class Unseparated:
     Attributes:
         model: The model that was diagnosed.
         rivalries: Pairs of explanations; at least one.
+        passing: What they see of states.
         noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
         coherent: (n,) standard deviation of an error that looks like a cause in all of a motion,
             N·m: no duration averages it out.
@@ -62,6 +62,7 @@ class Unseparated:
 
     model: TorqueModel
     rivalries: tuple[Rivalry, ...]
+    passing: Passing
     noise: Array
     coherent: Array
     poses: bool = False
@@ -71,11 +72,11 @@ class Unseparated:
         known = self.model.uncertainty
         uncertain = ModelKnowledge(self.model, known) if known is not None and known.size else None
         noise = self.noise + self.coherent**2 * duration
-        return Separation(self.model.arm, self.rivalries, noise, uncertain)
+        return Separation(self.model.arm, self.rivalries, self.passing, noise, uncertain)
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedEvidence:
     """What a plan is expected to show of a rivalry.
 
     Attributes:
@@ -108,7 +109,7 @@ class SeparationDesign:
     """
 
     plan: Plan
-    expected: tuple[Expected, ...]
+    expected: tuple[ExpectedEvidence, ...]
     slacks: tuple[Slack, ...]
 
     @property
@@ -151,8 +152,8 @@ def design_separation(
         motion = search.best(report)
         gram = search.gram(motion)
     expected = tuple(
-        Expected(rivalry.words, rivalry.again, value,
-                 "" if value >= STRONG else _why(unseparated, rivalry, limits, poses, seed, of))
+        ExpectedEvidence(rivalry.words, rivalry.again, value,
+                 "" if value >= STRONG else _why(unseparated, rivalry, motion))
         for rivalry, value in zip(unseparated.rivalries, objective.expected(gram), strict=True)
     )  # fmt: skip
     return SeparationDesign(
@@ -189,35 +190,27 @@ def _poses(
     return path, grams(path.poses).sum(axis=0)
 
 
-def _why(
-    unseparated: Unseparated, rivalry: Rivalry, limits: PlanLimits, poses: bool, seed: int,
-    of: SeparationSettings,
-) -> str:  # fmt: skip
-    """Return where both differ most within the limits, and by how much more than the noise."""
-    model, random = unseparated.model, np.random.default_rng(seed)
-    arm = model.arm
-    q = resting_positions(limits, arm, model, random, of.states)
-    rest = np.zeros_like(q)
-    if poses:
-        state = stands(q, 1.0)
+def _why(unseparated: Unseparated, rivalry: Rivalry, motion: FourierMotion | PosePath) -> str:
+    """Return where both differ most in the best that was found, and what errors are expected."""
+    arm = unseparated.model.arm
+    if isinstance(motion, PosePath):
+        time, state = np.zeros(len(motion.poses)), stands(motion.poses, 1.0)
     else:
-        state = State(q, random.uniform(-1.0, 1.0, q.shape) * limits.velocity, rest)
-    time = np.zeros(len(q))
-    torques = [
-        rival.columns(state, time) @ rival.theta for rival in (rivalry.first, rivalry.second)
-    ]
-    apart = np.abs(torques[0] - torques[1])
-    error = np.sqrt(unseparated.coherent**2 + unseparated.noise / of.duration)
+        time = np.linspace(0.0, motion.duration, _STATES)
+        state = State(*motion.at(time))
+    passed = unseparated.passing(state, time)
+    first, second = (
+        rival.columns(passed) @ rival.theta for rival in (rivalry.first, rivalry.second)
+    )
+    apart = np.abs(first - second)
+    error = np.sqrt(unseparated.coherent**2 + unseparated.noise / motion.duration)
     where, joint = np.unravel_index(int(np.argmax(apart / error)), apart.shape)
-    unit = arm.joints[joint].effort_unit
-    most = f"at most by {quantity(float(apart[where, joint]), unit)} on {arm.joint_names[joint]}"
+    unit, most = arm.joints[joint].effort_unit, float(apart[where, joint])
     least = quantity(float(error[joint]), unit)
-    if apart[where, joint] < 2.0 * error[joint]:
-        return (
-            f"they are the same torque within the limits: they differ {most}, of which errors of "
-            f"{least} are expected"
-        )
+    differ = f"they differ by at most {quantity(most, unit)} on {arm.joint_names[joint]}"
+    if most < float(error[joint]):
+        return f"they are the same torque within the limits: {differ}, and errors are {least}"
     return (
-        f"they differ {most}, at {pose(q[where], arm.units)}: too seldom, or too much like what "
-        f"the model is uncertain of, for errors of {least}"
+        f"{differ}, at {pose(state.q[where], arm.units)}: too little beside errors of {least} and "
+        "what the model and their own sizes are uncertain by"
     )

@@ -124,8 +124,10 @@ def report(
     )
     reference = motion.reference is not None
     unseparated = ambiguities(validation, named, posterior.pool)
-    rivals = [each.causes for finding in findings for each in finding.alternatives]
-    rivals += [each.causes for each in unseparated]
+    several = [finding.rivals for finding in findings if finding.rivals]
+    several += [each.rivals for each in unseparated if each.suspected]
+    # Where there is no sign of any, a plan may still show that there is none.
+    several = several or [each.rivals for each in unseparated]
     return Diagnosis(
         verdict=_verdict(findings, different or bool(grown)),
         findings=tuple(findings),
@@ -156,7 +158,7 @@ def report(
         outside=outside,
         of_file=motion.model.of_file,
         exact="" if reference else sentences.why_exact(motion.model),
-        contest=Contest.of(motion, [each for each in rivals if each is not None], after),
+        contest=Contest.of(motion, several, after),
     )
 
 

@@ -166,9 +166,8 @@ class Diagnosis:
 
     def separating(self, several: Finding | Ambiguity) -> str:
         """Return the command that plans what separates its causes; ``""``: no plan may."""
-        of = several.alternatives if isinstance(several, Finding) else (several,)
         pairs = () if self.contest is None else self.contest.pairs
-        return self.separated_by if any(each.causes in pairs for each in of) else ""
+        return self.separated_by if any(pair.first in several.rivals for pair in pairs) else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""

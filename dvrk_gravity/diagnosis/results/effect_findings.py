@@ -26,7 +26,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Rejected,
 )
 from dvrk_gravity.diagnosis.results.identifiability import separation
-from dvrk_gravity.diagnosis.results.rivals import RivalCause, RivalCauses
+from dvrk_gravity.diagnosis.results.rivals import RivalCause
 from dvrk_gravity.effects import Estimate, Hypothesis, Kind, is_friction
 from dvrk_gravity.estimation import squared_distance
 
@@ -103,6 +103,7 @@ def effect_finding(
         left_out=left_out,
         remedy=remedy,
         doubt=doubt,
+        rivals=_rivals(validation, rest, effect),
     )  # fmt: skip
 
 
@@ -146,7 +147,6 @@ def _alternatives(
     """Return one alternative for each other effect and joint."""
     chosen, gain = effect.trial.candidate, effect.trial.gain
     found = dict[tuple[str, tuple[int, ...]], Alternative]()
-    first = RivalCause.fitted(validation, rest, chosen)
     for other in effect.alternatives:
         hypothesis = other.candidate.hypothesis
         key = (hypothesis.effect, hypothesis.joints)
@@ -157,9 +157,20 @@ def _alternatives(
             how = "better, with more parameters"
         apart = separation(validation, rest, chosen, other.candidate)
         why = sentences.alternative(other.gain, gain, f"explains unseen blocks {how}", apart)
-        causes = RivalCauses(first, RivalCause.fitted(validation, rest, other.candidate))
-        found[key] = Alternative(hypothesis.effect, hypothesis.names, why, causes)
+        found[key] = Alternative(hypothesis.effect, hypothesis.names, why)
     return tuple(found.values())
+
+
+def _rivals(
+    validation: CrossValidation, rest: Sequence[Candidate], effect: SelectedEffect
+) -> tuple[RivalCause, ...]:
+    """Return the selected cause and all that could stand in its place, if any could."""
+    if not effect.alternatives:
+        return ()
+    return tuple(
+        RivalCause.fitted(validation, rest, trial.candidate)
+        for trial in (effect.trial, *effect.alternatives)
+    )
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
+from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.significance import SignificanceSettings
-from dvrk_gravity.effects import Hypothesis, Kind, Site, State
+from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site, State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PoseSettings, Rival, Rivalry, Unseparated, noise_of
@@ -65,31 +67,44 @@ class RivalCause:
     def fitted(
         cls, validation: CrossValidation, rest: Sequence[Candidate], candidate: Candidate
     ) -> RivalCause:
-        """Return a candidate as it fits beside the rest."""
-        theta, covariance = validation.fit([*rest, candidate])
+        """Return a candidate as it fits beside the rest.
+
+        The covariance is that of blocks and of the known error, and that of the posterior: along
+        what the recording does not determine blocks agree, for the prior holds them.
+        """
+        together = [*rest, candidate]
+        theta, covariance = validation.fit(together)
+        covariance = covariance + validation.posterior(together)[1][-len(theta) :, -len(theta) :]
         own = slice(len(theta) - candidate.size, None)
         return cls(candidate.hypothesis, theta[own], covariance[own, own])
 
     @property
     def words(self) -> str:
         """Effect and where."""
-        where = " and ".join(self.hypothesis.names) or "the arm"
-        return f"{self.hypothesis.effect} at {where}"
+        hypothesis = self.hypothesis
+        at_link = hypothesis.site.kind is Kind.LINK or not hypothesis.names
+        where = hypothesis.site.words(hypothesis.arm)
+        return f"{hypothesis.effect} at {where if at_link else ' and '.join(hypothesis.names)}"
+
+    @property
+    def named(self) -> tuple[str, tuple[int, ...]]:
+        """Effect and joints, by which findings name it."""
+        return self.hypothesis.effect, self.hypothesis.joints
 
     @property
     def known_elsewhere(self) -> bool:
         """Whether its torque is known in other motions, and its record holds all of it."""
-        return not self.hypothesis.refits_model and all(
-            _is_plain(value) for _, value in _given(self.hypothesis)
-        )
+        sized = np.isfinite(self.theta).all() and np.isfinite(self.covariance).all()
+        plain = all(_is_plain(value) for _, value in _given(self.hypothesis))
+        return bool(sized and plain and not self.hypothesis.refits_model)
 
-    def rival(self, model: TorqueModel) -> Rival:
+    def rival(self) -> Rival:
         """Return it as a plan needs it."""
 
-        def columns(state: State, time: Array) -> Array:
+        def columns(motion: Motion) -> Array:
             if self.hypothesis.transient:  # it happened once
-                return np.zeros((*state.q.shape, len(self.theta)))
-            return self.hypothesis.regressor(PlannedMotion.of(model, state, time))
+                return np.zeros((*motion.q.shape, len(self.theta)))
+            return self.hypothesis.regressor(motion)
 
         return Rival(self.words, columns, self.theta, self.covariance)
 
@@ -138,10 +153,6 @@ class RivalCauses:
     first: RivalCause
     second: RivalCause
 
-    def rivalry(self, model: TorqueModel, again: float | None = None) -> Rivalry:
-        """Return it as a plan needs it."""
-        return Rivalry(self.first.rival(model), self.second.rival(model), again)
-
 
 @dataclass(frozen=True, eq=False)
 class Contest:
@@ -164,19 +175,25 @@ class Contest:
     again: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, motion: MeasuredMotion, pairs: Sequence[RivalCauses], left: Array) -> Contest:
-        """Return the pairs of which a plan can tell the torques.
+    def of(
+        cls, motion: MeasuredMotion, several: Sequence[Sequence[RivalCause]], left: Array
+    ) -> Contest:
+        """Return the pairs of which a plan knows the torques.
 
         Args:
             motion: What was diagnosed.
-            pairs: All pairs.
+            several: Causes of which one is there, each time. Any two are a pair, for any may be the
+                true one; but not two to which findings give the same name.
             left: (n,) RMS error that the findings leave, N·m.
         """
         if motion.reference is not None:  # torques are known only where they were measured
-            pairs = ()
+            several = ()
         known = motion.model.uncertainty
         pairs = tuple(
-            each for each in pairs if each.first.known_elsewhere and each.second.known_elsewhere
+            RivalCauses(first, second)
+            for rivals in several
+            for first, second in combinations([each for each in rivals if each.known_elsewhere], 2)
+            if first.named != second.named
         )
         if known is None:
             noise, coherent = left**2 * _NOISE_TIME, np.zeros(motion.arm.n)
@@ -203,10 +220,15 @@ class Contest:
     def unseparated(self) -> Unseparated:
         """Return it as a plan needs it."""
         again = self.again or (None,) * len(self.pairs)
+        rivals = {
+            id(each): each.rival() for pair in self.pairs for each in (pair.first, pair.second)
+        }  # one that stands beside several has its columns once
         rivalries = tuple(
-            pair.rivalry(self.model, value) for pair, value in zip(self.pairs, again, strict=True)
+            Rivalry(rivals[id(pair.first)], rivals[id(pair.second)], value)
+            for pair, value in zip(self.pairs, again, strict=True)
         )
-        return Unseparated(self.model, rivalries, self.noise, self.coherent, self.poses)
+        passing = partial(PlannedMotion.of, self.model)
+        return Unseparated(self.model, rivalries, passing, self.noise, self.coherent, self.poses)
 
     def to_dict(self) -> dict[str, Any]:
         """Return its part of findings.json."""
@@ -239,9 +261,7 @@ def _is_plain(value: Any) -> bool:
         return all(isinstance(name, str) and _is_plain(each) for name, each in value.items())
     if isinstance(value, tuple | list):
         return all(map(_is_plain, value))
-    if isinstance(value, float | np.floating):
-        return bool(np.isfinite(value))
-    return value is None or isinstance(value, str | bool | int | np.integer | np.ndarray)
+    return value is None or isinstance(value, str | bool | int | float | np.generic | np.ndarray)
 
 
 def _written(value: Any) -> Any:
@@ -251,7 +271,10 @@ def _written(value: Any) -> Any:
         return {"mapping": {name: _written(each) for name, each in value.items()}}
     if isinstance(value, tuple | list):
         return [_written(each) for each in value]
-    return value.item() if isinstance(value, np.generic) else value
+    plain = value.item() if isinstance(value, np.generic) else value
+    # JSON has no infinity, which is the standard deviation of a parameter without a prior.
+    infinite = isinstance(plain, float) and not np.isfinite(plain)
+    return {"number": str(plain)} if infinite else plain
 
 
 def _read(value: Any) -> Any:
@@ -261,6 +284,8 @@ def _read(value: Any) -> Any:
         ((kind, content),) = value.items()
         if kind == "array":
             return np.array(content, dtype=float)
+        if kind == "number":
+            return float(content)
         return {name: _read(each) for name, each in content.items()}
     return value
 
