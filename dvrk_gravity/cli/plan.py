@@ -102,5 +102,5 @@ def run(arguments: argparse.Namespace) -> int:
         written += f", {arguments.csv}"
     for line in design_text(design, model is not None and model.uncertainty is not None):
         print(line)
-    print(f"written: {written}")
+    print(f"written: {written}. Next: collect {arguments.out} --out my_bag")
     return 0

@@ -44,6 +44,8 @@ LATE = 0.02
 AHEAD = 0.03
 # No other node must have commanded the arm for so long before we do, s.
 LISTEN = 1.0
+# Readings of a rest position at least: a busy machine listens a few times a second. Chosen.
+HEARD = 10
 # After a pause of ours of so long, s, the arm may be somewhere else, or another node may command
 # it: earlier measurements prove nothing.
 ASLEEP = 0.5
@@ -144,7 +146,7 @@ class Mover:
             )
         heard: list[Array] = []
         end = time.monotonic() + LISTEN
-        while time.monotonic() < end:
+        while time.monotonic() < end or len(heard) < HEARD:
             self._listen_until(time.monotonic() + 1.0 / self._rate)
             self._check()
             heard.append(self._following.position)
