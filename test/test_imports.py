@@ -27,8 +27,9 @@ ROOMS = (
 )  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
-# Done without where they are not installed: the dVRK's own messages, and what expands xacro.
-OPTIONAL = {"crtk_msgs", "xacrodoc"}
+# Done without where they are not installed: the dVRK's own messages, those of ros2_control's
+# actions, and what expands xacro.
+OPTIONAL = {"crtk_msgs", "control_msgs", "xacrodoc"}
 
 
 def modules(package: Path) -> dict[str, Path]:

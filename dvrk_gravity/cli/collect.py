@@ -42,6 +42,12 @@ def add_moving(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
                         help="hold the arm after this long without measured_js, s "
                         "(default: 0.1)")  # fmt: skip
+    parser.add_argument("--action", metavar="NAME",
+                        help="move an arm of ros2_control by this FollowJointTrajectory action, as "
+                        "/joint_trajectory_controller/follow_joint_trajectory")  # fmt: skip
+    parser.add_argument("--measured", default="joint_states", metavar="TOPIC",
+                        help="with --action: where the arm measures (default: "
+                        "joint_states)")  # fmt: skip
     parser.add_argument("--no-rehearsal", action="store_true",
                         help="skip the rehearsal at a tenth of the motion's speed")  # fmt: skip
     parser.add_argument(
@@ -143,8 +149,18 @@ def driver_of(arm: Arm, arguments: argparse.Namespace, name: str) -> Iterator[Dr
             yield driver
         return
     # Here and not above: rclpy is slow to load, and bad arguments need none of it.
-    from dvrk_gravity.ros import Client, Mover, namespace_of
+    from dvrk_gravity.ros import Client, Mover, TrajectoryMover, namespace_of
 
+    if arguments.action is not None:
+        remap = {"measured_js": arguments.measured}
+        with (
+            Client(arguments.namespace or "/", name, remap) as client,
+            TrajectoryMover(
+                client, arm, arguments.action, arguments.rate, arguments.timeout
+            ) as trajectory_mover,
+        ):
+            yield trajectory_mover
+        return
     namespace = namespace_of(arm, arguments.namespace)
     with (
         Client(namespace, name) as client,

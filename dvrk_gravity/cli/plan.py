@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         written += f", {arguments.csv}"
     for line in lines:
         print(line)
-    print(f"written: {written}")
+    print(f"written: {written}. Next: collect {arguments.out} --out my_bag")
     return 0 if enough else 1
 
 

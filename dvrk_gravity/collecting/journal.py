@@ -155,7 +155,7 @@ class Journal:
         }
         content["parts"] = [asdict(part) for part in self.parts]
         self.folder.mkdir(exist_ok=True)
-        text_file.write(self.file, json.dumps(content) + "\n")
+        text_file.write(self.file, json.dumps(content) + "\n", wait=False)
 
     def new_part(self) -> BagWriter:
         """Add a part, and return the writer of its bag."""

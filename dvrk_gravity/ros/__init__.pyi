@@ -28,6 +28,7 @@ from .simulator_node import SIMULATOR_PARAMETERS as SIMULATOR_PARAMETERS
 from .stage import BEARABLE as BEARABLE
 from .stage import MODEL as MODEL
 from .stage import Stage as Stage
+from .trajectory_mover import TrajectoryMover as TrajectoryMover
 from .verbs import parameter_file as parameter_file
 from .watchdog_node import OWN_PARAMETERS as OWN_PARAMETERS
 from .wire import PARAMETERS as PARAMETERS

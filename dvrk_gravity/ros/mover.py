@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
@@ -43,6 +44,8 @@ LATE = 0.02
 AHEAD = 0.03
 # No other node must have commanded the arm for so long before we do, s.
 LISTEN = 1.0
+# Readings of a rest position at least: a busy machine listens a few times a second. Chosen.
+HEARD = 10
 # After a pause of ours of so long, s, the arm may be somewhere else, or another node may command
 # it: earlier measurements prove nothing.
 ASLEEP = 0.5
@@ -63,14 +66,7 @@ class Mover:
     def __init__(self, client: Client, arm: Arm, rate: float, timeout: float = TIMEOUT) -> None:
         """Connect the topics of ``client``'s namespace; ``rate`` Hz, ``timeout`` s."""
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
-        self._link = ArmLink(
-            client.node,
-            arm,
-            CommandTopic.positions(),
-            on_other=lambda: self._forbid("others", self._link.others.reason()),
-            on_rival=lambda: self._forbid("rivals", self._link.rivals.reason()),
-            on_state=lambda reason: self._forbid("operating_state", reason),
-        )
+        self._link = self._linked(client.node)
         self._gate = InputGate(arm)
         self._following = Following(arm)
         self._awake = time.monotonic()  # when we last received
@@ -99,6 +95,16 @@ class Mover:
     def __exit__(self, *_: object) -> None:
         with self._signals:
             self.hold()
+
+    def _linked(self, node: Node) -> ArmLink:
+        return ArmLink(
+            node,
+            self._arm,
+            CommandTopic.positions(),
+            on_other=lambda: self._forbid("others", self._link.others.reason()),
+            on_rival=lambda: self._forbid("rivals", self._link.rivals.reason()),
+            on_state=lambda reason: self._forbid("operating_state", reason),
+        )
 
     @property
     def topic(self) -> str:
@@ -140,7 +146,7 @@ class Mover:
             )
         heard: list[Array] = []
         end = time.monotonic() + LISTEN
-        while time.monotonic() < end:
+        while time.monotonic() < end or len(heard) < HEARD:
             self._listen_until(time.monotonic() + 1.0 / self._rate)
             self._check()
             heard.append(self._following.position)
@@ -169,6 +175,7 @@ class Mover:
         """
         try:
             self._catch_up()
+            self._begin(path, duration)
             self._sink, self._watch = record, watch
             return self._stream(path, duration, progress)
         except MotionError as error:
@@ -194,10 +201,21 @@ class Mover:
             # On a grid of instants: the rate does not depend on the duration of one round.
             self._listen_until(start + (int((last - start) / period) + 1) * period)
             now = time.monotonic()
-            moment = min(moment + min(now - last, LATE), self._following.time - first + AHEAD)
+            moment = self._advanced(moment, now - last, self._following.time - first)
             last = now
         self._command(*path(duration)[:2])
+        self._finish()
         return self._following.time - first - duration
+
+    def _begin(self, path: Path, duration: float) -> None:
+        """Prepare the arm for a path."""
+
+    def _advanced(self, moment: float, passed: float, of_arm: float) -> float:
+        """Return how far a motion is next, s, after ``passed`` s of ours and ``of_arm`` in all."""
+        return min(moment + min(passed, LATE), of_arm + AHEAD)
+
+    def _finish(self) -> None:
+        """Wait for what ends later than the set points."""
 
     def hold(self) -> None:
         """Hold the arm where it comes to rest, if it was moved.
