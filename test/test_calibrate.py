@@ -325,3 +325,14 @@ def test_killed_in_its_motion_it_goes_on_there(tmp_path):
     assert "plan motion" in second
     assert "(done before)" in second
     assert not state.exists()
+
+
+def test_another_arm_than_the_folder_s_is_one_line(tmp_path, capsys):
+    Logbook.open(tmp_path, {"--arm": "psm"})
+    before = (tmp_path / "calibration.json").read_bytes()
+    assert main(["calibrate", "--arm", "ecm", "--simulated", "--out", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("dvrk_gravity calibrate: --arm: got 'ecm")
+    assert "psm, with which" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["calibration.json"]
+    assert (tmp_path / "calibration.json").read_bytes() == before
