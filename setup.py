@@ -10,8 +10,8 @@ NAME = "dvrk_gravity"
 
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = (
-    "compensator", "simulator", "watchdog", "plan", "excite", "replay", "convert", "identify",
-    "evaluate", "diagnose", "demo", "newton-euler",
+    "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
+    "convert", "identify", "evaluate", "diagnose", "demo", "newton-euler",
 )  # fmt: skip
 
 # A wheel's executables share one folder with all others, where `convert` is ImageMagick's: there is

@@ -23,13 +23,13 @@ ROOMS = (
     "faces", "arrays", "errors", "tabular", "validation", "units", "files", "parameters", "arms",
     "parameters.nodes", "gravity", "newton_euler", "effects", "model", "console", "recording",
     "estimation", "intake", "identification", "planning", "simulate", "exports", "compensate",
-    "diagnosis", "report", "ros", "cli",
+    "collecting", "diagnosis", "calibration", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
-# Done without where they are not installed: the dVRK's own messages, what expands xacro, and
-# data frames.
-OPTIONAL = {"crtk_msgs", "xacrodoc", "pandas"}
+# Done without where they are not installed: the dVRK's own messages, those of ros2_control's
+# actions, what expands xacro, and data frames.
+OPTIONAL = {"crtk_msgs", "control_msgs", "xacrodoc", "pandas"}
 
 
 def modules(package: Path) -> dict[str, Path]:

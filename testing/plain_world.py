@@ -16,7 +16,7 @@ from dvrk_gravity.planning import MotionLimits, exciting_motion
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import Sensors, SimulatedArm, record_motion
 from testing import physics
-from testing.hidden_plant import HiddenPlant
+from testing.hidden_plant import HiddenPlant, Torque
 
 STEP = 2e-3  # s, of the simulation: a fifth of the servo's time constant
 # Of a joint's largest effort: friction as industrial arms have it, at rest and at one rad/s (0.1
@@ -34,12 +34,14 @@ class PlainWorld:
         links: Inertia of its bodies, in their link frames.
         coulomb: (n,) dry friction of the joints, N·m or N.
         viscous: (n,) N·m·s/rad or N·s/m.
+        extra: Further torques.
     """
 
     arm: Arm
     links: Mapping[str, pin.Inertia]
     coulomb: Array
     viscous: Array
+    extra: tuple[Torque, ...] = ()
 
     @classmethod
     def of(cls, arm: Arm, links: Mapping[str, pin.Inertia]) -> PlainWorld:
@@ -70,7 +72,7 @@ class PlainWorld:
             physics.coulomb(friction * np.array([self.coulomb, self.coulomb, none, none])),
             physics.viscous(friction * self.viscous),
         )
-        plant = HiddenPlant(TorqueModel(arm, ()), self.links, none, parts, ())
+        plant = HiddenPlant(TorqueModel(arm, ()), self.links, none, parts, self.extra)
         sensors = Sensors(none + COUNT, None, None, NOISE * arm.actuator_effort_limit)
         return SimulatedArm(plant, sensors, seed, builtin_compensation=False, dt=step)
 

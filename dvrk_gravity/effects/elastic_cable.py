@@ -196,8 +196,13 @@ class CableHypothesis(Hypothesis):
     half: float
 
     def regressor(self, motion: Motion) -> Array:
-        """Chebyshev polynomials are the same space as powers, and well conditioned."""
-        x = np.clip((motion.q[:, self.site.index] - self.middle) / self.half, -_REACH, _REACH)
+        """Chebyshev polynomials are the same space as powers, and well conditioned.
+
+        A curve says nothing beyond the way that it was fitted on; a spring goes on.
+        """
+        x = (motion.q[:, self.site.index] - self.middle) / self.half
+        if self.degree > 1:
+            x = np.clip(x, -_REACH, _REACH)
         values = np.polynomial.chebyshev.chebvander(x, self.degree)
         return spread(self.site.row(self.arm), *values.T)
 

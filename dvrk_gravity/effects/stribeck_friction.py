@@ -147,7 +147,9 @@ class StribeckFriction(Friction):
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         for site in () if motion.static else friction_sites(motion):
-            speed = float(np.sqrt(np.mean((motion.qd @ site.row(motion.arm)) ** 2)))
+            row = site.row(motion.arm)
+            # A joint may be displaced without a speed that its encoder shows.
+            speed = max(float(np.sqrt(np.mean((motion.qd @ row) ** 2))), motion.slowest(row))
             for part in _SPEEDS:
                 setting = {"velocity": part * speed}
                 yield StribeckHypothesis(arm=motion.arm, site=site, setting=setting)

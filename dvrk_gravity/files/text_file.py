@@ -54,13 +54,19 @@ def read(path: str | Path, kind: str) -> str:
         raise ConfigError("", str(error), f"the name of a {kind} file", path) from error
 
 
-def write(path: str | Path, text: str) -> None:
+def write(path: str | Path, text: str, wait: bool = True) -> None:
     """Write a text in UTF-8, whole or not at all; see :func:`write_bytes`."""
-    write_bytes(path, text.encode())
+    write_bytes(path, text.encode(), wait)
 
 
-def write_bytes(path: str | Path, content: bytes) -> None:
+def write_bytes(path: str | Path, content: bytes, wait: bool = True) -> None:
     """Write a file whole or not at all: to a temporary name beside it, then moved.
+
+    Args:
+        path: The file.
+        content: All of it.
+        wait: Until the disk has it, which a busy one may take a second for. If not, a killed
+            process loses nothing either, but a power cut may.
 
     Raises:
         OSError: The folder does not exist, is not writable, or is full; it names ``path``.
@@ -74,7 +80,8 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         with os.fdopen(handle, "wb") as stream:
             stream.write(content)
             stream.flush()
-            os.fsync(stream.fileno())
+            if wait:
+                os.fsync(stream.fileno())
         os.chmod(temporary, 0o644)
         os.replace(temporary, target)
     except BaseException as error:

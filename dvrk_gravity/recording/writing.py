@@ -94,6 +94,7 @@ class BagWriter:
         self._last_commit = time.monotonic()
         try:
             self._writer.open()
+            self._hurry()
         except Exception as error:
             shutil.rmtree(self._temporary, ignore_errors=True)
             raise self._failed(error) from error
@@ -146,6 +147,24 @@ class BagWriter:
             raise self._failed(error) from error
         self.count += 1
 
+    def _hurry(self) -> None:
+        """Let sqlite3 not wait for the disk, which may take a second: whoever records may drive."""
+        from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+
+        if isinstance(self._writer.storage, Sqlite3Writer):
+            self._writer.storage.conn.execute("PRAGMA synchronous = OFF")
+
+    def flush(self) -> None:
+        """Let a killed process lose none of the messages until now.
+
+        Raises:
+            RecordingError: The disk refuses.
+        """
+        try:
+            self._commit()
+        except Exception as error:
+            raise self._failed(error) from error
+
     def _commit(self) -> None:
         """Put sqlite3's pending messages on disk, as the library does only at the end."""
         from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
@@ -168,6 +187,7 @@ class BagWriter:
         try:
             self._writer.close()
             if error is None:
+                _settle(self.partial)
                 os.rename(self.partial, self.path)
                 self._temporary.rmdir()
         except Exception as failure:
@@ -177,6 +197,13 @@ class BagWriter:
             _log.warning("%s: could not be completed: %s", self.partial, failure)
         if error is not None:
             _log.warning("%s: cut short; what was written is in %s", self.path, self.partial)
+
+
+def _settle(folder: Path) -> None:
+    """Wait until the disk has a folder's files."""
+    for path in folder.iterdir():
+        with path.open("rb") as file:
+            os.fsync(file.fileno())
 
 
 def write_bag(

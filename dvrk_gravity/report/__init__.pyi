@@ -1,6 +1,7 @@
 from .arm_drawing import Level as Level
 from .arm_drawing import Remark as Remark
 from .arm_drawing import drawn_arm as drawn_arm
+from .certificate import certificate_page as certificate_page
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png
 from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
@@ -21,6 +22,7 @@ from .html import table as table
 from .identification import identification_page as identification_page
 from .page import page as page
 from .plan_in_terminal import design_text as design_text
+from .plan_in_terminal import separation_text as separation_text
 from .plan_picture import plan_picture as plan_picture
 from .terminal import MOST_WARNINGS as MOST_WARNINGS
 from .terminal import columns as columns

@@ -26,6 +26,7 @@ from dvrk_gravity.report.arm_drawing import Remark, drawn_arm, worst_of
 from dvrk_gravity.report.findings import (
     BETWEEN,
     KNOWN,
+    SEPARATE,
     effect_title,
     parameter_rows,
     size_of,
@@ -82,7 +83,7 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.findings:
         yield "<h2>Findings</h2>"
     for number, finding in enumerate(diagnosis.findings, start=1):
-        yield from _finding(number, finding, arm)
+        yield from _finding(number, finding, diagnosis)
     if diagnosis.payload_check is not None:
         yield f"<p><b>Known payload:</b> {escape(diagnosis.payload_check.sentence)}.</p>"
     if diagnosis.known:
@@ -93,6 +94,7 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     yield _errors(diagnosis)
     if diagnosis.ambiguities:
         yield _ambiguities(diagnosis.ambiguities)
+        yield _separating(next(filter(None, map(diagnosis.separating, diagnosis.ambiguities)), ""))
     warnings = [str(warning) for warning in diagnosis.warnings]
     yield html.folded("Data", html.listed(warnings, "no warnings"))
     yield html.folded("How it was judged", html.listed(diagnosis.notes))
@@ -113,7 +115,8 @@ def _remarks(findings: Sequence[Finding]) -> list[Remark]:
     ]
 
 
-def _finding(number: int, finding: Finding, arm: Arm) -> Iterator[str]:
+def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[str]:
+    arm = diagnosis.model.arm
     where = ", ".join(finding.joints) or "the arm"
     yield f"<h3>{escape(f'{number}. {effect_title(finding.effect)} at {where}')}</h3>"
     yield f"<p>{escape(finding.sentence)}.</p>"
@@ -144,6 +147,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> Iterator[str]:
             f"This data cannot separate it from {len(rejoined)} other possible causes",
             html.table(("effect", "joint", "numbers"), rejoined),
         )
+        yield _separating(diagnosis.separating(finding))
     if finding.rejected:
         tried = [
             (effect_title(r.effect), ", ".join(r.joints) or "the arm", r.place, f"{r.gain:.0f}",
@@ -154,6 +158,11 @@ def _finding(number: int, finding: Finding, arm: Arm) -> Iterator[str]:
             f"Tried in its place, but worse on unseen blocks ({len(tried)})",
             html.table(("effect", "joint", "form", "log-likelihood gain", "behind"), tried),
         )
+
+
+def _separating(command: str) -> str:
+    """Return the command that plans what separates causes, if there is one."""
+    return f"<p>{SEPARATE}: <code>{escape(command)}</code></p>" if command else ""
 
 
 def _known(known: Sequence[Known], against_reference: bool) -> str:

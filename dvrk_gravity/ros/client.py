@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
@@ -30,10 +30,17 @@ class Client:
         states: Texts of each watched node's ``~/state``, by node name.
     """
 
-    def __init__(self, namespace: str = PRIVATE, name: str = "client") -> None:
+    def __init__(
+        self, namespace: str = PRIVATE, name: str = "client", remap: Mapping[str, str] | None = None
+    ) -> None:
+        """Start a node, whose topics of some names are others."""
         self.context = Context()
         rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node(name, namespace=namespace, context=self.context)
+        self.node = Node(
+            name, namespace=namespace, context=self.context,
+            cli_args=[word for pair in (remap or {}).items()
+                      for word in ("--ros-args", "-r", ":=".join(pair), "--")],
+        )  # fmt: skip
         self.states: dict[str, list[str]] = {}
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)

@@ -8,10 +8,12 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.collecting import Path, Watch
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     Following,
@@ -30,18 +32,20 @@ from dvrk_gravity.ros.wire import CommandTopic
 
 __all__ = ["MotionError", "Mover"]
 
-Path = Callable[[float], tuple[Array, Array]]
-
 # Without measured_js for so long the arm is held, s; a console publishes at least every 10 ms.
 TIMEOUT = 0.1
 # A motion advances in one step by so much at most, s: at 90 deg/s that is 2 deg. After a longer
 # pause of ours the arm does not chase a motion that has run away from it.
 LATE = 0.02
 # A motion may be so far ahead of the arm's own clock, s: more than the 10 ms between measurements
-# and their transport. A simulated arm whose machine is too slow has a slow clock.
-AHEAD = 0.05
+# and their transport. A simulated arm whose machine is too slow has a slow clock. After a stand-
+# still of 50 ms a simulated arm is 80 ms behind a set point that is this and LATE ahead: with more
+# an undisturbed joint at 230 deg/s is further behind than Following allows.
+AHEAD = 0.03
 # No other node must have commanded the arm for so long before we do, s.
 LISTEN = 1.0
+# Readings of a rest position at least: a busy machine listens a few times a second. Chosen.
+HEARD = 10
 # After a pause of ours of so long, s, the arm may be somewhere else, or another node may command
 # it: earlier measurements prove nothing.
 ASLEEP = 0.5
@@ -62,14 +66,7 @@ class Mover:
     def __init__(self, client: Client, arm: Arm, rate: float, timeout: float = TIMEOUT) -> None:
         """Connect the topics of ``client``'s namespace; ``rate`` Hz, ``timeout`` s."""
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
-        self._link = ArmLink(
-            client.node,
-            arm,
-            CommandTopic.positions(),
-            on_other=lambda: self._forbid("others", self._link.others.reason()),
-            on_rival=lambda: self._forbid("rivals", self._link.rivals.reason()),
-            on_state=lambda reason: self._forbid("operating_state", reason),
-        )
+        self._link = self._linked(client.node)
         self._gate = InputGate(arm)
         self._following = Following(arm)
         self._awake = time.monotonic()  # when we last received
@@ -77,6 +74,8 @@ class Mover:
         self._against: dict[str, str] = {}  # by cause, why the arm must not be commanded
         self._next_look = 0.0
         self._sink: Callable[[bytes], None] | None = None
+        self._watch: Watch | None = None
+        self._moment = 0.0  # of the last set point, on its path, s
         # (n,) last set point and its velocity, until the arm is held.
         self._commanded: tuple[Array, Array] | None = None
         self.interrupted = False
@@ -96,6 +95,16 @@ class Mover:
     def __exit__(self, *_: object) -> None:
         with self._signals:
             self.hold()
+
+    def _linked(self, node: Node) -> ArmLink:
+        return ArmLink(
+            node,
+            self._arm,
+            CommandTopic.positions(),
+            on_other=lambda: self._forbid("others", self._link.others.reason()),
+            on_rival=lambda: self._forbid("rivals", self._link.rivals.reason()),
+            on_state=lambda reason: self._forbid("operating_state", reason),
+        )
 
     @property
     def topic(self) -> str:
@@ -137,7 +146,7 @@ class Mover:
             )
         heard: list[Array] = []
         end = time.monotonic() + LISTEN
-        while time.monotonic() < end:
+        while time.monotonic() < end or len(heard) < HEARD:
             self._listen_until(time.monotonic() + 1.0 / self._rate)
             self._check()
             heard.append(self._following.position)
@@ -154,19 +163,11 @@ class Mover:
         duration: float,
         record: Callable[[bytes], None] | None = None,
         progress: Callable[[float], None] | None = None,
+        watch: Watch | None = None,
     ) -> float:
-        """Drive the arm along a path; if anything ends that early, hold the arm.
+        """Drive the arm along a path: :meth:`dvrk_gravity.collecting.Driver.follow`.
 
         Where we pause for longer than :data:`LATE`, the motion pauses with us.
-
-        Args:
-            path: Time since its beginning, s, to (n,) position, rad, and (n,) velocity, rad/s.
-            duration: s.
-            record: Receives every measured_js, as CDR bytes, while the arm moves.
-            progress: Receives the completed part, 0 to 1.
-
-        Returns:
-            Excess over ``duration``, s of the arm's clock.
 
         Raises:
             MotionError: The arm does not follow or is not heard, or another node commands it.
@@ -174,7 +175,8 @@ class Mover:
         """
         try:
             self._catch_up()
-            self._sink = record
+            self._begin(path, duration)
+            self._sink, self._watch = record, watch
             return self._stream(path, duration, progress)
         except MotionError as error:
             held = "; sent hold" if self._commanded is not None else ""
@@ -184,7 +186,7 @@ class Mover:
             self.hold()
             raise
         finally:
-            self._sink = None
+            self._sink = self._watch = None
 
     def _stream(
         self, path: Path, duration: float, progress: Callable[[float], None] | None
@@ -192,16 +194,28 @@ class Mover:
         period, moment, first = 1.0 / self._rate, 0.0, self._following.time
         start = last = time.monotonic()
         while moment < duration:
-            self._command(*path(moment))
+            self._moment = moment
+            self._command(*path(moment)[:2])
             if progress is not None:
                 progress(moment / duration)
             # On a grid of instants: the rate does not depend on the duration of one round.
             self._listen_until(start + (int((last - start) / period) + 1) * period)
             now = time.monotonic()
-            moment = min(moment + min(now - last, LATE), self._following.time - first + AHEAD)
+            moment = self._advanced(moment, now - last, self._following.time - first)
             last = now
-        self._command(*path(duration))
+        self._command(*path(duration)[:2])
+        self._finish()
         return self._following.time - first - duration
+
+    def _begin(self, path: Path, duration: float) -> None:
+        """Prepare the arm for a path."""
+
+    def _advanced(self, moment: float, passed: float, of_arm: float) -> float:
+        """Return how far a motion is next, s, after ``passed`` s of ours and ``of_arm`` in all."""
+        return min(moment + min(passed, LATE), of_arm + AHEAD)
+
+    def _finish(self) -> None:
+        """Wait for what ends later than the set points."""
 
     def hold(self) -> None:
         """Hold the arm where it comes to rest, if it was moved.
@@ -306,6 +320,8 @@ class Mover:
         else:
             self._following.add(admitted.sample)
             self._dropped = ""
+            if self._watch is not None and self._commanded is not None:
+                self._watch(admitted.sample, self._moment)
 
     def _forbid(self, cause: str, reason: str) -> None:
         self._against[cause] = reason

@@ -1,0 +1,216 @@
+"""From what a diagnosis could not separate to a plan, and to what the plan is expected to show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import State
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning.design import series_basis
+from dvrk_gravity.planning.fourier import FourierMotion
+from dvrk_gravity.planning.information import ModelKnowledge
+from dvrk_gravity.planning.keeping import Slack, slacks
+from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
+from dvrk_gravity.planning.plan import Plan
+from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.planning.pose_path import PosePath
+from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
+from dvrk_gravity.planning.rivalry import STRONG, Passing, Rivalry, Separation
+from dvrk_gravity.units import pose, quantity
+
+_STATES = 500  # of a motion, at which torques are compared in words
+
+
+@dataclass(frozen=True)
+class SeparationSettings:
+    """Of a search for what separates rivals.
+
+    Attributes:
+        duration: Of the motion, or of all poses at most, s. Chosen: as long as a diagnosis needs to
+            judge a cause, and short enough to record in between.
+        solver: Effort of the search for a motion. Chosen: a fifth of a plan's, for most of what
+            separates is found early. The penalty is softer: the value is a logarithm.
+        candidates: Random poses among which are chosen. Chosen.
+    """
+
+    duration: float = 40.0
+    solver: SolverSettings = field(
+        default_factory=lambda: SolverSettings(
+            draws=60, starts=2, first=15, rounds=4, iterations=20, stiffness=3.0, seconds=60.0
+        )
+    )
+    candidates: int = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Unseparated:
+    """What a diagnosis could not separate.
+
+    Attributes:
+        model: The model that was diagnosed.
+        rivalries: Pairs of explanations; at least one.
+        passing: What they see of states.
+        noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
+        coherent: (n,) standard deviation of an error that looks like a cause in all of a motion,
+            N·m: no duration averages it out.
+        poses: Static poses were diagnosed.
+    """
+
+    model: TorqueModel
+    rivalries: tuple[Rivalry, ...]
+    passing: Passing
+    noise: Array
+    coherent: Array
+    poses: bool = False
+
+    def objective(self, duration: float) -> Separation:
+        """Return what a motion of a duration, s, is expected to separate."""
+        known = self.model.uncertainty
+        uncertain = ModelKnowledge(self.model, known) if known is not None and known.size else None
+        noise = self.noise + self.coherent**2 * duration
+        return Separation(self.model.arm, self.rivalries, self.passing, noise, uncertain)
+
+
+@dataclass(frozen=True)
+class ExpectedEvidence:
+    """What a plan is expected to show of a rivalry.
+
+    Attributes:
+        words: The two in words.
+        again: Log Bayes factor that the diagnosed motion is expected to give if it is recorded
+            again; ``None``: not known.
+        planned: The lesser of those that are expected of the plan, if either is true.
+        why: Why the plan does not separate them; ``""`` if it does.
+    """
+
+    words: str
+    again: float | None
+    planned: float
+    why: str = ""
+
+    @property
+    def separates(self) -> bool:
+        """Whether the evidence is expected to be strong."""
+        return self.planned >= STRONG
+
+
+@dataclass(frozen=True, eq=False)
+class SeparationDesign:
+    """A plan that separates rivals, and what it promises.
+
+    Attributes:
+        plan: The plan.
+        expected: Of each rivalry.
+        slacks: What it leaves of each limit.
+    """
+
+    plan: Plan
+    expected: tuple[ExpectedEvidence, ...]
+    slacks: tuple[Slack, ...]
+
+    @property
+    def separates(self) -> bool:
+        """Whether it is expected to separate any of them."""
+        return any(each.separates for each in self.expected)
+
+
+def design_separation(
+    unseparated: Unseparated,
+    limits: PlanLimits,
+    duration: float | None = None,
+    poses: bool = False,
+    seed: int = 1,
+    settings: SeparationSettings | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> SeparationDesign:
+    """Return the motion, or the poses, expected to separate best what a diagnosis could not.
+
+    Args:
+        unseparated: What that is; :func:`dvrk_gravity.diagnosis.load_unseparated` reads it.
+        limits: What the plan keeps, with the model's efforts.
+        duration: s; of poses the greatest. ``None``: that of the settings.
+        poses: Static poses from both sides, instead of a motion.
+        seed: Of the starts.
+        settings: Of the search.
+        report: Called with the share of the search that is done.
+
+    Raises:
+        PlanError: No motion keeps the limits.
+    """
+    of = settings or SeparationSettings()
+    lasts = of.duration if duration is None else duration
+    model, objective = unseparated.model, unseparated.objective(lasts)
+    motion: FourierMotion | PosePath
+    if poses:
+        motion, gram = _poses(objective, limits, model, lasts, seed, of, report)
+    else:
+        search = MotionSearch(series_basis(lasts), limits, objective, model, seed, of.solver)
+        motion = search.best(report)
+        gram = search.gram(motion)
+    expected = tuple(
+        ExpectedEvidence(rivalry.words, rivalry.again, value,
+                 "" if value >= STRONG else _why(unseparated, rivalry, motion))
+        for rivalry, value in zip(unseparated.rivalries, objective.expected(gram), strict=True)
+    )  # fmt: skip
+    return SeparationDesign(
+        Plan(model.arm, motion, limits), expected, tuple(slacks(motion, limits, model.arm, model))
+    )
+
+
+def _poses(
+    objective: Separation, limits: PlanLimits, model: TorqueModel, duration: float, seed: int,
+    of: SeparationSettings, report: Callable[[float], None],
+) -> tuple[PosePath, Array]:  # fmt: skip
+    """Return poses that are chosen one by one, each the one that adds most, and their G."""
+    settings = replace(PoseSettings(), candidates=of.candidates)
+
+    def grams(poses: Array) -> Array:
+        """Return (N, p, p) G of each pose from both sides."""
+        scale = np.sqrt(settings.reading / objective.noise)[:, None]
+        both = [scale * objective.regressor(stands(poses, sense)) for sense in (1.0, -1.0)]
+        x = np.concatenate(both, axis=1)
+        return np.asarray(x.transpose(0, 2, 1) @ x)
+
+    def choose(poses: Array, count: int, report: Callable[[float], None]) -> list[int]:
+        each, found = grams(poses), list[int]()
+        total = np.zeros(each.shape[1:])
+        for number in range(count):
+            left = [k for k in range(len(poses)) if k not in found]
+            values = [objective.score(total + each[k])[0] for k in left]
+            found.append(left[int(np.argmax(values))])
+            total = total + each[found[-1]]
+            report((number + 1) / count)
+        return found
+
+    path = pose_path(model.arm, limits, duration, model, seed, settings, choose, report)
+    return path, grams(path.poses).sum(axis=0)
+
+
+def _why(unseparated: Unseparated, rivalry: Rivalry, motion: FourierMotion | PosePath) -> str:
+    """Return where both differ most in the best that was found, and what errors are expected."""
+    arm = unseparated.model.arm
+    if isinstance(motion, PosePath):
+        time, state = np.zeros(len(motion.poses)), stands(motion.poses, 1.0)
+    else:
+        time = np.linspace(0.0, motion.duration, _STATES)
+        state = State(*motion.at(time))
+    passed = unseparated.passing(state, time)
+    first, second = (
+        rival.columns(passed) @ rival.theta for rival in (rivalry.first, rivalry.second)
+    )
+    apart = np.abs(first - second)
+    error = np.sqrt(unseparated.coherent**2 + unseparated.noise / motion.duration)
+    where, joint = np.unravel_index(int(np.argmax(apart / error)), apart.shape)
+    unit, most = arm.joints[joint].effort_unit, float(apart[where, joint])
+    least = quantity(float(error[joint]), unit)
+    differ = f"they differ by at most {quantity(most, unit)} on {arm.joint_names[joint]}"
+    if most < float(error[joint]):
+        return f"they are the same torque within the limits: {differ}, and errors are {least}"
+    return (
+        f"{differ}, at {pose(state.q[where], arm.units)}: too little beside errors of {least} and "
+        "what the model and their own sizes are uncertain by"
+    )

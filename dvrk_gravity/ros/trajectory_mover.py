@@ -1,0 +1,204 @@
+"""Moves an arm of ros2_control along a path: one goal for its joint_trajectory_controller."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.collecting import Path
+from dvrk_gravity.compensate import MotionError, Sample, SampleReader
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.mover import TIMEOUT, Mover
+from dvrk_gravity.ros.presence import Presence
+from dvrk_gravity.ros.wire import JointStateReader, Stamp
+
+try:
+    from control_msgs.action import FollowJointTrajectory
+except ImportError:
+    FollowJointTrajectory = None
+
+# Points of a goal are so far apart, s. With positions, velocities and accelerations the controller
+# interpolates by quintics: of 0.6 Hz they are off by 1e-7 of the amplitude; positions alone it
+# would connect by straight lines.
+STEP = 0.05
+# Answers to a goal, its end, and a cancellation take so long at most, s. Chosen.
+PATIENCE = 2.0
+
+
+class _Nobody:
+    """Other nodes' commands: a controller takes one goal at a time, and ends ours for another."""
+
+    command = ""
+
+    def heard_lately(self) -> bool:
+        """Return that none was heard."""
+        return False
+
+    def reason(self) -> str:
+        """Return no reason."""
+        return ""
+
+
+class TrajectoryLink:
+    """The link to an arm whose controller follows goals, with what :class:`Mover` needs of one.
+
+    Attributes:
+        presence: Who measures the arm.
+        further: Joints that the arm does not have do not matter: goals name theirs.
+        others: Nobody can be heard ...
+        rivals: ... but in the end of our goal.
+        hold: Cancels the goal, after which the controller holds its position.
+    """
+
+    def __init__(self, node: Node, arm: Arm, action: str) -> None:
+        """Connect to a server of ``action``.
+
+        Raises:
+            ConfigError: control_msgs is not installed.
+        """
+        if FollowJointTrajectory is None:
+            raise ConfigError(
+                "--action", action, "control_msgs, which is not installed (ros-jazzy-control-msgs)"
+            )
+        self._action = ActionClient(node, FollowJointTrajectory, action)
+        self._name, self._arm = action, arm
+        self.presence = Presence(node, any_subscriber=True)
+        self.further: tuple[str, ...] = ()
+        self.others = self.rivals = _Nobody()
+        self.hold = self
+        self._unpack = JointStateReader().read
+        self._read = SampleReader(
+            arm.joint_names, units=arm.units, gains=arm.drive_gains, arm=arm.name, held=arm.held
+        ).read
+        self.listen: Callable[[], None] = lambda: None
+        self._goal: Any = None
+        self._end: Any = None  # future of its result
+        self._cancelled: Any = None  # future of a cancellation
+
+    def is_connected(self) -> bool:
+        """Return whether the arm measures, and its controller takes goals."""
+        return self.presence.is_there() and bool(self._action.server_is_ready())
+
+    def two_measure(self, info: Mapping[str, Any]) -> str:
+        """Return which nodes measure if several do."""
+        return self.presence.count(info["publication_sequence_number"])
+
+    def read(self, data: bytes) -> tuple[Sample, Stamp]:
+        """Return the sample and the stamp in the bytes of a message."""
+        fields = self._unpack(data)
+        sample = self._read(
+            fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
+        )
+        return sample, fields.stamp
+
+    def publish(self, stamp: Stamp, *values: Any) -> None:
+        """Do nothing: the controller has its goal."""
+
+    def begin(self, path: Path, duration: float) -> None:
+        """Send a path, and return when it is accepted.
+
+        Raises:
+            MotionError: It is not.
+        """
+        goal = FollowJointTrajectory.Goal()
+        goal.trajectory = trajectory(self._arm, path, duration)
+        answer = self._action.send_goal_async(goal)
+        if not self._wait(answer) or not answer.result().accepted:
+            raise MotionError(f"{self._name}: the controller did not accept the trajectory")
+        self._goal = answer.result()
+        self._end = self._goal.get_result_async()
+
+    def finish(self) -> None:
+        """Wait for the end of the goal.
+
+        Raises:
+            MotionError: The controller has not come to its end.
+        """
+        if not self._wait(self._end):
+            raise MotionError(f"{self._name}: the controller does not come to the motion's end")
+        if reason := self.look(True, True)["goal"]:
+            raise MotionError(reason)
+        self._goal = self._end = None
+
+    def look(self, active: bool, measuring: bool) -> dict[str, str]:
+        """Return by cause why the arm must not be commanded; ``""``: it may."""
+        reason = ""
+        if self._end is not None and self._end.done():
+            result = self._end.result().result
+            if result.error_code != FollowJointTrajectory.Result.SUCCESSFUL:
+                why = result.error_string or f"error {result.error_code}"
+                reason = f"{self._name}: the controller has ended the motion: {why}"
+        return {"goal": reason, "measured_js": self.presence.two_measure()}
+
+    def send(self) -> None:
+        """Cancel the goal: the controller then holds its position."""
+        self._cancelled = None
+        if self._goal is not None and not self._end.done():
+            self._cancelled = self._goal.cancel_goal_async()
+        self._goal = self._end = None
+
+    def settle(self) -> bool:
+        """Return whether the cancellation was acknowledged, or none was needed."""
+        return self._cancelled is None or self._wait(self._cancelled)
+
+    def _wait(self, future: Any) -> bool:
+        end = time.monotonic() + PATIENCE
+        while not future.done() and time.monotonic() < end:
+            self.listen()
+        return bool(future.done())
+
+
+class TrajectoryMover(Mover):
+    """Moves an arm by FollowJointTrajectory, watched as :class:`Mover` watches its own set points.
+
+    The controller goes on by itself where this process pauses, or ends: only a cancelled goal, or
+    its end, stops the arm.
+    """
+
+    _link: Any
+
+    def __init__(
+        self, client: Client, arm: Arm, action: str, rate: float, timeout: float = TIMEOUT
+    ) -> None:
+        """Connect ``client``'s topics and an action's name; look ``rate`` times a second."""
+        self._action_name = action
+        super().__init__(client, arm, rate, timeout)
+        self._link.listen = lambda: self._listen_until(time.monotonic() + 1.0 / rate)
+
+    def _linked(self, node: Node) -> Any:
+        return TrajectoryLink(node, self._arm, self._action_name)
+
+    def _begin(self, path: Path, duration: float) -> None:
+        position, velocity, _ = path(0.0)
+        self._command(position, velocity)  # refused where the arm is elsewhere
+        self._link.begin(path, duration)
+
+    def _advanced(self, moment: float, passed: float, of_arm: float) -> float:
+        return of_arm
+
+    def _finish(self) -> None:
+        self._link.finish()
+
+
+def trajectory(arm: Arm, path: Path, duration: float) -> JointTrajectory:
+    """Return a path as points with positions, velocities and accelerations, at rest in the end."""
+    count = max(int(np.ceil(duration / STEP - 1e-9)), 1)
+    times = duration * np.arange(1, count + 1) / count
+    q, qd, qdd = path(times)
+    qd[-1] = qdd[-1] = 0.0
+    points = []
+    for moment, *states in zip(times.tolist(), q, qd, qdd, strict=True):
+        ns = round(moment * 1e9)
+        point = JointTrajectoryPoint(time_from_start=Duration(sec=ns // 10**9, nanosec=ns % 10**9))
+        point.positions, point.velocities, point.accelerations = (each.tolist() for each in states)
+        points.append(point)
+    return JointTrajectory(joint_names=list(arm.joint_names), points=points)

@@ -1,0 +1,348 @@
+"""What separates causes that a diagnosis could not: the evidence expected, the plan, its files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import MODEL_FILE
+
+from dvrk_gravity import effects
+from dvrk_gravity.__main__ import main
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.diagnosis import (
+    Alternative,
+    Contest,
+    Diagnosis,
+    Files,
+    Finding,
+    Gain,
+    PlannedMotion,
+    RivalCause,
+    load_unseparated,
+)
+from dvrk_gravity.effects import Estimate, Hypothesis, State
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import (
+    STRONG,
+    Plan,
+    PlanLimits,
+    Prediction,
+    SeparationDesign,
+    SeparationSettings,
+    SolverSettings,
+    Unseparated,
+    design_separation,
+    divergence,
+)
+from dvrk_gravity.report import diagnosis_page, diagnosis_text
+from dvrk_gravity.simulate import PlantFile
+
+BRIEF = SeparationSettings(
+    duration=12.0, candidates=60,
+    solver=SolverSettings(draws=8, starts=1, first=8, rounds=2, iterations=8, stiffness=3.0),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model() -> TorqueModel:
+    return PlantFile.load("ecm").model
+
+
+def passed(model: TorqueModel, count: int = 300, part: float = 0.02) -> PlannedMotion:
+    """Return a slow motion about the middle of all joints."""
+    lower, upper = model.arm.range
+    time = np.linspace(0.0, 10.0, count)
+    omega = 2.0 * np.pi * np.arange(1, model.arm.n + 1) / 10.0
+    size = part * np.minimum(upper - lower, 1.0)
+    waves = np.sin(np.outer(time, omega)), np.cos(np.outer(time, omega))
+    middle = 0.5 * (lower + upper) + 0.1 * size / part
+    state = State(middle + size * waves[0], size * omega * waves[1], -size * omega**2 * waves[0])
+    return PlannedMotion.of(model, state, time)
+
+
+def cause(motion: PlannedMotion, effect: str, joint: int, theta, spread: float) -> RivalCause:
+    """Return an effect's simplest hypothesis at a joint, as if it had been found."""
+    found = (
+        each
+        for each in effects.named(effect).hypotheses(motion)
+        if each.joints == (joint,) and each.place in ("joint", "degree 1")
+    )
+    hypothesis = min(found, key=lambda each: each.regressor(motion).shape[2])
+    theta = np.resize(np.asarray(theta, float), hypothesis.regressor(motion).shape[2])
+    return RivalCause(hypothesis, theta, spread**2 * np.eye(len(theta)))
+
+
+def contest(model: TorqueModel, *pairs: tuple[RivalCause, RivalCause]) -> Contest:
+    motion = passed(model)
+    left = 0.01 * model.arm.effort_limit
+    return Contest.of(motion, pairs, left)
+
+
+@pytest.fixture(scope="module")
+def unclear(model) -> Contest:
+    """A constant torque, or a spring: in a narrow motion all but the same."""
+    motion = passed(model)
+    limit = float(model.arm.effort_limit[1])
+    spring = cause(motion, "elastic_cable", 1, 0.0, 0.0)
+    # The constant part of the spring's torque is the offset's.
+    spring = replace(spring, theta=np.array([0.1 * limit, 0.01 * limit])[: len(spring.theta)],
+                     covariance=(0.02 * limit) ** 2 * np.eye(len(spring.theta)))  # fmt: skip
+    offset = cause(motion, "torque_offset", 1, 0.1 * limit, 0.02 * limit)
+    return contest(model, (offset, spring))
+
+
+@pytest.fixture(scope="module")
+def design(unclear) -> SeparationDesign:
+    unseparated = unclear.unseparated()
+    return design_separation(unseparated, PlanLimits.of(unseparated.model.arm), settings=BRIEF)
+
+
+def written(contest: Contest, folder: Path, **changes: object) -> Path:
+    """Write a model, and what a diagnosis of it could not separate."""
+    contest.model.save(folder / "model.yaml")
+    entry = {"model": "model.yaml", **contest.to_dict(), **changes}
+    path = folder / "findings.json"
+    path.write_text(json.dumps({"verdict": "ambiguous", "unseparated": entry}))
+    return path
+
+
+# The evidence that is expected.
+def test_the_expected_log_bayes_factor_is_the_divergence_of_the_predictions():
+    random = np.random.default_rng(0)
+    columns = random.normal(size=(40, 7))
+    first, second = np.zeros((7, 5)), np.zeros((7, 5))
+    first[:3, :3] = second[:3, :3] = np.eye(3)
+    first[3:5, 3:], second[5:, 3:] = random.normal(size=(2, 2, 2))
+    apart = np.array([0.0, 0.0, 0.0, 1.0, 2.0, -1.0, 0.5])
+    here, there = (np.eye(40) + (y := columns @ root) @ y.T for root in (first, second))
+    mean, inverse = columns @ apart, np.linalg.inv(there)
+    expected = 0.5 * (
+        np.trace(inverse @ here) - 40 + mean @ inverse @ mean
+        + np.linalg.slogdet(there)[1] - np.linalg.slogdet(here)[1]
+    )  # fmt: skip
+    gram = columns.T @ columns
+
+    def expects(gram):
+        return divergence(gram, Prediction.of(gram, first), Prediction.of(gram, second), apart)
+
+    value, slope = expects(gram)
+    assert value == pytest.approx(expected)
+    way = random.normal(size=(7, 7))
+    way += way.T
+    sides = [expects(gram + sign * 1e-6 * way)[0] for sign in (1, -1)]
+    assert np.sum(slope * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-5)
+
+
+def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(unclear):
+    arm, random = unclear.model.arm, np.random.default_rng(0)
+    limits, weight = PlanLimits.of(arm), np.full(30, 0.3)
+    objective = unclear.unseparated().objective(9.0).over(np.arange(30.0))
+    states = [random.uniform(limits.lower, limits.upper, (30, arm.n))]
+    states += [random.normal(size=(30, arm.n)) * arm.scale for _ in range(2)]
+    _, gradient = objective.gradient(State(*states), weight)
+    way = random.normal(size=states[0].shape) * arm.scale
+    sides = [
+        objective.value(State(states[0] + sign * 1e-6 * way, *states[1:]), weight)
+        for sign in (1.0, -1.0)
+    ]
+    assert np.sum(gradient[0] * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-3)
+
+
+# The plan.
+def test_the_plan_is_expected_to_separate_what_the_diagnosed_motion_does_not(design):
+    (expected,) = design.expected
+    assert expected.again < STRONG
+    assert expected.planned > max(STRONG, 2.0 * expected.again)
+    assert expected.separates
+    assert not expected.why
+    assert all(slack.left >= 0.0 for slack in design.slacks)
+
+
+def test_poses_are_chosen_where_two_springs_differ_at_rest(unclear):
+    unseparated = unclear.unseparated()
+    limits = PlanLimits.of(unseparated.model.arm)
+    design = design_separation(unseparated, limits, 30.0, poses=True, settings=BRIEF)
+    assert design.separates
+    pitch = design.plan.motion.poses[:, 1]
+    assert np.ptp(pitch) > 0.5 * (limits.upper - limits.lower)[1]
+
+
+def test_what_is_the_same_torque_everywhere_is_said_to_be(model):
+    motion = passed(model)
+    offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
+    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
+    unseparated = contest(model, (offset, twin)).unseparated()
+    design = design_separation(unseparated, PlanLimits.of(model.arm), settings=BRIEF)
+    (expected,) = design.expected
+    assert not design.separates
+    assert expected.planned == pytest.approx(0.0, abs=1e-6)
+    assert "the same torque within the limits" in expected.why
+
+
+def test_a_push_that_happened_once_is_not_expected_again(model):
+    motion = passed(model)
+    push = next(
+        RivalCause(hypothesis, np.ones(1), np.eye(1))
+        for hypothesis in effects.named("thermal_drift").hypotheses(motion)
+    )
+    assert push.hypothesis.transient
+    assert not push.rival().columns(motion).any()
+
+
+def test_friction_of_a_joint_without_a_measured_speed_is_finite(model):
+    motion = passed(model)
+    still = replace(motion, qd=np.zeros_like(motion.qd))
+    columns = [
+        each.regressor(still) for each in effects.named("stribeck_friction").hypotheses(still)
+    ]
+    assert columns
+    assert all(np.isfinite(each).all() for each in columns)
+
+
+# Its files.
+def every(motion: PlannedMotion) -> list[Hypothesis]:
+    return [each for effect in effects.effects() for each in effect.hypotheses(motion)]
+
+
+def test_every_cause_that_is_written_is_read_again_with_the_same_torque():
+    model = TorqueModel.load(MODEL_FILE)
+    motion, seen = passed(model, 12, 0.2), set()
+    for hypothesis in every(motion):
+        size = hypothesis.regressor(motion).shape[2]
+        before = RivalCause(hypothesis, np.ones(size), np.eye(size))
+        if not before.known_elsewhere:
+            continue
+        seen.add(hypothesis.effect)
+        entry = json.loads(json.dumps(before.to_dict(), allow_nan=False))
+        after = RivalCause.from_dict(entry, model.arm, "pair")
+        assert after.hypothesis.key == hypothesis.key
+        np.testing.assert_array_equal(
+            after.hypothesis.regressor(motion), hypothesis.regressor(motion), str(hypothesis)
+        )
+    assert {"payload", "elastic_cable", "base_tilt", "joint_offset", "torque_scale"} <= seen
+
+
+def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path):
+    before = unclear.unseparated()
+    after = load_unseparated(written(unclear, tmp_path))
+    assert isinstance(after, Unseparated)
+    assert [each.words for each in after.rivalries] == [each.words for each in before.rivalries]
+    assert after.rivalries[0].again == pytest.approx(before.rivalries[0].again)
+    motion = passed(before.model)
+    for rivals in zip(after.rivalries, before.rivalries, strict=True):
+        columns = [each.second.columns(motion) @ each.second.theta for each in rivals]
+        np.testing.assert_allclose(*columns)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"pairs": []}, "this diagnosis is clear"),
+        ({"model": None}, "a model's file, or --model"),
+        ({"model": "gone.yaml"}, "a file that is there, or --model"),
+        ({"joints": ["yaw"]}, "those of ecm's model"),
+        ({"noise": [1.0, 1.0, -1.0, 1.0]}, "variances above 0"),
+        ({"coherent": "none"}, "4 finite numbers"),
+        ({"pairs": [{"between": [{"effect": "magic"}, {}]}]}, "as `diagnose` of this version"),
+        ({"pairs": [{}]}, "two causes"),
+    ],
+)
+def test_findings_that_say_too_little_are_refused_by_name(unclear, tmp_path, changes, words):
+    path = written(unclear, tmp_path, **changes)
+    with pytest.raises(ConfigError) as caught:
+        load_unseparated(path)
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_findings_of_an_earlier_version_and_other_files_are_refused(tmp_path):
+    path = tmp_path / "findings.json"
+    path.write_text('{"verdict": "ambiguous"}')
+    with pytest.raises(ConfigError, match="a diagnosis with this version"):
+        load_unseparated(path)
+    path.write_text("{}")
+    with pytest.raises(ConfigError, match=r"findings\.json of `diagnose`"):
+        load_unseparated(path)
+
+
+# The verbs.
+def test_the_verb_plans_prints_the_evidence_and_writes_plan_and_picture(unclear, tmp_path, capsys):
+    findings, out = written(unclear, tmp_path), tmp_path / "separate.yaml"
+    words = ["--separate", str(findings), "--duration", "12", "--time", "1", "--out", str(out)]
+    assert main(["plan", *words]) == 0
+    printed = capsys.readouterr().out
+    assert "torque_offset at pitch or elastic_cable at pitch" in printed
+    assert "diagnosed" in printed
+    assert "used" in printed
+    assert Plan.load(out).duration == pytest.approx(12.0)
+    assert out.with_suffix(".png").exists()
+
+
+def test_what_no_motion_separates_ends_with_status_1_and_says_why(model, tmp_path, capsys):
+    motion = passed(model)
+    offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
+    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
+    same = contest(model, (offset, twin))
+    words = ["--separate", str(written(same, tmp_path)), "--duration", "8", "--time", "1"]
+    assert main(["plan", *words, "--out", str(tmp_path / "separate.yaml")]) == 1
+    printed = capsys.readouterr().out
+    assert "no motion was found within the limits that is expected to separate them" in printed
+    assert "they are the same torque within the limits" in printed
+
+
+@pytest.mark.parametrize("words", [(), ("--arm", "ecm", "--separate", "findings.json")])
+def test_the_arm_or_the_findings_are_required(tmp_path, capsys, words):
+    assert main(["plan", *words, "--out", str(tmp_path / "plan.yaml")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "an arm, or --separate with findings.json" in line
+
+
+def found(contest: Contest) -> Diagnosis:
+    pair, names = contest.pairs[0], contest.model.arm.joint_names
+    finding = Finding(
+        "torque_offset", ("pitch",), "joint", {"offset": Estimate(1.0, 0.5, 1.5, "N·m")},
+        Gain(0.4, 0.3, 0.5, 1e-9), (Alternative("elastic_cable", ("pitch",), "as well"),),
+        (), "pitch has an offset", None, "", rivals=(pair.first, pair.second),
+    )  # fmt: skip
+    level = dict.fromkeys(names, 0.1)
+    return Diagnosis(
+        "ambiguous", (finding,), (), level, level, level, level, "nothing", 100, 30, (), (), (),
+        contest.model, band=8.0, contest=contest,
+        files=Files.of(Path("out dir/findings.json"), Path("models/model.yaml")),
+    )  # fmt: skip
+
+
+def test_terminal_file_and_page_name_the_command_that_plans_what_separates(unclear):
+    diagnosis = found(unclear)
+    command = "dvrk_gravity plan --separate 'out dir/findings.json' --out 'out dir/separate.yaml'"
+    assert f"to separate them: {command}" in list(diagnosis_text(diagnosis))
+    content = json.loads(diagnosis.to_json())
+    assert content["next"] == content["findings"][0]["next"] == command
+    assert content["unseparated"]["model"] == "../models/model.yaml"
+    assert "dvrk_gravity plan --separate" in diagnosis_page(diagnosis, ["run.csv"])
+
+
+def test_a_clear_diagnosis_and_one_beside_a_reference_name_no_command(unclear):
+    diagnosis = replace(found(unclear), contest=None)
+    assert json.loads(diagnosis.to_json())["next"] is None
+    assert "plan --separate" not in "\n".join(diagnosis_text(diagnosis))
+    motion = passed(unclear.model)
+    beside = replace(motion, reference=np.zeros_like(motion.q))
+    assert Contest.of(beside, [found(unclear).findings[0].rivals], unclear.noise).pairs == ()
+
+
+def test_static_poses_are_separated_by_poses(unclear):
+    diagnosis = found(replace(unclear, poses=True))
+    assert " --poses " in diagnosis.separated_by
+
+
+def test_an_arm_of_another_file_is_refused(unclear, tmp_path):
+    path = written(unclear, tmp_path)
+    with pytest.raises(ConfigError, match=r"unseparated\.joints"):
+        load_unseparated(path, MODEL_FILE)
+    assert Arm.load("ecm").n == len(load_unseparated(path).model.arm.joint_names)

@@ -1,0 +1,183 @@
+"""An arm of ros2_control, moved by goals: a stand-in for its action server, in this process.
+
+The messages of the action (control_msgs) are no wheel; where they are missing, their stand-ins have
+the same fields.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_excite import POSE, FakeArm, fake
+
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.compensate import MotionError
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.planning import PlanLimits, Straight
+
+__all__ = ["fake"]  # a fixture
+
+ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
+
+
+class Future:
+    """Done from a moment on."""
+
+    def __init__(self, result: Any, after: float = 0.0) -> None:
+        self._result, self.at = result, time.monotonic() + after
+
+    def done(self) -> bool:
+        return time.monotonic() >= self.at
+
+    def result(self) -> Any:
+        return self._result
+
+
+class Controller:
+    """Follows a goal from its acceptance on."""
+
+    def __init__(self, arm: FakeArm) -> None:
+        self.arm, self.goals, self.cancelled, self.accepts = arm, [], 0, True
+        self.end = Future(SimpleNamespace(result=SimpleNamespace(error_code=0, error_string="")))
+        self.speak = arm.speak
+        arm.speak_timer.cancel()
+        arm.client.node.create_timer(0.01, self.step)
+        self.began = None
+
+    def __call__(self, node: Any, kind: Any, name: str) -> Controller:
+        assert name == ACTION
+        return self
+
+    def server_is_ready(self) -> bool:
+        return True
+
+    def send_goal_async(self, goal: Any) -> Future:
+        points = goal.trajectory.points
+        self.goals.append(goal.trajectory)
+        self.times = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points]
+        self.way = np.array([p.positions for p in points])
+        self.began = time.monotonic()
+        self.end = Future(self.end.result(), self.times[-1] + 0.05)
+        return Future(SimpleNamespace(
+            accepted=self.accepts, get_result_async=lambda: self.end,
+            cancel_goal_async=self.cancel_goal_async,
+        ))  # fmt: skip
+
+    def cancel_goal_async(self) -> Future:
+        self.cancelled += 1
+        self.began = None
+        return Future(None)
+
+    def step(self) -> None:
+        if self.began is not None and self.arm.follows:
+            now = time.monotonic() - self.began
+            self.arm.position = np.array(
+                [np.interp(now, self.times, joint) for joint in self.way.T]
+            )
+        self.speak()
+
+
+@pytest.fixture
+def controller(fake: FakeArm, monkeypatch: pytest.MonkeyPatch) -> Controller:
+    from dvrk_gravity.ros import trajectory_mover
+
+    made = Controller(fake)
+    action = SimpleNamespace(Goal=SimpleNamespace, Result=SimpleNamespace(SUCCESSFUL=0))
+    monkeypatch.setattr(trajectory_mover, "FollowJointTrajectory", action)
+    monkeypatch.setattr(trajectory_mover, "ActionClient", made)
+    return made
+
+
+@contextlib.contextmanager
+def moved() -> Iterator[tuple[Any, Straight]]:
+    from dvrk_gravity.ros import Client, TrajectoryMover
+
+    arm = Arm.load("mtmr")
+    path = Straight.within(POSE, POSE + 0.3, PlanLimits.of(arm), 0.5)
+    with (
+        Client(name="collect") as client,
+        TrajectoryMover(client, arm, ACTION, 200.0, 0.3) as mover,
+    ):
+        yield mover, path
+
+
+def test_a_path_is_one_goal_with_positions_velocities_and_accelerations(
+    controller: Controller, fake: FakeArm
+) -> None:
+    recorded: list[bytes] = []
+    with moved() as (mover, path):
+        np.testing.assert_allclose(mover.connect(), POSE)
+        mover.follow(path.at, path.duration, recorded.append)
+    (goal,) = controller.goals
+    assert tuple(goal.joint_names) == JOINT_NAMES
+    for point, moment in zip(goal.points, controller.times, strict=True):
+        q, qd, qdd = path.at(moment)
+        np.testing.assert_allclose(point.positions, q)
+        np.testing.assert_allclose(point.velocities, qd, atol=1e-9)
+        np.testing.assert_allclose(point.accelerations[:7], qdd, atol=1e-6)
+    assert set(goal.points[-1].velocities) == {0.0}
+    assert np.diff([0.0, *controller.times]).max() <= 0.05 + 1e-9
+    assert len(recorded) > 50
+    np.testing.assert_allclose(fake.position, POSE + 0.3, atol=1e-3)
+    assert not controller.cancelled  # it came to its end
+    assert not fake.told
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("stuck", "from its set point"),
+        ("silent", "no valid measured_js for 0.3 s"),
+        ("ended", "the controller has ended the motion: path tolerance"),
+        ("watched", "a hand"),
+    ],
+)
+def test_what_goes_wrong_cancels_the_goal(
+    controller: Controller, fake: FakeArm, what: str, says: str
+) -> None:
+    def watch(sample: Any, moment: float) -> None:
+        if what == "watched" and moment > 0.3:
+            raise MotionError("a hand")
+
+    def fail() -> None:
+        timer.cancel()
+        if what == "stuck":
+            fake.follows = False
+        elif what == "silent":
+            fake.speaks = False
+        elif what == "ended":
+            result = SimpleNamespace(error_code=-4, error_string="path tolerance")
+            controller.end.__init__(SimpleNamespace(result=result))  # type: ignore[misc]
+
+    with moved() as (mover, path):
+        mover.connect()
+        timer = fake.client.node.create_timer(0.3, fail)
+        with pytest.raises(
+            MotionError, match=f"{says}.*; sent hold".replace("measured_js", r"\S+")
+        ):
+            mover.follow(path.at, path.duration, watch=watch)
+    assert controller.cancelled == (what != "ended")
+
+
+def test_a_goal_that_is_not_accepted_moves_nothing(controller: Controller) -> None:
+    controller.accepts = False
+    with moved() as (mover, path):
+        mover.connect()
+        with pytest.raises(MotionError, match="did not accept the trajectory"):
+            mover.follow(path.at, path.duration)
+
+
+def test_without_its_messages_the_error_says_what_to_install(
+    fake: FakeArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dvrk_gravity.ros import trajectory_mover
+
+    monkeypatch.setattr(trajectory_mover, "FollowJointTrajectory", None)
+    with pytest.raises(ConfigError, match=r"--action: got .* expected control_msgs"), moved():
+        pass
