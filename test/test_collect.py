@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -492,6 +493,36 @@ def test_collect_and_teach_by_their_commands(
     limits = load_limits("limits.yaml", Arm.load("ecm"))
     shown = Recording.load("bag").position
     assert (limits.lower >= shown.min(axis=0) - 1e-3).all()
+
+
+@pytest.mark.parametrize(
+    ("answers", "status", "asked"),
+    [("n\n", 2, 1), ("\n", 2, 1), ("y\nn\n", 2, 2), ("y\nYES\n", 0, 2)],
+)
+def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    answers: str,
+    status: int,
+    asked: int,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = plan_of("ecm")
+    short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
+    replace(plan, motion=short).save("plan.yaml")
+    person, terminal = os.openpty()
+    os.write(person, answers.encode())
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        words = ["plan.yaml", "--out", "bag", "--simulated"]
+        assert run("dvrk_gravity.cli.collect", words) == status
+    os.close(person)
+    said = capsys.readouterr()
+    assert said.out.count("[y/N]") == asked
+    assert ("no consent" in said.err) == (status == 2)
+    assert ("rehearsal: 5 s" in said.out) == (asked == 2)
+    assert ("motion, recorded" in said.out) == (status == 0)
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,8 @@ class Collector:
 
     def __init__(self, folder: Path, *words: str, before: Callable[[], None] | None = None) -> None:
         command = [sys.executable, "-m", "dvrk_gravity", "collect", "plan.yaml", "--out", "bag"]
-        command += ["--namespace", PRIVATE, "--timeout", "0.3", "--yes", *words]
+        command += ["--namespace", PRIVATE, "--timeout", "0.3", "--rate", "50"]
+        command += ["--yes", *words]
         self.process = subprocess.Popen(
             command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE, text=True, preexec_fn=before,
