@@ -7,9 +7,7 @@ from docutils.parsers import rst
 from sphinx.ext.napoleon import Config, GoogleDocstring
 
 SECTIONS = [("Class attributes", "params_style")]
-CONFIG = Config(
-    napoleon_use_ivar=True, napoleon_use_rtype=False, napoleon_custom_sections=SECTIONS
-)
+CONFIG = Config(napoleon_use_ivar=True, napoleon_use_rtype=False, napoleon_custom_sections=SECTIONS)
 
 
 class Parser(rst.Parser):

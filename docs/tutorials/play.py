@@ -73,6 +73,9 @@ def play(page: Path, folder: Path, shorter: Mapping[str, str] | None = None) -> 
             raise ValueError(f"{page.name} has no {before!r}")
         text = text.replace(before, after)
     folder.mkdir(parents=True, exist_ok=True)
+    if "PYTHONPATH" in os.environ:  # of nodes, which start in that folder
+        paths = os.environ["PYTHONPATH"].split(os.pathsep)
+        os.environ["PYTHONPATH"] = os.pathsep.join(map(os.path.abspath, paths))
     for linked in _LINKED.findall(text):
         shutil.copy(page.parent / linked, folder)
     names: dict[str, object] = {"__name__": page.stem}
