@@ -28,5 +28,6 @@ autodoc2_index_template = None
 
 html_theme = "furo"
 html_title = f"dvrk_gravity {version}"
-html_static_path: list[str] = []
-html_show_sphinx = False
+html_static_path = ["sphinx_parts/static"]
+html_css_files = ["site.css"]
+html_show_sphinx = html_show_copyright = html_show_sourcelink = html_copy_source = False

@@ -123,15 +123,15 @@ def _hypotheses(effect: type[Effect]) -> Iterator[type[Hypothesis]]:
 
 # From what a user starts down to what everything rests on; each band imports only those below.
 BANDS = (
-    ("what one starts", ("cli", "ros")),
-    ("what one reads", ("report",)),
-    ("what is found wrong, and what is done", ("diagnosis", "compensate")),
-    ("arms to try things on, other programs", ("simulate", "exports")),
-    ("motions that teach", ("planning",)),
+    ("commands and nodes", ("cli", "ros")),
+    ("what a user reads", ("report",)),
+    ("what is found, what is commanded", ("diagnosis", "compensate")),
+    ("simulated arms, other formats", ("simulate", "exports")),
+    ("motions to identify from", ("planning",)),
     ("from recordings to models", ("identification", "intake", "estimation")),
-    ("what comes in", ("recording", "console")),
+    ("what is read", ("recording", "console")),
     ("torque", ("model", "effects")),
-    ("arms", ("arms", "newton_euler", "parameters")),
+    ("kinematics, parameters", ("arms", "newton_euler", "parameters")),
     ("files", ("files",)),
 )
 _WIDTH, _BAND, _LABEL = 760, 46, 270

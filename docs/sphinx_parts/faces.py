@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
+import autodoc2.astroid_utils
 from autodoc2.render.myst_ import MystRenderer
 from autodoc2.sphinx.utils import get_all_analyser, get_database, load_config
 from docutils import nodes
@@ -24,6 +26,15 @@ def public_names(room: str) -> dict[str, str]:
     statements = ast.parse((PACKAGE / room / "__init__.pyi").read_text(encoding="utf-8")).body
     imports = [each for each in statements if isinstance(each, ast.ImportFrom)]
     return {alias.name: each.module or "" for each in imports for alias in each.names}
+
+
+def is_property(decorator: Any) -> bool:
+    """Count a cached property as a property, which autodoc2 does not."""
+    return decorator.name == "cached_property" or _is_property(decorator)
+
+
+_is_property = autodoc2.astroid_utils.is_property_decorator
+autodoc2.astroid_utils.is_property_decorator = is_property
 
 
 class Face(SphinxDirective):
