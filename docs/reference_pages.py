@@ -121,7 +121,7 @@ def _hypotheses(effect: type[Effect]) -> Iterator[type[Hypothesis]]:
             yield each
 
 
-# From what a user starts down to what everything rests on; each band imports only those below.
+# From what a user starts down to what everything rests on: a band imports none above it.
 BANDS = (
     ("commands and nodes", ("cli", "ros")),
     ("what a user reads", ("report",)),
@@ -138,7 +138,7 @@ _WIDTH, _BAND, _LABEL = 760, 46, 270
 
 
 def rooms_picture() -> str:
-    """Return the rooms of the package as an SVG, each band resting on those below.
+    """Return the rooms of the package as an SVG, each band above those that it imports.
 
     Raises:
         ValueError: A room has no place in the picture, or a place has no room.
@@ -151,7 +151,7 @@ def rooms_picture() -> str:
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" '
         'font-family="system-ui, sans-serif" font-size="14" role="img">',
-        "<title>The rooms of dvrk_gravity: each imports only those below</title>",
+        "<title>The rooms of dvrk_gravity: none imports those above it</title>",
         f'<rect width="{_WIDTH}" height="{height}" rx="8" fill="#fbfcfe"/>',
     ]
     for row, (label, rooms) in enumerate(BANDS):

@@ -21,6 +21,21 @@ from sphinx.util.docutils import SphinxDirective
 PACKAGE = Path(__file__).resolve().parents[2] / "dvrk_gravity"
 
 
+PAGE = """\
+# dvrk_gravity.{room}
+
+```{{py:module}} dvrk_gravity.{room}
+```
+
+```{{autodoc2-docstring}} dvrk_gravity.{room}
+:parser: google_docstrings
+```
+
+```{{face}} {room}
+```
+"""
+
+
 def public_names(room: str) -> dict[str, str]:
     """Return in which module each name of a room's face is defined, as its stub has it."""
     statements = ast.parse((PACKAGE / room / "__init__.pyi").read_text(encoding="utf-8")).body
@@ -55,7 +70,7 @@ class Face(SphinxDirective):
             else:
                 title = {"function": "Functions", "data": "Values"}.get(item["type"], "Classes")
                 rendered[title] += renderer.render_item(item["full_name"])
-        lines = [f"```{{autodoc2-docstring}} {room}", ":parser: google_docstrings", "```", ""]
+        lines: list[str] = []
         for title, items in rendered.items():
             lines += [f"## {title}", "", *items] if items else []
         self.env.ref_context["py:module"] = room
@@ -72,7 +87,7 @@ def write_pages(app: Sphinx, _: object) -> None:
     rooms = sorted(stub.parent.name for stub in PACKAGE.glob("*/__init__.pyi"))
     for room in rooms:
         page = folder / f"{room}.md"
-        text = f"# dvrk_gravity.{room}\n\n```{{face}} {room}\n```\n"
+        text = PAGE.format(room=room)
         if not page.exists() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")
     for page in folder.glob("*.md"):
