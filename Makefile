@@ -14,10 +14,11 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: bench demo docs peers story test trials trials-real sensitivity lint lock clean help
+.PHONY: bench calibrate-demo demo docs peers story test trials trials-real sensitivity lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
+	@echo "make calibrate-demo  from a simulated arm to a model with a certificate, three minutes (out/calibrate)"
 	@echo "make test    the test suite, three workers (WORKERS=2 for less)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
@@ -48,6 +49,12 @@ demo: install/.done
 # By the shell, and not by make, which takes a path with a blank for two.
 ARM ?= mtmr
 export ARM
+
+# Anew each time; without `rm`, it would go on with the last one.
+calibrate-demo: install/.done
+	@rm -rf out/calibrate; mkdir -p out
+	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity calibrate --arm mtmr --simulated --out out/calibrate \
+	  --time 15 --duration 30 --no-rehearsal
 
 # Hundreds of processes are started: bytecode that is kept spares each of them the compiler.
 test: install/.done

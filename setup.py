@@ -9,8 +9,8 @@ NAME = "dvrk_gravity"
 
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = (
-    "compensator", "simulator", "watchdog", "plan", "excite", "replay", "convert", "identify",
-    "evaluate", "diagnose", "demo", "newton-euler",
+    "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
+    "convert", "identify", "evaluate", "diagnose", "demo", "newton-euler",
 )  # fmt: skip
 
 VERSION = re.search(r'__version__ = "(.+)"', Path(NAME, "__init__.py").read_text())[1]

@@ -35,11 +35,13 @@ VERBS: dict[str, tuple[str, str]] = {
     "watchdog": ("dvrk_gravity.ros.verbs:WatchdogVerb", "node: hold the arm when commands stop"),
     "convert": ("dvrk_gravity.cli.convert", "console JSON <-> model, CSV <-> rosbag2"),
     "plan": ("dvrk_gravity.cli.plan", "the motion that would teach most, within limits"),
+    "collect": ("dvrk_gravity.cli.collect", "move an arm along a plan, and record it"),
     "excite": ("dvrk_gravity.cli.excite", "move an arm for identification, and record it"),
     "replay": ("dvrk_gravity.cli.replay", "play a bag into the real node, and check its answers"),
     "identify": ("dvrk_gravity.cli.identify", "recordings -> torque model"),
     "evaluate": ("dvrk_gravity.cli.evaluate", "error of a model on recordings"),
     "diagnose": ("dvrk_gravity.cli.diagnose", "what a model gets wrong, with evidence"),
+    "calibrate": ("dvrk_gravity.cli.calibrate", "from an arm to a certified model"),
     "demo": ("dvrk_gravity.cli.demo", "everything in simulation: fall, float, push, kill"),
     "newton-euler": (
         "dvrk_gravity.cli.newton_euler",

@@ -204,6 +204,7 @@ class FakeArm:
         self.told: list[np.ndarray] = []
         self.holds = 0
         self.slow = 1.0
+        self.effort: list[float] = []
         node = self.client.node
         self.message = JointState
         self.measured = node.create_publisher(JointState, "measured_js", 100)
@@ -223,6 +224,7 @@ class FakeArm:
     def speak(self) -> None:
         if self.speaks:
             message = self.message(name=JOINT_NAMES, position=self.position.tolist())
+            message.effort = self.effort
             message.header.stamp = self.stamp()
             self.measured.publish(message)
 

@@ -23,7 +23,7 @@ ROOMS = (
     "faces", "arrays", "errors", "validation", "units", "files", "parameters", "arms",
     "parameters.nodes", "gravity", "newton_euler", "effects", "model", "console", "recording",
     "estimation", "intake", "identification", "planning", "simulate", "exports", "compensate",
-    "diagnosis", "report", "ros", "cli",
+    "collecting", "diagnosis", "calibration", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}

@@ -26,7 +26,7 @@ from testing.world import COARSE, World
 EXECUTABLES = executables()
 NODES = sorted(verb for verb, (name, _) in VERBS.items() if name.startswith("dvrk_gravity.ros."))
 # These drive an arm for minutes; the demonstration is started in a test of its own.
-DRIVE_AN_ARM = {"demo", "excite"}
+DRIVE_AN_ARM = {"calibrate", "collect", "demo", "excite"}
 # What keeps an example short: the search among all effects takes most of an identification.
 QUICK = {
     "identify": ["--terms", "coulomb_friction,viscous_friction"],

@@ -18,6 +18,7 @@ from dvrk_gravity.files import outputs
 from dvrk_gravity.model import TorqueModel
 
 # Nodes write nothing.
+MAKE_FOLDERS = ("calibrate", "demo", "diagnose")  # with theirs
 WITHOUT_OUTPUT = {"compensator", "simulator", "watchdog"}
 
 
@@ -93,6 +94,18 @@ USES = {
     ),
     "plan's motion": Use(
         "plan", "--arm {a.yaml} --out {o.yaml} --csv {out}", ("a.yaml",), ("o.yaml", "o.png")
+    ),
+    "collect's bag": Use(
+        "collect", "{p.yaml} --model {m.yaml} --limits {l.yaml} --out {out}",
+        ("p.yaml", "m.yaml", "l.yaml"),
+    ),
+    "collect's limits": Use(
+        "collect", "--arm {a.yaml} --from {r.csv} --teach {out}", ("a.yaml", "r.csv"),
+        suffix=".yaml",
+    ),
+    "calibrate's folder": Use(
+        "calibrate", "--arm {a.yaml} --limits {l.yaml} --simulated --out {out}",
+        ("a.yaml", "l.yaml"),
     ),
     "excite's bag": Use("excite", "--arm {a.yaml} --out {out}", ("a.yaml",)),
     "newton-euler's JSON": Use("newton-euler", "{n.yaml} --json {out}", ("n.yaml",)),
@@ -290,7 +303,7 @@ def test_nothing_is_written_if_it_cannot_be_told_what_an_input_names(tmp_path, a
     outputs.require_unread("path", tmp_path / "new.yaml", file)
 
 
-@uses(lambda use: not use.below and use.verb not in ("demo", "diagnose"))  # they make theirs
+@uses(lambda use: not use.below and use.verb not in MAKE_FOLDERS)
 def test_an_output_in_no_folder_is_refused_before_the_work(case, capsys):
     line = case.refuses(capsys, case.folder / "none" / f"o{case.use.suffix}")
     assert "an existing folder" in line

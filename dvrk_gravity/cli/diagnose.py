@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from dvrk_gravity import command_line
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         0, or 1 if the recordings are of the other arm than the model.
     """
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.diagnosis import arm_for, diagnose
+    from dvrk_gravity.diagnosis import Files, arm_for, diagnose
     from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
     from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text
@@ -101,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
     except ConfigError as error:
         of_model = args.model is not None and not error.field.startswith("--")
         raise error.in_file(args.model) if of_model else error from None
+    diagnosis = replace(diagnosis, files=Files.of(out / FINDINGS, args.model))
     out.mkdir(parents=True, exist_ok=True)
     text_file.write(out / FINDINGS, diagnosis.to_json())
     base = f"Given model: {args.model}" if args.model else f"Changes against {args.reference}"

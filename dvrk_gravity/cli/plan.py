@@ -1,41 +1,61 @@
-"""Plan the motion that would teach most about an arm, within its limits."""
+"""Plan the motion that would teach most about an arm, or that separates causes, within limits."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
+if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.planning import Plan, PlanLimits
+
 NAME = "plan"
-EXAMPLE = "python -m dvrk_gravity plan --arm mtmr --out plan.yaml"
+EXAMPLE = (
+    "python -m dvrk_gravity plan --arm mtmr --out plan.yaml\n"
+    "         python -m dvrk_gravity plan --separate out/findings.json --out separate.yaml"
+)
 
 DURATIONS = (8.0, 600.0)  # s; as excite's
 SECONDS = 100.0  # s; the same seed makes the same plan unless they run out
-POSES_LAST, LONGEST_POSES = 600.0, 7200.0  # s
+# s, by whether causes are to be separated, and whether by poses; see SeparationSettings
+DEFAULTS = {
+    (False, False): 60.0, (False, True): 600.0, (True, False): 40.0, (True, True): 120.0,
+}  # fmt: skip
+LONGEST_POSES = 7200.0  # s
 TIMES = (1.0, 3600.0)  # s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--arm", required=True, help=options.arms())
+    parser.add_argument("--arm", help=f"{options.arms()}; without --separate")
+    parser.add_argument("--separate", type=Path, metavar="FINDINGS",
+                        help="findings.json of a diagnosis: plan what separates the causes that "
+                        "it could not")  # fmt: skip
     parser.add_argument("--out", type=Path, required=True,
                         help="plan .yaml to write; its picture is written beside it, as "
                         ".png")  # fmt: skip
     parser.add_argument("--model", type=Path,
                         help="model .yaml of the arm: what it knows is not measured again, and "
-                        "its efforts stay within limits")  # fmt: skip
+                        "its efforts stay within limits; with --separate, the one that was "
+                        "diagnosed (default: the file that the findings name)")  # fmt: skip
     parser.add_argument("--limits", type=Path,
                         help="limits .yaml: of joints, combinations of joints, and boxes to stay "
                         "out of (default: the arm's)")  # fmt: skip
     parser.add_argument("--duration", type=float, metavar="S",
-                        help="duration of the motion, s (default: 60)")  # fmt: skip
+                        help="duration of the motion, s (default: 60; with --separate "
+                        "40)")  # fmt: skip
     parser.add_argument("--poses", action="store_true",
                         help="slow poses, each from both sides, for a static calibration, instead "
-                        "of a motion; --duration is the greatest (default: 600)")  # fmt: skip
+                        "of a motion; --duration is the greatest (default: 600; with --separate "
+                        "120)")  # fmt: skip
     parser.add_argument("--csv", type=Path, metavar="FILE",
                         help="file for positions and velocities at 1 kHz")  # fmt: skip
     parser.add_argument("--time", type=float, default=SECONDS, metavar="S",
@@ -45,29 +65,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Search, write the plan, its picture and the CSV, and print what it promises."""
+    """Search, write the plan, its picture and the CSV, and print what it promises.
+
+    Returns:
+        0, or 1 if no motion is expected to separate any of the causes.
+    """
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.planning import (
-        PlanLimits,
-        SolverSettings,
-        design_motion,
-        design_poses,
-        load_limits,
-        require_arm,
-        series_basis,
-    )
-    from dvrk_gravity.report import design_text, plan_picture
+    from dvrk_gravity.planning import PlanLimits, load_limits
+    from dvrk_gravity.report import plan_picture
 
     if not arguments.out.name:
         raise ConfigError("--out", str(arguments.out), "a .yaml file for the plan")
+    separate = arguments.separate
+    if (arguments.arm is None) == (separate is None):
+        raise ConfigError("--arm", arguments.arm, "an arm, or --separate with findings.json")
     picture = arguments.out.with_suffix(".png")
     outputs.check(
         {"--out": arguments.out, "--out, its picture": picture, "--csv": arguments.csv},
-        [Arm.file(arguments.arm), arguments.model, arguments.limits],
-    )
+        [
+            *([] if arguments.arm is None else [Arm.file(arguments.arm)]),
+            separate, arguments.model, arguments.limits,
+        ],
+    )  # fmt: skip
     if arguments.duration is None:
-        arguments.duration = POSES_LAST if arguments.poses else 60.0
+        arguments.duration = DEFAULTS[separate is not None, arguments.poses]
     longest = LONGEST_POSES if arguments.poses else DURATIONS[1]
     bounds = (("duration", (DURATIONS[0], longest)), ("time", TIMES))
     for name, (least, most) in bounds:
@@ -75,6 +96,40 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
     if arguments.seed < 0:
         raise ConfigError("--seed", arguments.seed, "0 or more")
+
+    def limits_of(arm: Arm) -> PlanLimits:
+        given = arguments.limits
+        return PlanLimits.of(arm) if given is None else load_limits(given, arm)
+
+    plan, lines, enough = (_separating if separate else _informative)(arguments, limits_of)
+    about = arguments.arm or separate
+    plan.save(arguments.out, f"Planned by dvrk_gravity for {about}.")
+    text_file.write_bytes(picture, plan_picture(plan))
+    written = f"{arguments.out}, {picture}"
+    if arguments.csv is not None:
+        plan.write_csv(arguments.csv)
+        written += f", {arguments.csv}"
+    for line in lines:
+        print(line)
+    print(f"written: {written}")
+    return 0 if enough else 1
+
+
+def _informative(
+    arguments: argparse.Namespace, limits_of: Callable[[Arm], PlanLimits]
+) -> tuple[Plan, Iterable[str], bool]:
+    """Plan what teaches most."""
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.planning import (
+        SolverSettings,
+        design_motion,
+        design_poses,
+        require_arm,
+        series_basis,
+    )
+    from dvrk_gravity.report import design_text
+
     arm = Arm.load(arguments.arm)
     model = None
     if arguments.model is not None:
@@ -82,8 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
         require_arm(model, arm, str(arguments.model))
         model = model.physical()
         arm = model.arm
-    given = arguments.limits
-    limits = PlanLimits.of(arm) if given is None else load_limits(given, arm)
+    limits = limits_of(arm)
     with command_line.Progress(NAME, 1.0) as progress:
         if arguments.poses:
             design = design_poses(
@@ -94,13 +148,25 @@ def run(arguments: argparse.Namespace) -> int:
                 arm, limits, series_basis(arguments.duration), model, arguments.seed,
                 SolverSettings(seconds=arguments.time), progress.update,
             )  # fmt: skip
-    design.plan.save(arguments.out, f"Planned by dvrk_gravity for {arguments.arm}.")
-    text_file.write_bytes(picture, plan_picture(design.plan))
-    written = f"{arguments.out}, {picture}"
-    if arguments.csv is not None:
-        design.plan.write_csv(arguments.csv)
-        written += f", {arguments.csv}"
-    for line in design_text(design, model is not None and model.uncertainty is not None):
-        print(line)
-    print(f"written: {written}")
-    return 0
+    had_model = model is not None and model.uncertainty is not None
+    return design.plan, design_text(design, had_model), True
+
+
+def _separating(
+    arguments: argparse.Namespace, limits_of: Callable[[Arm], PlanLimits]
+) -> tuple[Plan, Iterable[str], bool]:
+    """Plan what separates causes."""
+    from dvrk_gravity.diagnosis import load_unseparated
+    from dvrk_gravity.planning import SeparationSettings, design_separation
+    from dvrk_gravity.report import separation_text
+
+    unseparated = load_unseparated(arguments.separate, arguments.model)
+    usual = SeparationSettings()
+    seconds = min(usual.solver.seconds, arguments.time)
+    settings = replace(usual, solver=replace(usual.solver, seconds=seconds))
+    with command_line.Progress(NAME, 1.0) as progress:
+        design = design_separation(
+            unseparated, limits_of(unseparated.model.arm), arguments.duration, arguments.poses,
+            arguments.seed, settings, progress.update,
+        )  # fmt: skip
+    return design.plan, separation_text(design), design.separates

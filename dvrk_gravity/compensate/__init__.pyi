@@ -1,3 +1,4 @@
+from .following import LAG as LAG
 from .following import Following as Following
 from .following import MotionError as MotionError
 from .input_gate import InputGate as InputGate

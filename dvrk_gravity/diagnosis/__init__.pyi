@@ -42,6 +42,7 @@ from .inference.significance import Significance as Significance
 from .inference.significance import SignificanceSettings as SignificanceSettings
 from .results.assembly import report as report
 from .results.diagnosis import Diagnosis as Diagnosis
+from .results.diagnosis import Files as Files
 from .results.effect_findings import beyond_range as beyond_range
 from .results.extended_model import extended as extended
 from .results.findings import ERROR as ERROR
@@ -56,6 +57,11 @@ from .results.findings import Picture as Picture
 from .results.findings import Rejected as Rejected
 from .results.findings import ordered as ordered
 from .results.other_findings import unexplained_error as unexplained_error
+from .results.rivals import Contest as Contest
+from .results.rivals import PlannedMotion as PlannedMotion
+from .results.rivals import RivalCause as RivalCause
+from .results.rivals import RivalCauses as RivalCauses
+from .results.rivals_file import load_unseparated as load_unseparated
 from .results.sentences import FLOORS as FLOORS
 from .results.sentences import effect_found as effect_found
 from .results.sentences import parameter_text as parameter_text

@@ -98,7 +98,8 @@ def design_motion(
     knowledge = knowledge_of(arm, limits, model)
     search = MotionSearch(basis, limits, knowledge, model, seed, settings)
     motion = search.best(report)
-    errors = knowledge.errors(search.inverse_covariance(motion))
+    gram = search.gram(motion)
+    errors = knowledge.errors(np.eye(len(gram)) + gram)
     parameters = zip(
         knowledge.names, knowledge.units, knowledge.before.tolist(), errors.tolist(), strict=True
     )

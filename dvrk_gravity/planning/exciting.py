@@ -7,10 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.planning.fourier import FourierMotion
+from dvrk_gravity.planning.keeping import slacks
 from dvrk_gravity.planning.limits import MotionLimits, PairLimit
 from dvrk_gravity.planning.motions import Multisine
+from dvrk_gravity.planning.plan import Plan
+from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.planning.pose_path import PosePath
 
+ROUNDING = 1e-6  # of a limit
 GRID = 0.005  # s; a sine of 0.6 Hz is at most 5e-5 of its amplitude higher between two points
 
 
@@ -91,6 +98,24 @@ def covering_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
     return max(drawn, key=lambda motion: float(coverage([motion], limits).min()))
 
 
+def covering_plan(arm: Arm, duration: float, seed: int) -> Plan:
+    """Return the plan of a :func:`covering_motion`: the same sines, eased in and out as a plan's.
+
+    Args:
+        arm: The arm, whose own limits are kept.
+        duration: s, at least two ramps.
+        seed: Seed of frequencies, phases and amplitudes.
+    """
+    drawn, limits = covering_motion(MotionLimits.of(arm), duration, seed), PlanLimits.of(arm)
+    motion = FourierMotion.of_sines(
+        drawn.middle, drawn.amplitude, drawn.frequency, drawn.phase, drawn.ramp, duration
+    )
+    while (most := max(slack.used for slack in slacks(motion, limits, arm))) > 1.0:
+        # Velocities and accelerations are in proportion, positions nearly.
+        motion = replace(motion, coefficients=motion.coefficients * (1.0 - ROUNDING) / most)
+    return Plan(arm, motion, limits)
+
+
 def _with_sweep(sines: Multisine, limits: MotionLimits, random: np.random.Generator) -> Multisine:
     """Return a motion of the joints with a slow sine of each beside its own."""
     settings = SweepSettings()
@@ -121,7 +146,9 @@ def _with_sweep(sines: Multisine, limits: MotionLimits, random: np.random.Genera
     return _placed(motion, limits, np.full(n, 0.5))
 
 
-def coverage(motions: Sequence[Multisine], limits: MotionLimits) -> Array:
+def coverage(
+    motions: Sequence[Multisine | FourierMotion | PosePath], limits: MotionLimits
+) -> Array:
     """Return the (n,) parts of what motions may use of each joint's range that they go through.
 
     Args:

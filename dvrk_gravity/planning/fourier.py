@@ -106,6 +106,28 @@ class FourierMotion:
     middle: Array
     coefficients: Array
 
+    @classmethod
+    def of_sines(
+        cls, middle: Array, amplitude: Array, frequency: Array, phase: Array, ramp: float,
+        duration: float,
+    ) -> FourierMotion:  # fmt: skip
+        """Return middle + w(t) sum_k a_k sin(2 pi f_k t + phi_k), where each joint has its own f.
+
+        Args:
+            middle: (n,) rad or m.
+            amplitude: (k, n) likewise.
+            frequency: (k, n) Hz.
+            phase: (k, n) rad.
+            ramp: s.
+            duration: s.
+        """
+        different, which = np.unique(frequency, return_inverse=True)
+        which, joint = which.reshape(frequency.shape), np.arange(len(middle))
+        cosine, sine = np.zeros((2, len(different), len(middle)))
+        np.add.at(cosine, (which, joint), amplitude * np.sin(phase))
+        np.add.at(sine, (which, joint), amplitude * np.cos(phase))
+        return cls(Basis(different, ramp, duration), middle, np.vstack([cosine, sine]))
+
     @property
     def duration(self) -> float:
         """When it is at rest again, s."""

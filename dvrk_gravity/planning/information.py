@@ -50,42 +50,43 @@ class Steps:
     velocity: float = 0.05
 
 
-class Knowledge(ABC):
-    """What is known of an arm before a motion.
+class Objective(ABC):
+    """What a motion is good for: a function of the Gram matrix of its columns in units of noise.
 
     Attributes:
         arm: The arm.
         noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
-        names: (m,) names of the parameters that are reported.
-        units: (m,) their units.
-        rows: (m, p) their changes in each of the p unknowns.
     """
 
     arm: Arm
     noise: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    rows: Array
 
     @abstractmethod
     def regressor(self, state: State) -> Array:
-        """Return (N, n, p) torques of each unknown, one prior standard deviation of it."""
+        """Return (N, n, p) columns of torque, N·m.
 
-    def inverse_covariance(self, state: State, weight: Array) -> Array:
-        """Return (p, p) A for (N, n) states that stand for (N,) seconds each."""
-        return _inverse_covariance(self.regressor(state), weight, self.noise)
+        Of several motions one after the other, if states are in order of time.
+        """
 
-    def errors(self, inverse: Array) -> Array:
-        """Return (m,) standard errors of the parameters for (p, p) A."""
-        return np.sqrt(np.einsum("ij,ji->i", self.rows, np.linalg.solve(inverse, self.rows.T)))
+    @abstractmethod
+    def score(self, gram: Array) -> tuple[float, Array]:
+        """Return the value of (p, p) G = integral of Y' R^-1 Y dt, and its (p, p) slope by G."""
 
-    @property
-    def before(self) -> Array:
-        """(m,) their standard deviations before the motion."""
-        return np.asarray(np.linalg.norm(self.rows, axis=1))
+    def over(self, time: Array) -> Objective:
+        """Return the objective of motions that are looked at at (N,) times, s."""
+        del time
+        return self
+
+    def gram(self, state: State, weight: Array) -> Array:
+        """Return (p, p) G for (N, n) states that stand for (N,) seconds each."""
+        return _gram(self.regressor(state), weight, self.noise)
+
+    def value(self, state: State, weight: Array) -> float:
+        """Return the value of (N, n) states that stand for (N,) seconds each."""
+        return self.score(self.gram(state, weight))[0]
 
     def gradient(self, state: State, weight: Array) -> tuple[float, tuple[Array, Array, Array]]:
-        """Return log det A and its (N, n) derivatives by position, velocity and acceleration.
+        """Return the value and its (N, n) derivatives by position, velocity and acceleration.
 
         Args:
             state: (N, n) states.
@@ -95,11 +96,9 @@ class Knowledge(ABC):
         assert qd is not None
         assert qdd is not None
         y = self.regressor(state)
-        inverse = _inverse_covariance(y, weight, self.noise)
-        factor = np.linalg.cholesky(inverse)
-        value = 2.0 * float(np.log(np.diag(factor)).sum())
-        # d log det A = 2 sum_t w_t tr(A^-1 Y' R^-1 dY)
-        by_y = 2.0 * (weight[:, None] / self.noise)[..., None] * (y @ np.linalg.inv(inverse))
+        value, slope = self.score(_gram(y, weight, self.noise))
+        # d value = 2 sum_t w_t tr(slope Y' R^-1 dY)
+        by_y = 2.0 * (weight[:, None] / self.noise)[..., None] * (y @ slope)
         by = tuple(np.empty(state.q.shape) for _ in range(3))
         steps, count = Steps(), len(y)
         for j, unit in enumerate(np.eye(self.arm.n)):
@@ -119,9 +118,46 @@ class Knowledge(ABC):
         return value, (by[0], by[1], by[2])
 
 
-def _inverse_covariance(y: Array, weight: Array, noise: Array) -> Array:
+class Knowledge(Objective):
+    """What is known of an arm before a motion; the objective is log det A.
+
+    The columns are the torques of the unknowns, one prior standard deviation of each.
+
+    Attributes:
+        names: (m,) names of the parameters that are reported.
+        units: (m,) their units.
+        rows: (m, p) their changes in each of the p unknowns.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: Array
+
+    def score(self, gram: Array) -> tuple[float, Array]:
+        """Return log det (1 + G), and its slope."""
+        inverse = np.eye(len(gram)) + gram
+        factor = np.linalg.cholesky(inverse)
+        slope = np.asarray(np.linalg.inv(inverse), dtype=float)
+        return 2.0 * float(np.log(np.diag(factor)).sum()), slope
+
+    def inverse_covariance(self, state: State, weight: Array) -> Array:
+        """Return (p, p) A for (N, n) states that stand for (N,) seconds each."""
+        gram = self.gram(state, weight)
+        return np.eye(len(gram)) + gram
+
+    def errors(self, inverse: Array) -> Array:
+        """Return (m,) standard errors of the parameters for (p, p) A."""
+        return np.sqrt(np.einsum("ij,ji->i", self.rows, np.linalg.solve(inverse, self.rows.T)))
+
+    @property
+    def before(self) -> Array:
+        """(m,) their standard deviations before the motion."""
+        return np.asarray(np.linalg.norm(self.rows, axis=1))
+
+
+def _gram(y: Array, weight: Array, noise: Array) -> Array:
     scaled = (np.sqrt(weight[:, None] / noise)[..., None] * y).reshape(-1, y.shape[-1])
-    return np.eye(y.shape[-1]) + scaled.T @ scaled
+    return np.asarray(scaled.T @ scaled)
 
 
 def noise_of(arm: Arm, known: ModelUncertainty | None = None) -> Array:

@@ -128,21 +128,26 @@ def _slack(kind: str, name: str, peak: float, limit: float, unit: str) -> Slack:
     return Slack(kind, name, peak / limit, limit - peak, unit)
 
 
-def efforts(model: TorqueModel, state: State) -> tuple[Array, Array]:
-    """Return (N, n) greatest sizes of the actuators' efforts, and the efforts themselves.
+def effort_band(model: TorqueModel, state: State) -> tuple[Array, Array]:
+    """Return the (N, n) efforts of the actuators, and the half widths of the model's 95 % band.
 
-    The first are within the model's own 95 % band: its posterior and its known error.
+    The band is that of its posterior and its known error; zero where it has neither.
     """
     arm, known = model.arm, model.uncertainty
     torque = arm.actuator_effort(model.torque_at(state))
     if known is None:
-        return np.abs(torque), torque
+        return torque, np.zeros_like(torque)
     true = State(state.q - model.joint_offset, state.qd, state.qdd)
     directions = known.torque(model.terms, true)
     spread = np.matmul(arm.actuator_to_joint.T, directions)
     # Of motors that turn several joints, errors of the joints that may add up.
     error = np.nan_to_num(known.error) @ np.abs(arm.actuator_to_joint)
-    band = WITHIN * np.sqrt(np.sum(spread**2, axis=-1) + error**2)
+    return torque, WITHIN * np.sqrt(np.sum(spread**2, axis=-1) + error**2)
+
+
+def efforts(model: TorqueModel, state: State) -> tuple[Array, Array]:
+    """Return (N, n) greatest sizes of efforts within :func:`effort_band`, and the efforts."""
+    torque, band = effort_band(model, state)
     return np.abs(torque) + band, torque
 
 

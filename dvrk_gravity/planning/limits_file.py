@@ -25,7 +25,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.files import yaml_file
+from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.planning.places import tip
 from dvrk_gravity.planning.plan_limits import Box, Combination, PlanLimits
 
@@ -91,6 +91,15 @@ def limits_content(limits: PlanLimits, arm: Arm) -> dict[str, Any]:
             for box in limits.boxes
         ]  # fmt: skip
     return content
+
+
+def save_limits(path: str | Path, limits: PlanLimits, arm: Arm, comment: str) -> None:
+    """Write limits to a file that :func:`load_limits` reads, whole or not at all.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    text_file.write(path, f"# {comment}\n{yaml_file.dump(limits_content(limits, arm))}")
 
 
 def _written(combination: Combination, arm: Arm) -> dict[str, Any]:

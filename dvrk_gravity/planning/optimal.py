@@ -1,10 +1,10 @@
-"""The most informative motion within limits: an augmented Lagrangian over Fourier coefficients.
+"""The best motion within limits: an augmented Lagrangian over Fourier coefficients.
 
 Positions, velocities and accelerations are linear in the coefficients, so all but efforts and boxes
-are linear constraints, on a grid. Maximised is log det A of :mod:`.information`; its gradient goes
-through the regressor's slopes and the series, which is exact. L-BFGS solves each step (Nocedal and
-Wright 2006, section 17.4). What is left beyond a limit, by the proof between points, is taken off
-by moving the whole motion towards a position at rest that keeps them all.
+are linear constraints, on a grid. Maximised is an objective of :mod:`.information`; its gradient
+goes through the regressor's slopes and the series, which is exact. L-BFGS solves each step (Nocedal
+and Wright 2006, section 17.4). What is left beyond a limit, by the proof between points, is taken
+off by moving the whole motion towards a position at rest that keeps them all.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import PlanError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
-from dvrk_gravity.planning.information import Knowledge
+from dvrk_gravity.planning.information import Objective
 from dvrk_gravity.planning.keeping import efforts, outside, slacks
 from dvrk_gravity.planning.places import levers
 from dvrk_gravity.planning.plan_limits import PlanLimits
@@ -94,7 +94,7 @@ class MotionSearch:
         self,
         basis: Basis,
         limits: PlanLimits,
-        knowledge: Knowledge,
+        objective: Objective,
         model: TorqueModel | None = None,
         seed: int = 0,
         settings: SolverSettings | None = None,
@@ -104,7 +104,7 @@ class MotionSearch:
         Args:
             basis: Of the motion.
             limits: What it keeps.
-            knowledge: What is known before it.
+            objective: What is maximised.
             model: For its efforts; ``None``: none are known.
             seed: Of the draws.
             settings: Effort of the search.
@@ -112,8 +112,8 @@ class MotionSearch:
         Raises:
             PlanError: Limits that no position at rest keeps.
         """
-        self.basis, self.limits, self.knowledge, self.model = basis, limits, knowledge, model
-        self.arm: Arm = knowledge.arm
+        self.basis, self.limits, self.model = basis, limits, model
+        self.arm: Arm = objective.arm
         self.settings = settings or SolverSettings()
         self._random = np.random.default_rng(seed)
         self.rest = resting_positions(limits, self.arm, model, self._random, 1 + 20)
@@ -124,6 +124,7 @@ class MotionSearch:
         place = 0.5 if count == needed else self._random.uniform(0.0, 1.0, count)
         self._time = (np.arange(count) + place) * basis.duration / count
         self._weight = np.full(count, basis.duration / count)
+        self.objective = objective.over(self._time)
         self._at = basis.at(self._time)
         self._grid = basis.at(basis.grid(1.0 / (self.settings.grid * fastest))[0])
         self._scale = self._sizes()
@@ -158,14 +159,12 @@ class MotionSearch:
             if time.process_time() - begin > settings.seconds:
                 raise StopIteration  # as the solver expects it of who wants no more
 
-        drawn = sorted(
-            (self._draw(k) for k in range(settings.draws)), key=self.information, reverse=True
-        )
+        drawn = sorted((self._draw(k) for k in range(settings.draws)), key=self.value, reverse=True)
         found = []
         for start in drawn[: settings.starts]:
             x, multipliers = self._solve(start, 1, settings.first, count, begin)
             found.append((self._kept(x), x, multipliers))
-        found.sort(key=lambda each: -self.information(each[0]))
+        found.sort(key=lambda each: -self.value(each[0]))
         done = settings.starts * settings.first
         _, x, multipliers = found[0]
         for constraint, multiplier in zip(self._constraints, multipliers, strict=True):
@@ -173,21 +172,20 @@ class MotionSearch:
         x, _ = self._solve(x, settings.rounds, settings.iterations, count, begin)
         return max(
             [self._kept(x), *(each[0] for each in found), self._kept(self._vector(drawn[0]))],
-            key=self.information,
+            key=self.value,
         )
 
-    def information(self, motion: FourierMotion) -> float:
-        """Return log det A after a motion."""
-        inverse = self.knowledge.inverse_covariance(State(*motion.at(self._time)), self._weight)
-        return float(np.linalg.slogdet(inverse)[1])
+    def value(self, motion: FourierMotion) -> float:
+        """Return what a motion is worth."""
+        return self.objective.value(State(*motion.at(self._time)), self._weight)
 
-    def inverse_covariance(self, motion: FourierMotion) -> Array:
-        """Return (p, p) A after a motion, at twice as many times as the fastest wave needs."""
+    def gram(self, motion: FourierMotion) -> Array:
+        """Return (p, p) G of a motion, at twice as many times as the fastest wave needs."""
         fastest, duration = float(self.basis.frequency.max()), self.basis.duration
         count = int(2 * self.settings.samples * fastest * duration) + 2
         moments = (np.arange(count) + 0.5) * duration / count
         weight = np.full(count, duration / count)
-        return self.knowledge.inverse_covariance(State(*motion.at(moments)), weight)
+        return self.objective.over(moments).gram(State(*motion.at(moments)), weight)
 
     def _vector(self, motion: FourierMotion) -> Array:
         return np.asarray(np.vstack([motion.middle, motion.coefficients]) / self._scale).ravel()
@@ -256,7 +254,7 @@ class MotionSearch:
         states = (self._at @ motion.coefficients) + np.stack(
             [motion.middle, *[np.zeros(self.arm.n)] * 2]
         )[:, None]
-        value, by = self.knowledge.gradient(State(*states), self._weight)
+        value, by = self.objective.gradient(State(*states), self._weight)
         total = -value
         of_middle = -by[0].sum(axis=0)
         of_waves = -sum(b.T @ each for b, each in zip(self._at, by, strict=True))

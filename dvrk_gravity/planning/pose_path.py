@@ -11,6 +11,64 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning.fourier import RISE, RISE_BOUNDS
 from dvrk_gravity.planning.plan_limits import PlanLimits
 
+SHORTEST = 1e-3  # s, of a move, however short
+
+
+def least_times(ways: Array, limits: PlanLimits, part: float) -> Array:
+    """Return (k,) s that straight moves take with a part of the greatest speeds.
+
+    Args:
+        ways: (k, n) of the joints, each along 10 s^3 - 15 s^4 + 6 s^5, rad or m.
+        limits: Speeds and accelerations of joints and combinations.
+        part: Of both.
+    """
+    along = np.abs(ways @ limits.rows.T)
+    velocity, acceleration = (part * rate for rate in limits.rates)
+    by_velocity = (RISE_BOUNDS[1] * along / velocity).max(axis=1)
+    by_acceleration = np.sqrt((RISE_BOUNDS[2] * along / acceleration).max(axis=1))
+    return np.maximum(np.maximum(by_velocity, by_acceleration), SHORTEST)
+
+
+@dataclass(frozen=True, eq=False)
+class Straight:
+    """A straight move in joint space from rest to rest, along 10 s^3 - 15 s^4 + 6 s^5.
+
+    Where both ends are within limits that are linear in the joints, all of it is; from outside of
+    one it only goes inwards.
+
+    Attributes:
+        start: (n,) rad or m.
+        goal: (n,) rad or m.
+        duration: s.
+    """
+
+    start: Array
+    goal: Array
+    duration: float
+
+    @classmethod
+    def within(cls, start: Array, goal: Array, limits: PlanLimits, part: float) -> Straight:
+        """Return the move that takes a part of the greatest speeds and accelerations."""
+        return cls(start, goal, float(least_times((goal - start)[None], limits, part)[0]))
+
+    def at(self, time: float | Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration, (n,) each, or (N, n) for (N,) times, s."""
+        s = np.clip(np.asarray(time, dtype=float) / self.duration, 0.0, 1.0)[..., None]
+        way = self.goal - self.start
+        position, velocity, acceleration = (
+            way * (RISE.deriv(order)(s) if order else RISE(s)) / self.duration**order
+            for order in range(3)
+        )
+        return self.start + position, velocity, acceleration
+
+    def grid(self, step: float, rows: Array) -> tuple[Array, Array]:
+        """Return times and how much may be exceeded beside each: :meth:`FourierMotion.grid`."""
+        count = int(np.ceil(self.duration / step - 1e-9))
+        along = np.abs(rows @ (self.goal - self.start))
+        bounds = [RISE_BOUNDS[order] * along / self.duration**order for order in (2, 3, 4)]
+        extra = np.tile(np.array(bounds)[:, None], (1, count + 1, 1))
+        return self.duration * np.arange(count + 1) / count, extra * step**2 / 8.0
+
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
@@ -53,13 +111,7 @@ class PosePath:
     def _moves(self) -> tuple[Array, Array, Array]:
         """(4 k,) when moves begin and how long they last, s, and (4 k, n) their ways."""
         ways = np.diff(self._corners, axis=0)
-        along = np.abs(ways @ self.limits.rows.T)
-        velocity, acceleration = (self.part * rate for rate in self.limits.rates)
-        least = np.maximum(
-            (RISE_BOUNDS[1] * along / velocity).max(axis=1),
-            np.sqrt((RISE_BOUNDS[2] * along / acceleration).max(axis=1)),
-        )
-        lasts = np.maximum(least, 1e-3)
+        lasts = least_times(ways, self.limits, self.part)
         whole = lasts + np.where(np.arange(len(lasts)) % 2 == 1, self.stand, 0.0)
         return np.concatenate([[0.0], np.cumsum(whole)[:-1]]), lasts, ways
 
@@ -102,11 +154,8 @@ class PosePath:
 
         See :meth:`FourierMotion.grid`.
         """
-        begin, lasts, ways = self._moves
-        times, extra = [], []
-        for start, last, way in zip(begin.tolist(), lasts.tolist(), ways, strict=True):
-            count = int(np.ceil(last / step - 1e-9))
-            times.append(start + last * np.arange(count + 1) / count)
-            bounds = [RISE_BOUNDS[order] * np.abs(rows @ way) / last**order for order in (2, 3, 4)]
-            extra.append(np.tile(np.array(bounds)[:, None], (1, count + 1, 1)))
-        return np.concatenate(times), np.concatenate(extra, axis=1) * step**2 / 8.0
+        begin, lasts, _ = self._moves
+        ends = zip(self._corners, self._corners[1:], lasts.tolist(), strict=False)
+        found = [Straight(*end).grid(step, rows) for end in ends]
+        times = [start + time for start, (time, _) in zip(begin.tolist(), found, strict=True)]
+        return np.concatenate(times), np.concatenate([extra for _, extra in found], axis=1)

@@ -20,6 +20,8 @@ from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.resting import resting_positions
 
+Choice = Callable[[Array, int, Callable[[float], None]], list[int]]
+
 
 @dataclass(frozen=True)
 class PoseSettings:
@@ -73,27 +75,17 @@ def design_poses(
         PlanError: No position keeps the limits, or there is no time for two poses.
     """
     of = settings or PoseSettings()
-    way = of.approach * arm.scale
-    random = np.random.default_rng(seed)
-    found = resting_positions(_narrowed(limits, way), arm, model, random, 10 * of.candidates)
-    some = random.permutation(len(found))[: of.candidates]
-    candidates = found[np.sort(some)]
     knowledge = knowledge_of(arm, limits, model)
 
-    def path(poses: Array) -> PosePath:
-        return PosePath(poses, way, of.stand, of.part, limits)
+    def choose(candidates: Array, count: int, report: Callable[[float], None]) -> list[int]:
+        return _chosen(knowledge, candidates, count, of.reading, report)
 
-    count = min(of.most, len(candidates), int(duration / (2.0 * of.stand)))
-    chosen = _chosen(knowledge, candidates, count, of.reading, lambda part: report(0.7 * part))
-    ordered = _tour(candidates[chosen], path, limits, arm, model, duration,
-                    lambda part: report(0.7 + 0.3 * part))  # fmt: skip
-    if len(ordered) < 2:
-        raise PlanError(f"{duration:g} s are too short for two poses: expected a longer --duration")
-    motion = path(ordered)
+    motion = pose_path(arm, limits, duration, model, seed, of, choose, report)
+    ordered = motion.poses
     inverse = np.eye(knowledge.rows.shape[1])
     for direction in (1.0, -1.0):
         weight = np.full(len(ordered), of.reading)
-        inverse += knowledge.inverse_covariance(_stands(ordered, direction), weight)
+        inverse += knowledge.inverse_covariance(stands(ordered, direction), weight)
         inverse -= np.eye(len(inverse))
     parameters = zip(
         knowledge.names, knowledge.units, knowledge.before.tolist(),
@@ -108,6 +100,49 @@ def design_poses(
     )  # fmt: skip
 
 
+def pose_path(
+    arm: Arm,
+    limits: PlanLimits,
+    duration: float,
+    model: TorqueModel | None,
+    seed: int,
+    of: PoseSettings,
+    choose: Choice,
+    report: Callable[[float], None],
+) -> PosePath:
+    """Return the way through poses that are chosen among random ones; see :func:`design_poses`.
+
+    Args:
+        arm: The arm.
+        limits: What is kept.
+        duration: Greatest, s.
+        model: For efforts; ``None``: none are known.
+        seed: Of the candidates.
+        of: Of the calibration.
+        choose: Returns the indices of so many of (N, n) poses, the best first.
+        report: Called with the share that is done.
+
+    Raises:
+        PlanError: No position keeps the limits, or there is no time for two poses.
+    """
+    way = of.approach * arm.scale
+    random = np.random.default_rng(seed)
+    found = resting_positions(_narrowed(limits, way), arm, model, random, 10 * of.candidates)
+    some = random.permutation(len(found))[: of.candidates]
+    candidates = found[np.sort(some)]
+
+    def path(poses: Array) -> PosePath:
+        return PosePath(poses, way, of.stand, of.part, limits)
+
+    count = min(of.most, len(candidates), int(duration / (2.0 * of.stand)))
+    chosen = choose(candidates, count, lambda part: report(0.7 * part))
+    ordered = _tour(candidates[chosen], path, limits, arm, model, duration,
+                    lambda part: report(0.7 + 0.3 * part))  # fmt: skip
+    if len(ordered) < 2:
+        raise PlanError(f"{duration:g} s are too short for two poses: expected a longer --duration")
+    return path(ordered)
+
+
 def _narrowed(limits: PlanLimits, way: Array) -> PlanLimits:
     """Return limits within which a pose and both ends of its approaches are within limits."""
     combinations = []
@@ -120,7 +155,7 @@ def _narrowed(limits: PlanLimits, way: Array) -> PlanLimits:
     )  # fmt: skip
 
 
-def _stands(poses: Array, direction: float) -> State:
+def stands(poses: Array, direction: float) -> State:
     """Return poses as they are read, at rest, reached from one side."""
     rest = np.zeros_like(poses)
     return State(poses, rest, rest, np.full(poses.shape, direction))
@@ -131,7 +166,7 @@ def _chosen(
 ) -> list[int]:
     """Return the indices of poses, each the one that adds most to log det A."""
     scale = np.sqrt(reading / knowledge.noise)[:, None]
-    both = [scale * knowledge.regressor(_stands(poses, direction)) for direction in (1.0, -1.0)]
+    both = [scale * knowledge.regressor(stands(poses, direction)) for direction in (1.0, -1.0)]
     x = np.concatenate(both, axis=1)  # (N, 2 n, p)
     covariance, found = np.eye(x.shape[-1]), list[int]()
     for number in range(count):

@@ -146,6 +146,13 @@ class BagWriter:
             raise self._failed(error) from error
         self.count += 1
 
+    def flush(self) -> None:
+        """Put all messages on disk; raise ``RecordingError`` if it refuses."""
+        try:
+            self._commit()
+        except Exception as error:
+            raise self._failed(error) from error
+
     def _commit(self) -> None:
         """Put sqlite3's pending messages on disk, as the library does only at the end."""
         from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer

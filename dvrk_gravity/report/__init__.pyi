@@ -1,3 +1,4 @@
+from .certificate import certificate_page as certificate_page
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png
 from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
@@ -11,6 +12,7 @@ from .fit_pictures import residual_pictures as residual_pictures
 from .fit_pictures import torque_pictures as torque_pictures
 from .identification import identification_page as identification_page
 from .plan_in_terminal import design_text as design_text
+from .plan_in_terminal import separation_text as separation_text
 from .plan_picture import plan_picture as plan_picture
 from .terminal import MOST_WARNINGS as MOST_WARNINGS
 from .terminal import columns as columns

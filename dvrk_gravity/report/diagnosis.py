@@ -24,6 +24,7 @@ from dvrk_gravity.report import html
 from dvrk_gravity.report.findings import (
     BETWEEN,
     KNOWN,
+    SEPARATE,
     effect_title,
     parameter_rows,
     size_of,
@@ -80,13 +81,16 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     if diagnosis.caveat:
         parts.append(f"<p class=small>{escape(diagnosis.caveat)}</p>")
     for number, finding in enumerate(diagnosis.findings, start=1):
-        parts.append(_finding(number, finding, diagnosis.model.arm))
+        parts.append(_finding(number, finding, diagnosis))
     if diagnosis.payload_check is not None:
         parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.payload_check.sentence)}.</p>")
     if diagnosis.known:
         parts.append(_known(diagnosis.known, diagnosis.against_reference))
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
+        parts.append(
+            _separating(next(filter(None, map(diagnosis.separating, diagnosis.ambiguities)), ""))
+        )
     parts.append(_errors(diagnosis))
     if diagnosis.in_simulation is not None:
         parts.append(section(diagnosis.in_simulation, diagnosis.model.arm))
@@ -121,7 +125,8 @@ def _overview(findings: Sequence[Finding]) -> str:
     return html.table(head, rows)
 
 
-def _finding(number: int, finding: Finding, arm: Arm) -> str:
+def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> str:
+    arm = diagnosis.model.arm
     where = ", ".join(finding.joints) or "the arm"
     head = f"{number}. {effect_title(finding.effect)} at {where}"
     parts = [f"<h3>{escape(head)}</h3>", f"<p>{escape(finding.sentence)}.</p>"]
@@ -154,6 +159,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
                 ],
             )
         )
+        parts.append(_separating(diagnosis.separating(finding)))
     if finding.rejected:
         parts.append("<p>Tried in its place, but worse on unseen blocks:</p>")
         parts.append(
@@ -167,6 +173,11 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
             )
         )  # fmt: skip
     return "\n".join(parts)
+
+
+def _separating(command: str) -> str:
+    """Return the command that plans what separates causes, if there is one."""
+    return f"<p>{SEPARATE}: <code>{escape(command)}</code></p>" if command else ""
 
 
 def _known(known: Sequence[Known], against_reference: bool) -> str:

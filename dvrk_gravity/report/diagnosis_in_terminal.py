@@ -11,7 +11,7 @@ from dvrk_gravity.diagnosis import ERROR, FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Unknown
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import in_simulation
-from dvrk_gravity.report.findings import BETWEEN, KNOWN, exact_model, size_of
+from dvrk_gravity.report.findings import BETWEEN, KNOWN, SEPARATE, exact_model, size_of
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
 
@@ -42,11 +42,15 @@ def diagnosis_text(
         yield laid_out(_how_good(diagnosis), width)
         if not why:
             yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
+        if any(diagnosis.separating(finding) for finding in findings):
+            yield f"{SEPARATE}: {diagnosis.separated_by}"
     if diagnosis.caveat:
         yield laid_out(f"note: {diagnosis.caveat}", width)
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
     for ambiguity in suspected:
         yield laid_out(f"cannot be separated: {ambiguity.sentence}", width)
+        if command := diagnosis.separating(ambiguity):
+            yield f"{SEPARATE}: {command}"
     if diagnosis.payload_check is not None:
         yield laid_out(f"known payload: {diagnosis.payload_check.sentence}", width)
     if diagnosis.outside and not verbose:

@@ -7,6 +7,7 @@ from dvrk_gravity.diagnosis import Finding
 
 _SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
 KNOWN = "within the model's uncertainty, its error at calibration, or day-to-day friction variation"
+SEPARATE = "to separate them"
 BETWEEN = "differences from the reference within day-to-day variation"
 
 

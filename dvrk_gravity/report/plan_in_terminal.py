@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from dvrk_gravity.planning import MotionDesign, Slack
+from dvrk_gravity.planning import STRONG, MotionDesign, SeparationDesign, Slack
 from dvrk_gravity.units import quantity
 
 _COLUMN = 20  # characters
@@ -30,18 +30,40 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
         shown = (quantity(value, unit) for value in (known, expected))
         yield f"{name:<{broad}}" + "".join(f"{each:>{_COLUMN}}" for each in shown)
     yield ""
-    broad = 1 + max(len(slack.of) for slack in design.slacks)
-    yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>{_COLUMN}}"
-    for slack in design.slacks:
-        used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
-        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{_left(slack):>{_COLUMN}}"
-    if not any(slack.limit == "effort" for slack in design.slacks):
-        yield "efforts are not known without --model, and not limited"
+    yield from _slacks(design.slacks)
     yield ""
     yield (
         f"condition number {design.condition:.0f} (base parameters' columns, each divided by its "
         "range)"
     )
+
+
+def separation_text(design: SeparationDesign) -> Iterator[str]:
+    """Yield the log Bayes factors expected between rivals, and what is left of each limit."""
+    head = "expected log Bayes factor of"
+    broad = 1 + max(len(head), *(len(each.words) for each in design.expected))
+    yield f"{head:<{broad}}{'diagnosed':>12}{'planned':>10}"
+    for each in design.expected:
+        again = "" if each.again is None else f"{each.again:.1f}"
+        enough = "" if each.separates else f"  below {STRONG:.1f}, odds of 20 to one"
+        yield f"{each.words:<{broad}}{again:>12}{each.planned:>10.1f}{enough}"
+    if not design.separates:
+        yield "no motion was found within the limits that is expected to separate them:"
+    for each in design.expected:
+        if not each.separates:
+            yield f"{each.words}: {each.why}"
+    yield ""
+    yield from _slacks(design.slacks)
+
+
+def _slacks(slacks: Sequence[Slack]) -> Iterator[str]:
+    broad = 1 + max(len(slack.of) for slack in slacks)
+    yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>{_COLUMN}}"
+    for slack in slacks:
+        used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
+        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{_left(slack):>{_COLUMN}}"
+    if not any(slack.limit == "effort" for slack in slacks):
+        yield "efforts are not known without --model, and not limited"
 
 
 def _left(slack: Slack) -> str:

@@ -6,6 +6,7 @@ from .demo import Schedule as Schedule
 from .executor import PromptExecutor as PromptExecutor
 from .executor import PromptNode as PromptNode
 from .executor import kept_awake as kept_awake
+from .listening import listen as listen
 from .mover import MotionError as MotionError
 from .mover import Mover as Mover
 from .others import COMMANDS as COMMANDS
@@ -22,6 +23,7 @@ from .processes import end_with as end_with
 from .processes import private_domain as private_domain
 from .replayed import REPLAYED_COMMANDS as REPLAYED_COMMANDS
 from .replayed import REPLAYED_MEASURED as REPLAYED_MEASURED
+from .rig import RosRig as RosRig
 from .simulator_node import SIMULATOR_PARAMETERS as SIMULATOR_PARAMETERS
 from .stage import BEARABLE as BEARABLE
 from .stage import MODEL as MODEL

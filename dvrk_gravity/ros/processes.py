@@ -151,15 +151,17 @@ class NodeProcess:
         *ros_args: str,
         namespace: str = PRIVATE,
         program: Sequence[str] = ("-m", "dvrk_gravity"),
+        of_arm: bool = False,
     ) -> None:
         """Start ``python PROGRAM VERB --ros-args …`` in this process's ROS domain.
 
-        A program that is itself a node takes no verb (``None``).
+        A program that is itself a node takes no verb (``None``). A namespace that an arm may have
+        is for those that are asked to move one (``of_arm``).
 
         Raises:
             ProcessError: A namespace that an arm may have.
         """
-        if not f"{namespace}/".startswith(f"{PRIVATE}/"):
+        if not of_arm and not f"{namespace}/".startswith(f"{PRIVATE}/"):
             raise ProcessError(f"namespace {namespace!r}: one below {PRIVATE}, which no arm has")
         self.verb = verb or program[-1]
         self.lines: list[str] = []

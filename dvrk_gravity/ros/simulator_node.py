@@ -17,13 +17,12 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty
 
-from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
+from dvrk_gravity.simulate import PlantFile, SimulatedArm, initial_position
 
 STEP = 1e-3
 """Length of a simulation step, s."""
@@ -69,13 +68,6 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
         ),
     )
 }  # fmt: skip
-
-
-def initial_position(arm: Arm) -> tuple[float, ...]:
-    """Return the default (n,) initial position of a simulated arm."""
-    if mtm.is_mtm(arm):
-        return mtm.defaults.INITIAL_POSITION
-    return tuple(np.clip(np.zeros(arm.n), arm.lower, arm.upper).tolist())
 
 
 class Simulator(Node):

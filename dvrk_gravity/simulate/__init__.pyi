@@ -1,7 +1,9 @@
+from .drawn import drawn_arm as drawn_arm
 from .friction import FrictionSolver as FrictionSolver
 from .model_plant import ModelArm as ModelArm
 from .plant import Plant as Plant
 from .plant_file import PlantFile as PlantFile
+from .plant_file import initial_position as initial_position
 from .run import record_motion as record_motion
 from .run import record_poses as record_poses
 from .run import simulate as simulate

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import LARGEST, PLANTS, Arm, plausible_plant
+from dvrk_gravity.arms import LARGEST, PLANTS, Arm, mtm, plausible_plant
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import assumed_inertias, assumed_rotors, terms
 from dvrk_gravity.errors import ConfigError
@@ -114,6 +114,13 @@ class PlantFile:
             ConfigError: Inertias without a positive mass matrix.
         """
         return Plant(self.model, self.links, self.rotor_inertia, friction_scale)
+
+
+def initial_position(arm: Arm) -> tuple[float, ...]:
+    """Return the default (n,) initial position of a simulated arm, rad or m."""
+    if mtm.is_mtm(arm):
+        return mtm.defaults.INITIAL_POSITION
+    return tuple(np.clip(np.zeros(arm.n), arm.lower, arm.upper).tolist())
 
 
 def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:

@@ -42,6 +42,7 @@ from dvrk_gravity.diagnosis.results.other_findings import (
     unexplained_error,
     unknown_finding,
 )
+from dvrk_gravity.diagnosis.results.rivals import Contest
 from dvrk_gravity.effects import AbsorbedByModel, PayloadHypothesis, ReadingErrors, Unknown
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
@@ -122,6 +123,9 @@ def report(
         motion.model, motion.q, None if motion.static else motion.qd, motion.present
     )
     reference = motion.reference is not None
+    unseparated = ambiguities(validation, named, posterior.pool)
+    rivals = [each.causes for finding in findings for each in finding.alternatives]
+    rivals += [each.causes for each in unseparated]
     return Diagnosis(
         verdict=_verdict(findings, different or bool(grown)),
         findings=tuple(findings),
@@ -141,7 +145,7 @@ def report(
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),
             *(sentences.left_out(named[i].hypothesis, why) for i, why in conflicts.items()),
         ),
-        ambiguities=ambiguities(validation, named, posterior.pool),
+        ambiguities=unseparated,
         model=model,
         payload_check=None
         if known_payload is None
@@ -152,6 +156,7 @@ def report(
         outside=outside,
         of_file=motion.model.of_file,
         exact="" if reference else sentences.why_exact(motion.model),
+        contest=Contest.of(motion, [each for each in rivals if each is not None], after),
     )
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -14,11 +16,35 @@ from dvrk_gravity.compensate import InSimulation
 from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
+from dvrk_gravity.diagnosis.results.rivals import Contest
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.validation import split_link
 
 _UNEXPECTED = 2.0  # times what a model expects of itself: more than it should be. Chosen
 Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where a diagnosis is written, and of which model it is.
+
+    Attributes:
+        findings: Path of findings.json.
+        model: Path of the model's file, as seen from the folder of that; ``""``: none.
+    """
+
+    findings: str = "findings.json"
+    model: str = ""
+
+    @classmethod
+    def of(cls, findings: Path, model: Path | None) -> Files:
+        """Return them for a model's file as seen from the working directory."""
+        if model is None:
+            return cls(str(findings))
+        path, link = split_link(str(model))
+        seen = os.path.relpath(Path(path).resolve(), findings.parent.resolve())
+        return cls(str(findings), f"{seen}#{link}" if link else seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +77,9 @@ class Diagnosis:
         outside: Where joints are outside the identified range, one sentence each.
         of_file: The model is what an arm's own file states.
         exact: Why the model counts as exact; ``""`` if it states its uncertainty.
+        contest: What a plan may separate: the pairs of causes that this data cannot; ``None``: no
+            such pair was looked for.
+        files: Where it is written.
     """
 
     verdict: Verdict
@@ -75,6 +104,8 @@ class Diagnosis:
     outside: tuple[str, ...] = ()
     of_file: bool = False
     exact: str = ""
+    contest: Contest | None = field(default=None, repr=False)
+    files: Files = field(default_factory=Files)
 
     def __repr__(self) -> str:
         """Give the verdict and the effects."""
@@ -126,12 +157,31 @@ class Diagnosis:
         """What the errors are, in words."""
         return sentences.what_is_compared(self.band)
 
+    @property
+    def separated_by(self) -> str:
+        """The command that plans what separates causes; ``""``: there are none that a plan may."""
+        if self.contest is None or not self.contest.pairs:
+            return ""
+        return sentences.separating_command(self.files.findings, self.contest.poses)
+
+    def separating(self, several: Finding | Ambiguity) -> str:
+        """Return the command that plans what separates its causes; ``""``: no plan may."""
+        of = several.alternatives if isinstance(several, Finding) else (several,)
+        pairs = () if self.contest is None else self.contest.pairs
+        return self.separated_by if any(each.causes in pairs for each in of) else ""
+
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""
+        unseparated: dict[str, Any] = {"pairs": []}
+        if self.contest is not None and self.contest.pairs:
+            unseparated = {"model": self.files.model or None, **self.contest.to_dict()}
         return {
             "format": 2,
             "verdict": self.verdict,
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": [
+                {**finding.to_dict(), "next": self.separating(finding) or None}
+                for finding in self.findings
+            ],
             "known": [known.to_dict() for known in self.known],
             "rmse": {
                 name: {joint: _number(v) for joint, v in values.items()}
@@ -154,12 +204,15 @@ class Diagnosis:
                     "between": [ambiguity.first.to_dict(), ambiguity.second.to_dict()],
                     "overlap": ambiguity.overlap,
                     "sentence": ambiguity.sentence,
+                    "next": self.separating(ambiguity) or None,
                 }
                 for ambiguity in self.ambiguities
             ],
             "known_payload": self.payload_check and self.payload_check.to_dict(),
             "notes": list(self.notes),
             "simulation": self.in_simulation and self.in_simulation.to_dict(),
+            "next": self.separated_by or None,
+            "unseparated": unseparated,
         }
 
     def to_json(self) -> str:

@@ -26,6 +26,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Rejected,
 )
 from dvrk_gravity.diagnosis.results.identifiability import separation
+from dvrk_gravity.diagnosis.results.rivals import RivalCause, RivalCauses
 from dvrk_gravity.effects import Estimate, Hypothesis, Kind, is_friction
 from dvrk_gravity.estimation import squared_distance
 
@@ -144,20 +145,21 @@ def _alternatives(
 ) -> tuple[Alternative, ...]:
     """Return one alternative for each other effect and joint."""
     chosen, gain = effect.trial.candidate, effect.trial.gain
-    found = {(chosen.hypothesis.effect, chosen.hypothesis.joints): Alternative("", (), "")}
+    found = dict[tuple[str, tuple[int, ...]], Alternative]()
+    first = RivalCause.fitted(validation, rest, chosen)
     for other in effect.alternatives:
         hypothesis = other.candidate.hypothesis
-        if (hypothesis.effect, hypothesis.joints) in found:
+        key = (hypothesis.effect, hypothesis.joints)
+        if key in found or key == (chosen.hypothesis.effect, chosen.hypothesis.joints):
             continue
         how = "as well"
         if other.gain > gain and other.candidate.parameters > chosen.parameters:
             how = "better, with more parameters"
         apart = separation(validation, rest, chosen, other.candidate)
         why = sentences.alternative(other.gain, gain, f"explains unseen blocks {how}", apart)
-        found[hypothesis.effect, hypothesis.joints] = Alternative(
-            hypothesis.effect, hypothesis.names, why
-        )
-    return tuple(found.values())[1:]
+        causes = RivalCauses(first, RivalCause.fitted(validation, rest, other.candidate))
+        found[key] = Alternative(hypothesis.effect, hypothesis.names, why, causes)
+    return tuple(found.values())
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.inference.held_out import Gain
+from dvrk_gravity.diagnosis.results.rivals import RivalCauses
 from dvrk_gravity.effects import Estimate
 
 NO_TERM = "model files have no term for it"
@@ -30,11 +31,13 @@ class Alternative:
         effect: Name in the vocabulary.
         joints: Names of the joints.
         why: Numbers, and what would separate the two.
+        causes: The one found and this one, for a plan that separates them; ``None``: of readings.
     """
 
     effect: str
     joints: tuple[str, ...]
     why: str
+    causes: RivalCauses | None = None
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,7 @@ class Ambiguity:
         overlap: Part of the first's torque that the second reproduces.
         pair: The two in words.
         sentence: All of it in words, with what would separate them.
+        causes: The two, for a plan that separates them.
     """
 
     first: Contender
@@ -109,6 +113,7 @@ class Ambiguity:
     overlap: float
     pair: str
     sentence: str
+    causes: RivalCauses | None = None
 
     @property
     def suspected(self) -> bool:

@@ -18,6 +18,7 @@ from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Contender
+from dvrk_gravity.diagnosis.results.rivals import RivalCause, RivalCauses
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.units import pose, quantity
 
@@ -95,7 +96,8 @@ def _ambiguity(
         )  # fmt: skip
     pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
     sentence = sentences.ambiguity(pair, share, contenders, apart)
-    return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
+    causes = RivalCauses(*(RivalCause.fitted(validation, named, each) for each in (zero, other)))
+    return Ambiguity(contenders[0], contenders[1], share, pair, sentence, causes)
 
 
 def _estimates(

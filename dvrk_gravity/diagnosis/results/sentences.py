@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from shlex import quote
 
 import numpy as np
 
@@ -145,6 +147,13 @@ def ambiguity(pair: str, overlap: float, contenders: Sequence[Contender], pose: 
         f"{pair} cannot be separated here: the second reproduces {100 * overlap:.0f} % of the "
         f"torque of the first; {sizes}; {pose}"
     )
+
+
+def separating_command(findings: str, poses: bool) -> str:
+    """Return the command that plans the motion, or the poses, that separate causes."""
+    plan = Path(findings).parent / "separate.yaml"
+    how = " --poses" if poses else ""
+    return f"dvrk_gravity plan --separate {quote(findings)}{how} --out {quote(str(plan))}"
 
 
 def _contender(contender: Contender) -> str:

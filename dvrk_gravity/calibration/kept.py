@@ -1,0 +1,116 @@
+"""A driver whose commands are compared with the limits, at 1 kHz, before the arm moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Self
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.calibration.certificate import Moved
+from dvrk_gravity.collecting import Driver, Path, Watch
+from dvrk_gravity.compensate import MotionError
+from dvrk_gravity.planning import PlanLimits, distances
+
+RATE = 1000.0  # Hz
+_BLOCK = 20_000  # moments looked at at a time
+_ROUNDING = 1e-9
+_TURN = 2.0 * np.pi
+
+
+class KeptDriver:
+    """A driver that refuses to leave the limits.
+
+    Attributes:
+        samples: Commands looked at.
+        used: Greatest part of a limit that they use; 1 is at the limit.
+        most: Of which one.
+        seconds: Of motion.
+    """
+
+    def __init__(self, driver: Driver, limits: PlanLimits, arm: Arm) -> None:
+        self._driver, self._limits, self._arm = driver, limits, arm
+        self._endless = ~np.isfinite(arm.upper - arm.lower)
+        self.samples, self.used, self.most, self.seconds = 0, 0.0, "", 0.0
+
+    @property
+    def topic(self) -> str:
+        """Full name of the ``measured_js`` that is recorded."""
+        return self._driver.topic
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Hold the arm if it was moved."""
+        self.hold()
+
+    def connect(self) -> Array:
+        """Wait for the arm, and return its (n,) rest position, rad or m."""
+        return self._driver.connect()
+
+    def hold(self) -> None:
+        """Hold the arm if it was moved."""
+        self._driver.hold()
+
+    def follow(
+        self,
+        path: Path,
+        duration: float,
+        record: Callable[[bytes], None] | None = None,
+        progress: Callable[[float], None] | None = None,
+        watch: Watch | None = None,
+    ) -> float:
+        """Drive the arm along a path: :meth:`Driver.follow`.
+
+        Raises:
+            MotionError: The path leaves the limits; nothing has moved.
+        """
+        self._look(path, duration)
+        self.seconds += duration
+        return self._driver.follow(path, duration, record, progress, watch)
+
+    def motion(self, released: float = 0.0, rehearsed: float = 0.0) -> Moved:
+        """Return how the arm was moved, with the s for which it was released, and rehearsed."""
+        seconds = self.seconds - rehearsed + released
+        return Moved(seconds, rehearsed, self.samples, self.used, self.most)
+
+    def _look(self, path: Path, duration: float) -> None:
+        limits = self._limits
+        lower, upper = limits.range
+        start = self._present(path(np.zeros(1))[0]) @ limits.rows.T
+        # An arm that stands outside of a limit comes in.
+        lower, upper = np.minimum(lower, start[0]), np.maximum(upper, start[0])
+        moments = np.append(np.arange(0.0, duration, 1.0 / RATE), duration)
+        for first in range(0, len(moments), _BLOCK):
+            q, qd, qdd = path(moments[first : first + _BLOCK])
+            q = self._present(q)
+            along = [each @ limits.rows.T for each in (q, qd, qdd)]
+            half = 0.5 * (upper - lower)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                parts = {
+                    "position": np.abs(along[0] - 0.5 * (lower + upper)) / half,
+                    "velocity": np.abs(along[1]) / limits.rates[0],
+                    "acceleration": np.abs(along[2]) / limits.rates[1],
+                }
+            self.samples += len(q)
+            for kind, part in parts.items():
+                greatest = np.nan_to_num(part, nan=0.0).max(axis=0)
+                k = int(np.argmax(greatest))
+                if greatest[k] > 1.0 + _ROUNDING:
+                    raise MotionError(
+                        f"a command would use {100 * greatest[k]:.3g} % of the limit of {kind} of "
+                        f"{limits.names[k]}: not moved"
+                    )
+                if greatest[k] > self.used:
+                    self.used, self.most = float(greatest[k]), f"{kind} of {limits.names[k]}"
+            if limits.boxes and (near := float(distances(self._arm, limits.boxes, q).min())) < 0.0:
+                raise MotionError(f"a command would go {-1e3 * near:.3g} mm into a box: not moved")
+
+    def _present(self, q: Array) -> Array:
+        """Return positions with endless joints in their first turn."""
+        middle = 0.5 * (self._limits.lower + self._limits.upper)
+        return q - np.where(self._endless, _TURN * np.round((q[:1] - middle) / _TURN), 0.0)

@@ -1,0 +1,172 @@
+"""What a calibration has done so far: its steps, and the hash of every file that they left."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from dvrk_gravity import __version__
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import json_file, text_file
+
+FORMAT = 1
+FILE = "calibration.json"
+_BLOCK = 1 << 20  # bytes that are hashed at a time
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One step that is done.
+
+    Attributes:
+        step: Its name.
+        said: What it found, in a line.
+        files: SHA-256 of each file that it left, by path within the folder.
+        motion: How the arm was moved, by name; empty: it was not.
+        version: Of this package.
+    """
+
+    step: str
+    said: str
+    files: Mapping[str, str]
+    motion: Mapping[str, Any]
+    version: str = __version__
+
+
+class Logbook:
+    """The steps of one calibration, in its folder's file; written whole or not at all.
+
+    Attributes:
+        folder: The folder.
+        asked: What was asked for, by option.
+        entries: The steps that are done, in their order.
+    """
+
+    def __init__(self, folder: Path, asked: Mapping[str, str], entries: Iterable[Entry]) -> None:
+        self.folder, self.asked, self.entries = folder, dict(asked), list(entries)
+
+    @classmethod
+    def open(cls, folder: Path, asked: Mapping[str, str]) -> Logbook:
+        """Return the logbook of a folder: a new one's, or as far as an earlier process came.
+
+        Args:
+            folder: The folder; it exists.
+            asked: What is asked for, by option, with the hash of each file that is read.
+
+        Raises:
+            ConfigError: What is asked for differs from what the folder was begun with; a file was
+                changed or removed since; or the folder holds something else.
+        """
+        file = folder / FILE
+        _clear(folder)
+        if not file.exists():
+            others = sorted(path.name for path in folder.iterdir())
+            if others:
+                raise ConfigError(
+                    "--out", f"a folder with {others[0]}",
+                    f"a new folder, or one that `calibrate` began (with {FILE})", folder,
+                )  # fmt: skip
+            book = cls(folder, asked, ())
+            book._write()
+            return book
+        content = json_file.load(file)
+        try:
+            if content["format"] != FORMAT:
+                raise ConfigError("format", content["format"], f"{FORMAT}", file)
+            before = {str(name): str(value) for name, value in content["asked"].items()}
+            entries = [Entry(**entry) for entry in content["steps"]]
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ConfigError("", str(error), "a file as `calibrate` writes it", file) from None
+        for name in {**before, **asked}:
+            if before.get(name) != asked.get(name):
+                raise ConfigError(
+                    name, asked.get(name),
+                    f"{before.get(name)}, with which {folder} was begun; or another --out",
+                )  # fmt: skip
+        for entry in entries:
+            for name, known in entry.files.items():
+                found = _hash_or_none(folder / name)
+                if found != known:
+                    what = "no file" if found is None else "a file that was changed since"
+                    raise ConfigError(
+                        "", what, f"it as the step {entry.step!r} left it; put it back, or begin "
+                        "with another --out", folder / name,
+                    )  # fmt: skip
+        return cls(folder, asked, entries)
+
+    def entry(self, step: str) -> Entry | None:
+        """Return what a step left, ``None`` if it is not done."""
+        return next((entry for entry in self.entries if entry.step == step), None)
+
+    def add(self, step: str, said: str, paths: Iterable[Path], motion: Mapping[str, Any]) -> Entry:
+        """Note that a step is done, and the hashes of its files and of all in its folders."""
+        files = {
+            path.relative_to(self.folder).as_posix(): file_hash(path)
+            for path in _files(paths)
+        }  # fmt: skip
+        entry = Entry(step, said, files, motion)
+        self.entries.append(entry)
+        self._write()
+        return entry
+
+    def motions(self, name: str) -> Entry | None:
+        """Return the step that recorded a motion, ``None`` if there is no such recording."""
+        entry = self.entry(f"collect {name}")
+        return entry if entry is not None and entry.files else None
+
+    def moved(self) -> list[Mapping[str, Any]]:
+        """Return how the arm was moved in each step that moved it."""
+        return [entry.motion for entry in self.entries if entry.motion]
+
+    @property
+    def files(self) -> dict[str, str]:
+        """SHA-256 of every file so far, by path within the folder."""
+        return {name: known for entry in self.entries for name, known in entry.files.items()}
+
+    def _write(self) -> None:
+        content: dict[str, Any] = {
+            "format": FORMAT,
+            "asked": self.asked,
+            "steps": [asdict(entry) for entry in self.entries],
+        }
+        text_file.write(self.folder / FILE, json.dumps(content, indent=1) + "\n")
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    found = hashlib.sha256()
+    with open(path, "rb") as stream:
+        while block := stream.read(_BLOCK):
+            found.update(block)
+    return found.hexdigest()
+
+
+def _hash_or_none(path: Path) -> str | None:
+    try:
+        return file_hash(path)
+    except OSError:
+        return None
+
+
+def _files(paths: Iterable[Path]) -> Iterator[Path]:
+    """Yield files, and those in folders."""
+    for path in paths:
+        if path.is_dir():
+            yield from sorted(each for each in path.rglob("*") if each.is_file())
+        else:
+            yield path
+
+
+def _clear(folder: Path) -> None:
+    """Remove what a killed process has half written: ``text_file`` names it .NAME.RANDOM."""
+    for path in folder.glob(".*.*"):
+        if path.is_file():
+            path.unlink()

@@ -1,0 +1,140 @@
+"""Where an arm is released under compensation, and what drift its model expects there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.calibration.settings import CalibrationSettings
+from dvrk_gravity.compensate import let_go
+from dvrk_gravity.effects import State
+from dvrk_gravity.errors import ConfigError, PlanError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import PlanLimits, Straight, resting_positions, slacks
+from dvrk_gravity.simulate import ModelArm
+
+PART = 0.5  # of the limits, on the way from pose to pose
+WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
+_DRAWS = 4000  # poses among which those are chosen
+_SLOW = 0.05  # rad/s (Arm.scale): all of dry friction, and hardly any viscous one
+_ROUNDING = 1e-9
+
+
+def release_poses(
+    arm: Arm, limits: PlanLimits, model: TorqueModel, fitted: Array, settings: CalibrationSettings,
+    seed: int, start: Array,
+) -> tuple[Array, float]:  # fmt: skip
+    """Return (k, n) poses within the identified range that nothing was fitted on, and how far.
+
+    They are random, and visited in an order in which all limits are kept on the straight ways
+    between them.
+
+    Args:
+        arm: The arm.
+        limits: What is kept.
+        model: The model; its range is that of the poses.
+        fitted: (N, n) measured positions of all that was fitted, rad or m.
+        settings: How many poses, and how far from those.
+        seed: Of the poses.
+        start: (n,) where the arm is, rad or m.
+
+    Returns:
+        The poses, and the least distance of one from a fitted sample, rad (``Arm.scale``), of the
+        joint that is furthest.
+
+    Raises:
+        PlanError: There is no such pose.
+    """
+    known, random = model.uncertainty, np.random.default_rng(seed)
+    if known is not None:
+        limits = replace(
+            limits,
+            lower=np.maximum(limits.lower, known.lower + model.joint_offset),
+            upper=np.minimum(limits.upper, known.upper + model.joint_offset),
+        )
+    found = resting_positions(limits, arm, model, random, _DRAWS)
+    found = found[random.permutation(len(found))]
+    order: list[Array] = []
+    nearest, where = np.inf, start
+    for pose in found:
+        away = float((np.abs(fitted - pose) / arm.scale).max(axis=1).min(initial=np.inf))
+        if away < settings.apart or not _clear(where, pose, limits, arm, model):
+            continue
+        order.append(pose)
+        nearest, where = min(nearest, away), pose
+        if len(order) == settings.poses:
+            break
+    if not order:
+        raise PlanError("no pose within the identified range can be reached within the limits")
+    return np.array(order), nearest
+
+
+def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:
+    """Return whether a straight way keeps all limits; of positions, its ends decide."""
+    way = Straight.within(start, goal, limits, PART)
+    return all(
+        each.left >= -_ROUNDING
+        for each in slacks(way, limits, arm, model)
+        if each.limit in ("effort", "distance")
+    )
+
+
+def holding(model: TorqueModel, poses: Array, part: float) -> Array:
+    """Return (k, n) 95 % bands of the torque at rest, over a part of each joint's dry friction.
+
+    Below 1 that friction holds the arm, if the model's posterior is right. Friction is the least in
+    any combination of directions: a motor that two joints turn rubs in some of them only.
+    """
+    arm, known = model.arm, model.uncertainty
+    ways = np.array(list(product((-1.0, 1.0), repeat=arm.n)))
+    state = State(np.zeros_like(ways), _SLOW * arm.scale * ways)
+    torque = sum(
+        (np.abs(term.torque(state)) for term in model.terms if term.FRICTION),
+        np.zeros_like(ways),
+    )
+    if known is None:
+        return np.full(poses.shape, np.inf)
+    columns = known.torque(model.terms, State.of(poses - model.joint_offset))
+    band = WITHIN * np.sqrt(np.sum(columns**2, axis=-1))
+    with np.errstate(divide="ignore"):
+        return np.asarray(band / (part * torque.min(axis=0)))
+
+
+def predicted_drift(
+    model: TorqueModel, poses: Array, settings: CalibrationSettings, seeds: Sequence[int]
+) -> Array | None:
+    """Return (k, n) largest drift with less friction of arms that the model may be of.
+
+    Each is drawn from the model's posterior, has a part of its friction, and is compensated by the
+    model. ``None`` where that cannot be simulated.
+
+    Args:
+        model: The model.
+        poses: (k, n) measured positions.
+        settings: Duration and friction.
+        seeds: Of the draws.
+    """
+    known, found = model.uncertainty, []
+    if known is None:
+        return None
+    try:
+        for seed in seeds:
+            u = np.random.default_rng(seed).standard_normal(known.size)
+            offset = model.joint_offset + known.offset @ u
+            truth = replace(model, terms=known.moved(model.terms, u), joint_offset=offset)
+            plant = ModelArm.of(truth).plant(settings.friction)
+            with np.errstate(over="ignore", invalid="ignore"):
+                ways = [
+                    let_go(plant, model, pose, settings.seconds, settings.friction)
+                    for pose in poses
+                ]
+            found.append([np.abs(way).max(axis=0) for way in ways])
+    except ConfigError:
+        return None
+    drift = np.max(found, axis=0)
+    return drift if np.isfinite(drift).all() else None

@@ -1,0 +1,77 @@
+"""What a calibration does to an arm: move it, and release it under compensation."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.collecting import Driver, SimulatedDriver
+from dvrk_gravity.compensate import let_go
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.simulate import PlantFile
+
+
+class Rig(Protocol):
+    """An arm that is moved and compensated."""
+
+    @property
+    def simulated(self) -> str:
+        """What is simulated, in words; ``""``: nothing, it is an arm."""
+
+    @property
+    def friction(self) -> float:
+        """Part of its friction that it has while it is released."""
+
+    def driver(self) -> AbstractContextManager[Driver]:
+        """Return what moves it, once entered."""
+
+    def release(self, model: Path, pose: Array, seconds: float) -> Array:
+        """Release it where it is held, compensated, and hold it again.
+
+        Args:
+            model: The compensator's file.
+            pose: (n,) where it is, rad or m.
+            seconds: For so long, or until it has moved away.
+
+        Returns:
+            (n,) largest way of each joint, rad or m.
+
+        Raises:
+            MotionError: It could not be released.
+        """
+
+
+class SimulatedRig:
+    """A simulated arm in this process, faster than real time.
+
+    Attributes:
+        simulated: In words.
+        friction: Part of its friction that it has while it is released.
+    """
+
+    def __init__(self, plant: PlantFile, seed: int, friction: float) -> None:
+        """Build it.
+
+        Args:
+            plant: The hidden truth.
+            seed: Of the sensors' noise.
+            friction: Part of its friction that it has while it is released.
+        """
+        self._plant, self._seed, self.friction = plant, seed, friction
+        self._at: Array | None = None
+        self.simulated = plant.source
+
+    def driver(self) -> SimulatedDriver:
+        """Return what moves it from where it was released last, or else from where it starts."""
+        return SimulatedDriver(self._plant, seed=self._seed, at=self._at)
+
+    def release(self, model: Path, pose: Array, seconds: float) -> Array:
+        """Release it at a pose: :meth:`Rig.release`."""
+        plant = self._plant.plant(self.friction)
+        self._at = pose - self._plant.model.joint_offset
+        way = let_go(plant, TorqueModel.load(model), pose, seconds, self.friction)
+        return np.asarray(np.abs(way).max(axis=0))

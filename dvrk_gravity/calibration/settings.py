@@ -1,0 +1,41 @@
+"""How long a calibration moves, and what a certificate requires."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """How a calibration is made.
+
+    Attributes:
+        motion: Duration of the motion that is identified, s. Chosen: as `excite` and `plan`.
+        check: Of the one that is held out, s. Chosen: as long as a diagnosis needs to judge.
+        further: Of each further motion, s: as those that separate causes.
+        rounds: Further motions at most.
+        search: Of one core for each plan, s.
+        poses: At which the arm is released.
+        seconds: For which it is, s.
+        apart: Least distance of such a pose from any sample that was fitted, rad (``Arm.scale``),
+            of the joint that is furthest. Chosen.
+        allowed: Drift that counts as none, rad (``Arm.scale``).
+        friction: Part of its friction that a simulated arm has meanwhile: what holds an arm against
+            errors of the model is friction, of which another arm may have less.
+        longest: Motion at most, s, rehearsals apart.
+        rehearsal: Whether motions are rehearsed.
+    """
+
+    motion: float = 60.0
+    check: float = 30.0
+    further: float = 40.0
+    rounds: int = 2
+    search: float = 60.0
+    poses: int = 20
+    seconds: float = 10.0
+    apart: float = math.radians(5.0)
+    allowed: float = math.radians(0.5)
+    friction: float = 0.1
+    longest: float = 600.0
+    rehearsal: bool = True

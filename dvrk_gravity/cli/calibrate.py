@@ -1,0 +1,190 @@
+"""Calibrate an arm: plan, move, identify, check, diagnose, compensate, and certify."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvrk_gravity import command_line
+from dvrk_gravity.cli import options
+from dvrk_gravity.cli.collect import asking
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs
+
+if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.calibration import CalibrationSettings, Pages, Rig
+
+NAME = "calibrate"
+EXAMPLE = (
+    "python -m dvrk_gravity calibrate --arm mtmr --simulated --out out/mtmr\n"
+    "         python -m dvrk_gravity calibrate --arm mtmr --namespace /MTMR --limits limits.yaml "
+    "--out out/mtmr"
+)
+
+DURATIONS = (10.0, 120.0)  # s; below, hardly anything is identified
+TIMES = (1.0, 120.0)  # s, for each plan
+POSES = (1, 100)
+TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--arm", required=True, help=options.arms())
+    parser.add_argument("--out", required=True, metavar="DIR",
+                        help="folder for plans, recordings, models and the certificate; the same "
+                        "command goes on with one that was interrupted")  # fmt: skip
+    parser.add_argument(
+        "--namespace", help="namespace of the arm's topics (default: its name: /MTMR)"
+    )
+    parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
+                        help="hold the arm after this long without measured_js, or without a "
+                        "command, s (default: 0.1)")  # fmt: skip
+    parser.add_argument("--simulated", nargs="?", const="", metavar="MODEL",
+                        help="a simulated arm in this process, faster than real time, with errors "
+                        "drawn by --seed: the arm's plant, or the one of a model or plant "
+                        "file")  # fmt: skip
+    parser.add_argument("--limits", type=Path,
+                        help="limits .yaml: of joints, combinations of joints, and boxes to stay "
+                        "out of (default: the arm's)")  # fmt: skip
+    parser.add_argument("--duration", type=float, default=60.0, metavar="S",
+                        help="duration of the motion that is identified, s; those after it last "
+                        "half of it, and two thirds (default: 60)")  # fmt: skip
+    parser.add_argument("--poses", type=int, default=20, metavar="N",
+                        help="poses at which the arm is released (default: 20)")  # fmt: skip
+    parser.add_argument("--time", type=float, default=60.0, metavar="S",
+                        help="time of one core for each plan, s (default: 60)")  # fmt: skip
+    parser.add_argument(
+        "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
+    )
+    parser.add_argument("--no-rehearsal", action="store_true",
+                        help="skip the rehearsals of the motions at a tenth of their "
+                        "speed")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=1,
+                        help="seed of plans, poses and simulated errors (default: 1)")  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Take the steps that are left.
+
+    Returns:
+        0, or 1 if the arm is not certified.
+    """
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.calibration import CERTIFICATE, Work, calibrate
+    from dvrk_gravity.planning import PlanLimits, load_limits
+
+    bounds = (
+        ("duration", DURATIONS), ("time", TIMES), ("poses", POSES), ("timeout", TIMEOUTS),
+    )  # fmt: skip
+    for name, (least, most) in bounds:
+        if not least <= getattr(arguments, name) <= most:
+            raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
+    if arguments.seed < 0:
+        raise ConfigError("--seed", arguments.seed, "0 or more")
+    if arguments.ros_args:
+        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
+    simulated = arguments.simulated is not None
+    inputs = [Arm.file(arguments.arm), arguments.limits]
+    out = outputs.check_folder("--out", arguments.out, (), inputs)
+    arm = Arm.load(arguments.arm)
+    limits = PlanLimits.of(arm)
+    if arguments.limits is not None:
+        limits = load_limits(arguments.limits, arm)
+    settings = _settings(arguments)
+    rig = _rig(arguments, arm, settings)
+    free = simulated or arguments.yes
+    consent = (lambda question: True) if free else asking(rig)
+    out.mkdir(parents=True, exist_ok=True)
+    shown: dict[str, command_line.Progress] = {}
+
+    def progress(step: str, part: float) -> None:
+        if step not in shown:
+            for each in shown.values():
+                each.done()
+            shown.clear()
+            shown[step] = command_line.Progress(step, 1.0)
+        shown[step].update(part)
+
+    def report(line: str) -> None:
+        for each in shown.values():
+            each.done()
+        print(line, flush=True)
+
+    work = Work(
+        out, _asked(arguments, settings), arm, limits, rig, _pages(arm),
+        arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings,
+        consent, report, progress,
+    )  # fmt: skip
+    certificate = calibrate(work)
+    print(f"written: {out / CERTIFICATE}, {(out / CERTIFICATE).with_suffix('.html')}")
+    return 0 if certificate["certified"] else 1
+
+
+def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
+    from dvrk_gravity.calibration import CalibrationSettings
+
+    lasts = arguments.duration
+    return CalibrationSettings(
+        motion=lasts, check=lasts / 2.0, further=lasts * 2.0 / 3.0, search=arguments.time,
+        poses=arguments.poses, rehearsal=not arguments.no_rehearsal,
+    )  # fmt: skip
+
+
+def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings) -> Rig:
+    from dvrk_gravity.calibration import SimulatedRig
+    from dvrk_gravity.simulate import PlantFile, drawn_arm
+
+    if arguments.simulated is None:
+        # Here and not above: rclpy is slow to load, and bad arguments need none of it.
+        from dvrk_gravity.ros import RosRig, end_on_signals, namespace_of
+
+        end_on_signals()
+        return RosRig(arm, namespace_of(arm, arguments.namespace), arguments.timeout)
+    model = arguments.simulated
+    plant = PlantFile.load(model) if model else PlantFile.of(arm)
+    if plant.model.arm.joint_names != arm.joint_names:
+        raise ConfigError("--simulated", model, f"one with the joints of {arm.name}")
+    return SimulatedRig(drawn_arm(plant, arguments.seed), arguments.seed, settings.friction)
+
+
+def _asked(arguments: argparse.Namespace, settings: CalibrationSettings) -> dict[str, str]:
+    """Return what is asked for, with the hash of each file, by option."""
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.calibration import file_hash
+
+    def with_hash(name: str, path: Path | None) -> str:
+        return name if path is None else f"{name} ({file_hash(path)[:16]})"
+
+    def of_option(name: str) -> str:
+        value = getattr(arguments, name)
+        path = Path(str(value))
+        return with_hash(str(value), path if value and path.is_file() else None)
+
+    file = Arm.file(arguments.arm)
+    return {
+        "--arm": with_hash(arguments.arm, None if file is None else Path(file)),
+        "--namespace": str(arguments.namespace),
+        "--simulated": of_option("simulated"),
+        "--limits": of_option("limits"),
+        "--duration": f"{arguments.duration:g}",
+        "--poses": str(arguments.poses),
+        "--seed": str(arguments.seed),
+        "--no-rehearsal": str(arguments.no_rehearsal),
+    }
+
+
+def _pages(arm: Arm) -> Pages:
+    from dvrk_gravity.calibration import Pages
+    from dvrk_gravity.report import (
+        certificate_page,
+        diagnosis_page,
+        identification_page,
+        plan_picture,
+    )
+
+    return Pages(
+        plan_picture, identification_page, diagnosis_page, partial(certificate_page, arm=arm)
+    )

@@ -1,0 +1,216 @@
+"""Move an arm along a plan and record it, or learn its free room from a person who moves it."""
+
+from __future__ import annotations
+
+import argparse
+import select
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvrk_gravity import command_line
+from dvrk_gravity.cli import options
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs
+
+if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.collecting import Collected, Driver
+    from dvrk_gravity.planning import Plan, PlanLimits
+
+NAME = "collect"
+EXAMPLE = "python -m dvrk_gravity collect plan.yaml --namespace /MTMR --out my_bag"
+
+RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
+TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
+# A motion may take longer by this, s, and count as undisturbed. Chosen: a measurement every 10 ms
+# and one late step of 20 ms lie within.
+PAUSED = 0.05
+_ASK_EVERY = 0.1  # s, to see a signal while a question waits for its answer
+
+
+def add_moving(parser: argparse.ArgumentParser) -> None:
+    """Declare how an arm is moved."""
+    parser.add_argument(
+        "--namespace", help="namespace of the arm's topics (default: its name: /MTMR)"
+    )
+    parser.add_argument("--rate", type=float, default=200.0, metavar="HZ",
+                        help="positions per second (default: 200); every measured_js is "
+                        "recorded")  # fmt: skip
+    parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
+                        help="hold the arm after this long without measured_js, s "
+                        "(default: 0.1)")  # fmt: skip
+    parser.add_argument("--no-rehearsal", action="store_true",
+                        help="skip the rehearsal at a tenth of the motion's speed")  # fmt: skip
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on where an earlier run with the same --out was stopped",
+    )
+    parser.add_argument("--simulated", nargs="?", const="", metavar="PLANT",
+                        help="move a simulated arm in this process, faster than real time and "
+                        "without ROS: the arm's plant, or that of a name or file")  # fmt: skip
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("plan", nargs="?", type=Path, help="plan .yaml, as `plan` writes it")
+    parser.add_argument("--out", type=Path, help="rosbag2 to write measured_js to")
+    parser.add_argument("--model", type=Path,
+                        help="model .yaml of the arm: its efforts are watched against the "
+                        "model's")  # fmt: skip
+    parser.add_argument("--limits", type=Path,
+                        help="limits .yaml to keep; before every phase the file is read again "
+                        "(default: the plan's own)")  # fmt: skip
+    parser.add_argument(
+        "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
+    )
+    add_moving(parser)
+    parser.add_argument("--teach", type=Path, metavar="LIMITS",
+                        help="move nothing: write the free room that a person shows by moving "
+                        "the arm to its corners, until Ctrl-C")  # fmt: skip
+    parser.add_argument("--arm", help=f"with --teach: {options.arms()}")
+    parser.add_argument("--from", dest="recording", type=Path, metavar="RECORDING",
+                        help="with --teach: the positions of a recording")  # fmt: skip
+    parser.add_argument("--margin", type=float, default=2.0, metavar="DEG",
+                        help="with --teach: stay so far inside of what was shown, deg, or as far "
+                        "at a lever of 0.1 m (default: 2)")  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Collect, or teach."""
+    if arguments.ros_args:
+        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
+    if arguments.teach is not None:
+        from dvrk_gravity.cli import teach
+
+        return teach.run(arguments)
+    for name in ("plan", "out"):
+        if getattr(arguments, name) is None:
+            expected = "a plan .yaml, or --teach" if name == "plan" else "a rosbag2 to write"
+            raise ConfigError("PLAN" if name == "plan" else "--out", None, expected)
+    for option, value in (("--arm", arguments.arm), ("--from", arguments.recording)):
+        if value is not None:
+            raise ConfigError(option, str(value), "--teach, which it is for")
+    read = [arguments.plan, arguments.model, arguments.limits]
+    outputs.check({}, read, {"--out": arguments.out})
+
+    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.planning import Plan, load_limits, require_arm
+
+    plan = Plan.load(arguments.plan)
+    model = None
+    if arguments.model is not None:
+        model = TorqueModel.load(arguments.model)
+        require_arm(model, plan.arm, str(arguments.model))
+        model = model.physical()
+
+    def limits() -> PlanLimits:
+        if arguments.limits is not None:
+            return load_limits(arguments.limits, plan.arm)
+        return Plan.load(arguments.plan).limits
+
+    limits()
+    with driver_of(plan.arm, arguments, NAME) as driver:
+        collected = carry_out(
+            [plan], driver, arguments, model=model, limits=limits,
+            consent=(lambda question: True) if arguments.yes else asking(driver),
+        )  # fmt: skip
+    finish(collected, plan.arm.source or plan.arm.name, PAUSED)
+    return 0
+
+
+@contextmanager
+def driver_of(arm: Arm, arguments: argparse.Namespace, name: str) -> Iterator[Driver]:
+    """Yield what moves the arm: through ROS as a node of a name, or in this process.
+
+    Raises:
+        ConfigError: An argument that is out of range.
+    """
+    for option, (least, most) in (("rate", RATES), ("timeout", TIMEOUTS)):
+        if not least <= getattr(arguments, option) <= most:
+            raise ConfigError(f"--{option}", getattr(arguments, option), f"{least:g} to {most:g}")
+    if arguments.simulated is not None:
+        from dvrk_gravity.collecting import SimulatedDriver
+        from dvrk_gravity.simulate import PlantFile
+
+        plant = PlantFile.load(arguments.simulated) if arguments.simulated else PlantFile.of(arm)
+        if plant.model.arm.joint_names != arm.joint_names:
+            raise ConfigError("--simulated", arguments.simulated, f"a plant of {arm.name}")
+        with SimulatedDriver(plant, rate=arguments.rate) as driver:
+            yield driver
+        return
+    # Here and not above: rclpy is slow to load, and bad arguments need none of it.
+    from dvrk_gravity.ros import Client, Mover, namespace_of
+
+    namespace = namespace_of(arm, arguments.namespace)
+    with (
+        Client(namespace, name) as client,
+        Mover(client, arm, arguments.rate, arguments.timeout) as mover,
+    ):
+        yield mover
+
+
+def carry_out(
+    plans: Sequence[Plan], driver: Driver, arguments: argparse.Namespace, **how: object
+) -> Collected:
+    """Collect as the arguments say, with its progress on the terminal."""
+    from dvrk_gravity.collecting import collect
+
+    shown: dict[str, command_line.Progress] = {}
+
+    def progress(name: str, part: float) -> None:
+        if name not in shown:
+            for before in shown.values():
+                before.done()
+            shown.clear()
+            shown[name] = command_line.Progress(name, 100)
+        shown[name].update(round(100 * part))
+
+    try:
+        return collect(
+            plans, driver, arguments.out, rehearse=not arguments.no_rehearsal,
+            resume=arguments.resume, report=lambda line: print(line, flush=True),
+            progress=progress, **how,  # type: ignore[arg-type]
+        )  # fmt: skip
+    finally:
+        for last in shown.values():
+            last.done()
+
+
+def finish(collected: Collected, arm: str, paused: float) -> None:
+    """Print what was recorded, and what to do with it."""
+    if collected.longer > paused:
+        print(
+            f"note: the motion took {collected.longer:.2f} s longer than its "
+            f"{collected.seconds:g} s, because this computer was busy: accelerations differ from "
+            "the plan; record again on an idle computer if the model is poor, or for `diagnose "
+            "--reference`"
+        )
+    if collected.parts > 1:
+        print(
+            f"note: recorded in {collected.parts} parts: each later one takes up the motion where "
+            "the one before was cut; between their stamps is a gap"
+        )
+    rate = collected.samples / (collected.seconds + collected.longer)
+    print(
+        f"recorded {collected.samples} messages, {rate:.0f} per second, in {collected.bag}; the "
+        f"arm is held. Next: identify {collected.bag} --arm {arm} --out model.yaml"
+    )
+
+
+def asking(driver: object) -> Callable[[str], bool]:
+    """Return what asks on the terminal; Ctrl-C counts while it waits."""
+    if not sys.stdin.isatty():
+        raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")
+
+    def ask(question: str) -> bool:
+        print(f"{question} [y/N] ", end="", flush=True)
+        while not select.select([sys.stdin], [], [], _ASK_EVERY)[0]:
+            if getattr(driver, "interrupted", False):
+                raise KeyboardInterrupt
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+    return ask

@@ -1,0 +1,84 @@
+"""``collect --teach``: limits from a person who moves an arm to the corners of its free room."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs
+
+if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.collecting import TaughtRoom
+
+MARGINS = (0.0, 20.0)  # deg
+EVERY = 1.0  # s, between two lines of the coverage
+LITTLE = 0.2  # part of a joint's range; less is reported. Chosen
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the arm, or a recording; write the limits; print what they cover."""
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.collecting import TaughtRoom
+    from dvrk_gravity.planning import save_limits
+    from dvrk_gravity.recording import Recording
+
+    if arguments.arm is None:
+        raise ConfigError("--arm", None, "the arm that is shown its room")
+    for name, value in (("PLAN", arguments.plan), ("--out", arguments.out)):
+        if value is not None:
+            raise ConfigError(name, str(value), "nothing beside --teach, which records no motion")
+    if not MARGINS[0] <= arguments.margin <= MARGINS[1]:
+        raise ConfigError("--margin", arguments.margin, f"{MARGINS[0]:g} to {MARGINS[1]:g}")
+    outputs.check({"--teach": arguments.teach}, [Arm.file(arguments.arm), arguments.recording])
+    arm = Arm.load(arguments.arm)
+    room = TaughtRoom(arm)
+    if arguments.recording is not None:
+        room.show(Recording.load(arguments.recording, arm=arm).position)
+    else:
+        _listen(arm, arguments.namespace, room)
+    if not room.samples:
+        raise ConfigError("--teach", "no measurements", "an arm that is moved before Ctrl-C")
+    limits = room.limits(math.radians(arguments.margin))
+    save_limits(arguments.teach, limits, arm, f"Shown to dvrk_gravity, less {arguments.margin:g}"
+                " deg at either end.")  # fmt: skip
+    print(_line(room))
+    little = [name for name, part in room.coverage.items() if part < LITTLE]
+    if little:
+        print(f"note: {', '.join(little)} moved through less than {100 * LITTLE:.0f} % of the "
+              "range: a plan will not move there either")  # fmt: skip
+    print(f"written: {arguments.teach}. Next: plan --arm {arguments.arm} --limits "
+          f"{arguments.teach} --out plan.yaml")  # fmt: skip
+    return 0
+
+
+def _listen(arm: Arm, given: str | None, room: TaughtRoom) -> None:
+    """Show the room all positions until a signal asks for the end."""
+    from dvrk_gravity.ros import Client, listen, namespace_of
+
+    namespace = namespace_of(arm, given)
+    print(f"move the arm to the corners of its free room: reading {namespace}/measured_js until "
+          "Ctrl-C", flush=True)  # fmt: skip
+    terminal = sys.stderr.isatty()
+    with Client(namespace, "collect") as client:
+        due = time.monotonic() + EVERY
+        for position in listen(client, arm):
+            if position is not None:
+                room.show(position)
+            if time.monotonic() >= due:
+                due = time.monotonic() + EVERY
+                before, after = ("\r\033[K", "") if terminal else ("", "\n")
+                print(f"{before}{_line(room)}", end=after, file=sys.stderr, flush=True)
+    if terminal:
+        print(file=sys.stderr)
+
+
+def _line(room: TaughtRoom) -> str:
+    if not room.samples:
+        return "nothing heard yet"
+    return "shown: " + ", ".join(f"{name} {100 * part:.0f} %"
+                                 for name, part in room.coverage.items())  # fmt: skip

@@ -1,0 +1,12 @@
+from .driver import Driver as Driver
+from .driver import Path as Path
+from .driver import States as States
+from .driver import Watch as Watch
+from .journal import Journal as Journal
+from .pace import Paced as Paced
+from .run import Collected as Collected
+from .run import CollectSettings as CollectSettings
+from .run import MotionStoppedError as MotionStoppedError
+from .run import collect as collect
+from .simulated import SimulatedDriver as SimulatedDriver
+from .teaching import TaughtRoom as TaughtRoom

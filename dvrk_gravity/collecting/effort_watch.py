@@ -1,0 +1,127 @@
+"""Whether an arm's efforts are those that its motion takes: a hand, or what is in its way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.collecting.driver import Path
+from dvrk_gravity.compensate import DRY_SPEED, LAG, MotionError, Sample
+from dvrk_gravity.effects import State
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import effort_band
+
+
+@dataclass(frozen=True)
+class EffortSettings:
+    """When an effort counts as another one than the motion's.
+
+    Attributes:
+        every: The model is asked about moments of the path so far apart, s: what changes at 0.6 Hz
+            changes by 15 % of its amplitude from one to the next, which the window has both of.
+        ahead: ... and so far ahead at once, s: of an identified MTM that takes 3 ms, less than a
+            period of the set points.
+        window: What it says for so long back counts, s: the arm lags, by LAG at most, and its
+            effort is measured some 10 ms late.
+        margin: Part of the motor's greatest effort that it may be outside of the band. Twice what
+            undisturbed simulated arms are for `lasts` (.037 of an MTM's, .02 of a PSM's and of an
+            ECM's, on `covering_plan(arm, 20.0, 3)` with the plant's own model), and more than they
+            are at any moment but for an MTM's roll (.135).
+        lasts: It has to be outside for so long, s: a servo's answer to a step has ended, and an
+            arm at 60 deg/s has gone 6 deg.
+    """
+
+    every: float = 0.04
+    ahead: float = 0.12
+    window: float = LAG + 0.03
+    margin: float = 0.08
+    lasts: float = 0.1
+
+
+class EffortWatch:
+    """Stops an arm whose efforts are beyond its model's band, or its limits, for a while.
+
+    The band is that of the path within the arm's lag, with any friction that a joint so slow may
+    have: at rest it is anything between both directions'. Without a model only the limits are
+    watched.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        arm: Arm,
+        greatest: Array,
+        model: TorqueModel | None,
+        settings: EffortSettings | None = None,
+    ) -> None:
+        """Watch nothing yet.
+
+        Args:
+            path: What the arm is to follow.
+            arm: The arm.
+            greatest: (n,) limits of the motors' efforts, N·m or N.
+            model: The arm's.
+            settings: When it stops.
+        """
+        self._path, self._arm, self._greatest, self._model = path, arm, greatest, model
+        self._settings = settings or EffortSettings()
+        self._margin = self._settings.margin * arm.actuator_effort_limit
+        self._slow = DRY_SPEED * arm.scale
+        # (N, n) each, from the path's beginning on in steps of `every`.
+        self._lowest = self._highest = np.empty((0, arm.n))
+        self._outside: float | None = None  # since when
+
+    def __call__(self, sample: Sample, moment: float) -> None:
+        """Look at a measurement, and at the path at that moment, s.
+
+        Raises:
+            MotionError: Naming the motor, its effort, and what was expected.
+        """
+        if sample.effort is None:
+            return
+        now = 1e-9 * sample.stamp
+        effort = self._arm.actuator_effort(sample.effort)
+        lowest, highest = self._expected(moment)
+        beyond = np.maximum(lowest - effort, effort - highest) / self._margin
+        worst = int(np.argmax(beyond))
+        if not beyond[worst] > 1.0:
+            self._outside = None
+            return
+        self._outside = now if self._outside is None else self._outside
+        if now - self._outside >= self._settings.lasts:
+            low, high = (
+                end[worst] + way * self._margin[worst] for end, way in ((lowest, -1), (highest, 1))
+            )
+            by = "its limits" if self._model is None else "its model and its limits"
+            raise MotionError(
+                f"{self._arm.joint_names[worst]}'s motor has {effort[worst]:.3g} "
+                f"{self._arm.effort_units[worst]} for {now - self._outside:.1f} s, {low:.3g} to "
+                f"{high:.3g} expected by {by}: is a hand on the arm, or something in its way?"
+            )
+
+    def _expected(self, moment: float) -> tuple[Array, Array]:
+        """Return (n,) lowest and (n,) highest efforts of the motors within the arm's lag."""
+        if self._model is None:
+            return -self._greatest, self._greatest
+        of = self._settings
+        last = int(moment / of.every) + 1
+        if last >= len(self._lowest):
+            self._look_ahead(self._model)
+        window = slice(max(last - int(np.ceil(of.window / of.every)) - 1, 0), last + 1)
+        lowest, highest = self._lowest[window].min(axis=0), self._highest[window].max(axis=0)
+        return np.maximum(lowest, -self._greatest), np.minimum(highest, self._greatest)
+
+    def _look_ahead(self, model: TorqueModel) -> None:
+        """Ask the model about the next part of the path."""
+        of = self._settings
+        steps = len(self._lowest) + np.arange(round(of.ahead / of.every), dtype=float)
+        time: Array = np.asarray(of.every * steps, dtype=float)
+        q, qd, qdd = (np.vstack([each, each]) for each in self._path(time))
+        slow = np.repeat([self._slow, -self._slow], len(time), axis=0)
+        torque, half = effort_band(model, State(q, qd + slow, qdd))
+        low, high = (ends.reshape(2, len(time), -1) for ends in (torque - half, torque + half))
+        self._lowest = np.vstack([self._lowest, low.min(axis=0)])
+        self._highest = np.vstack([self._highest, high.max(axis=0)])

@@ -1,0 +1,285 @@
+"""What a collection has done so far, in a folder beside its bag: what --resume goes on from.
+
+The folder holds ``state.json`` and a bag for each time that the arm was moved. Its state is written
+whole or not at all, before every phase and with every second of a motion, so that a process
+that is killed loses no more than that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.files import json_file, text_file
+from dvrk_gravity.planning import Plan
+from dvrk_gravity.recording import JOINT_STATE, STAMP, BagReader, BagWriter
+
+FORMAT = 1
+SUFFIX = ".unfinished"
+REHEARSAL, MOTION, JOINING = PHASES = ("rehearsal", "motion", "joining")
+_FINGERPRINT = 200  # moments of a motion that make its fingerprint
+# Between two parts of which the later one's clock is behind, s: that of a simulator that was
+# started again, for instance.
+_APART = 1.0
+
+
+@dataclass
+class RecordedPart:
+    """Messages of one go.
+
+    Attributes:
+        name: Of its bag.
+        keep: So many of its messages count; ``None``: all.
+        marks: Number of a motion, s of it, and messages written until then, ascending.
+    """
+
+    name: str
+    keep: int | None = None
+    marks: list[tuple[int, float, int]] = field(default_factory=list)
+
+
+@dataclass
+class Journal:
+    """How far a collection is.
+
+    Attributes:
+        out: The bag that will be.
+        plan: Fingerprint of the motions.
+        topic: Recorded topic.
+        motion: Number of the motion, from 0.
+        phase: One of :data:`PHASES`.
+        approaching: Whether the arm is on its way to that phase's beginning.
+        moment: s of the motion that have passed in that phase.
+        why: Why it stopped; ``""``: it did not, or its process was killed.
+        parts: What was recorded.
+        found: Whether an earlier process began it.
+    """
+
+    out: Path
+    plan: str
+    topic: str
+    motion: int = 0
+    phase: str = REHEARSAL
+    approaching: bool = True
+    moment: float = 0.0
+    why: str = ""
+    parts: list[RecordedPart] = field(default_factory=list)
+    found: bool = False
+
+    @classmethod
+    def open(cls, out: Path, plans: Sequence[Plan], topic: str, resume: bool) -> Journal:
+        """Return the state of a collection, a new one's or that of an earlier process.
+
+        Raises:
+            RecordingError: The bag exists, or the state is there and is not to be resumed.
+            ConfigError: The state is of another plan or arm, or cannot be read.
+        """
+        if out.exists():
+            raise RecordingError(out, "exists already, expected a new name")
+        journal = cls(out, fingerprint(plans), topic)
+        if not journal.file.exists():
+            return journal
+        found = cls._read(journal.file, out)
+        if not resume:
+            raise RecordingError(
+                out, f"an earlier collection {found.place()}: --resume goes on from there, or "
+                f"remove {journal.folder}"
+            )  # fmt: skip
+        if found.plan != journal.plan:
+            raise ConfigError("plan", "another plan", "the one that it began with", journal.file)
+        if found.topic != topic:
+            raise ConfigError("topic", topic, f"{found.topic}, as it began", journal.file)
+        return found
+
+    @classmethod
+    def _read(cls, path: Path, out: Path) -> Journal:
+        content = json_file.load(path)
+        if content.pop("format", None) != FORMAT:
+            raise ConfigError("format", None, f"{FORMAT}, as `collect` writes it", path)
+        try:
+            parts = [
+                RecordedPart(part["name"], part["keep"], [(int(m), float(s), int(c))
+                                                  for m, s, c in part["marks"]])
+                for part in content.pop("parts")
+            ]  # fmt: skip
+            found = cls(out, parts=parts, found=True, **content)
+            if found.phase not in PHASES:
+                raise ConfigError("phase", found.phase, f"one of {', '.join(PHASES)}", path)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ConfigError("", str(error), "a state as `collect` writes it", path) from error
+        return found
+
+    @property
+    def folder(self) -> Path:
+        """Where it lies, beside the bag."""
+        return self.out.with_name(self.out.name + SUFFIX)
+
+    @property
+    def file(self) -> Path:
+        """Its state."""
+        return self.folder / "state.json"
+
+    def place(self) -> str:
+        """Return where it stopped and why, in words."""
+        where = f"approach to the {self.phase}" if self.approaching else self.phase
+        if self.phase == JOINING:
+            where = "writing the bag"
+        elif not self.approaching:
+            where += f", {self.moment:.1f} s into it"
+        of = f" of motion {self.motion + 1}" if self.motion else ""
+        return f"stopped in its {where}{of}: {self.why or 'its process was ended'}"
+
+    def enter(self, motion: int, phase: str, moment: float, approaching: bool) -> None:
+        """Note the beginning of a phase."""
+        self.motion, self.phase, self.moment = motion, phase, moment
+        self.approaching, self.why = approaching, ""
+        self.save()
+
+    def save(self) -> None:
+        """Write the state, whole or not at all.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        content: dict[str, Any] = {"format": FORMAT} | {
+            name: getattr(self, name)
+            for name in ("plan", "topic", "motion", "phase", "approaching", "moment", "why")
+        }
+        content["parts"] = [asdict(part) for part in self.parts]
+        self.folder.mkdir(exist_ok=True)
+        text_file.write(self.file, json.dumps(content) + "\n")
+
+    def new_part(self) -> BagWriter:
+        """Add a part, and return the writer of its bag."""
+        self.folder.mkdir(exist_ok=True)
+        taken = {path.name.partition(".")[0] for path in self.folder.glob("part_*")}
+        number = next(k for k in range(1, len(taken) + 2) if f"part_{k}" not in taken)
+        part = RecordedPart(f"part_{number}")
+        self.parts.append(part)
+        return BagWriter(self.folder / part.name)
+
+    def begins(self, before: float) -> list[float]:
+        """Return moments from which the present motion may go on, s, ascending.
+
+        Args:
+            before: So long before it stopped may what was recorded be disturbed, s.
+        """
+        last = self.moment - before
+        return sorted(
+            moment
+            for part in self.parts
+            for motion, moment, _ in part.marks
+            if motion == self.motion and moment <= last
+        )
+
+    def mark(self, moment: float, bag: BagWriter) -> None:
+        """Note that the present phase is so far, s of the motion; what is written is on disk."""
+        self.moment = moment
+        if self.phase == MOTION:
+            bag.flush()
+            self.parts[-1].marks.append((self.motion, moment, bag.count))
+        self.save()
+
+    def cut_at(self, motion: int, moment: float) -> None:
+        """Drop what was recorded of a motion from a moment on, s.
+
+        Of a motion that begins again (0.0), all of it.
+        """
+        *earlier, present = self.parts
+        kept: list[RecordedPart] = []
+        for part in earlier:
+            marks = [mark for mark in part.marks if mark[:2] <= (motion, moment)]
+            if not marks or not marks[-1][2]:
+                continue
+            kept.append(part)
+            if len(marks) < len(part.marks):
+                part.marks, part.keep = marks, marks[-1][2]
+                break
+        self.parts = [*kept, present]
+
+    def _messages(self, part: RecordedPart) -> Iterator[tuple[int, bytes]]:
+        """Yield receive time, ns, and bytes of a part's messages, those that count."""
+        complete = self.folder / part.name
+        partial = sorted(self.folder.glob(f"{part.name}.partial-*/{part.name}"))
+        path = complete if complete.exists() else partial[-1] if partial else None
+        if path is None or part.keep == 0:
+            return
+        with BagReader(path) as bag:
+            for number, (_, received, data) in enumerate(bag.raw(self.topic)):
+                if part.keep is not None and number >= part.keep:
+                    return
+                yield received, data
+
+    def join(self) -> int:
+        """Write the bag of all parts, whole or not at all; return the number of its messages.
+
+        Stamps stay as they are: between two parts is a gap. Only where a later part's clock is
+        behind the earlier one's, it is set on.
+
+        Raises:
+            RecordingError: The bag cannot be written.
+        """
+        folder = self.folder / JOINING
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        folder.mkdir()
+        with BagWriter(folder / self.out.name, keep_partial=False) as bag:
+            bag.add_topic(self.topic, JOINT_STATE)
+            last = -(2**63)
+            for part in self.parts:
+                shift = None
+                for received, data in self._messages(part):
+                    stamp = _stamp(data)
+                    if shift is None:
+                        late = last + round(_APART * 1e9) - stamp
+                        shift = late if stamp <= last else 0
+                    if shift:
+                        data = _stamped(data, stamp + shift)
+                    last = max(last, stamp + shift)
+                    bag.write(self.topic, JOINT_STATE, data, received)
+        (folder / self.out.name).rename(self.out)
+        return bag.count
+
+    def remove(self) -> None:
+        """Remove the folder, when its bag is written."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def fingerprint(plans: Sequence[Plan]) -> str:
+    """Return a hash of the motions' positions."""
+    of = hashlib.sha256()
+    for plan in plans:
+        of.update(" ".join((*plan.arm.joint_names, f"{plan.duration:.6f}")).encode())
+        positions = plan.at(np.linspace(0.0, plan.duration, _FINGERPRINT))[0]
+        of.update((np.round(positions, 6) + 0.0).tobytes())
+    return of.hexdigest()[:16]
+
+
+def _order(data: bytes) -> str:
+    return "little" if data[1] else "big"
+
+
+def _stamp(data: bytes) -> int:
+    """Return the stamp of a JointState in CDR bytes, ns."""
+    order: Any = _order(data)
+    seconds, ns = data[STAMP][:4], data[STAMP][4:]
+    return int.from_bytes(seconds, order) * 1_000_000_000 + int.from_bytes(ns, order)
+
+
+def _stamped(data: bytes, stamp: int) -> bytes:
+    """Return the JointState with another stamp, ns."""
+    order: Any = _order(data)
+    seconds, ns = divmod(stamp, 1_000_000_000)
+    return (
+        data[: STAMP.start]
+        + seconds.to_bytes(4, order)
+        + ns.to_bytes(4, order)
+        + data[STAMP.stop :]
+    )

@@ -1,0 +1,352 @@
+"""From a plan to its recording: approach, rehearse, move, record; whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.collecting.driver import Driver, Path, States
+from dvrk_gravity.collecting.effort_watch import EffortWatch
+from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal
+from dvrk_gravity.collecting.pace import Paced, resumed
+from dvrk_gravity.compensate import MotionError
+from dvrk_gravity.errors import DvrkGravityError, RecordingError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import Plan, PlanLimits, Straight, slacks
+from dvrk_gravity.recording import JOINT_STATE, BagWriter
+
+
+@dataclass(frozen=True)
+class CollectSettings:
+    """How a plan is carried out.
+
+    Attributes:
+        rehearsal: Speed of the rehearsal, of the motion's. Chosen: a hundredth of its
+            accelerations, so that what is in the way is met gently.
+        approach: Part of the limits that an approach uses: it passes through untested space.
+        disturbed: So long before the arm was stopped may its recording be disturbed, s: what is
+            noticed must have lasted a tenth of a second, and pulls at the arm before it is.
+        mark: From so much to so much of a motion, s, it can be resumed.
+        message: A recorded message takes so much, bytes: a JointState of seven joints and its row.
+        rate: Messages per second at most, Hz: a console's.
+    """
+
+    rehearsal: float = 0.1
+    approach: float = 0.5
+    disturbed: float = 2.0
+    mark: float = 1.0
+    message: float = 500.0
+    rate: float = 1000.0
+
+
+class MotionStoppedError(MotionError):
+    """A motion was stopped; what was recorded is kept for ``resume``.
+
+    Attributes:
+        phase: ``approach``, ``rehearsal`` or ``motion``.
+        moment: s of the motion.
+        why: Reason.
+    """
+
+    def __init__(self, phase: str, moment: float, why: str, text: str) -> None:
+        """Store the parts."""
+        self.phase, self.moment, self.why = phase, moment, why
+        super().__init__(text)
+
+
+@dataclass(frozen=True)
+class Collected:
+    """What was recorded.
+
+    Attributes:
+        bag: Folder of the rosbag2.
+        samples: Messages in it.
+        seconds: Planned duration of the motions, s.
+        longer: Excess over it, s of the arm's clock: of pauses of this computer.
+        parts: Goes that it was recorded in: more than one if it was resumed.
+    """
+
+    bag: FilePath
+    samples: int
+    seconds: float
+    longer: float
+    parts: int
+
+
+def collect(
+    plan: Plan | Sequence[Plan],
+    driver: Driver,
+    out: str | FilePath,
+    *,
+    model: TorqueModel | None = None,
+    settings: CollectSettings = CollectSettings(),
+    rehearse: bool = True,
+    resume: bool = False,
+    limits: Callable[[], PlanLimits] | None = None,
+    consent: Callable[[str], bool] = lambda question: True,
+    report: Callable[[str], None] = print,
+    progress: Callable[[str, float], None] = lambda phase, part: None,
+) -> Collected:
+    """Move an arm along a plan, or several one after the other, and record it.
+
+    Before each motion the arm approaches its beginning on a straight line, and goes through it at
+    a tenth of its speed, unrecorded. If anything stops it, the arm is held, and what was recorded
+    is kept beside ``out``; ``resume`` goes on from there: the arm approaches a point of the motion
+    somewhat before, and takes it up from rest.
+
+    Args:
+        plan: What to do.
+        driver: Moves the arm; entered by the caller.
+        out: rosbag2 to write; appears when it is whole.
+        model: Of the arm: efforts are watched against its torque and their 95 % band.
+        settings: See :class:`CollectSettings`.
+        rehearse: Whether to rehearse.
+        resume: Go on with what an earlier process has begun; without one, begin.
+        limits: What must be kept now, asked before every phase; ``None``: the plan's own.
+        consent: Asked before the arm moves, and before it moves at full speed.
+        report: Receives a line for each phase.
+        progress: Receives phase and completed part.
+
+    Raises:
+        RecordingError: ``out`` exists, cannot be written, or is unfinished.
+        ConfigError: What was begun is of another plan or arm.
+        MotionStoppedError: The arm was stopped, or must not be moved, on the way.
+        MotionError: The arm must not be moved, or consent was not given.
+    """
+    plans = [plan] if isinstance(plan, Plan) else list(plan)
+    journal = Journal.open(FilePath(out), plans, driver.topic, resume)
+    seconds = sum(each.duration for each in plans)
+    _require_space(journal, seconds, settings)
+    work = _Collection(plans, driver, journal, model, settings, limits, consent, report, progress)
+    if journal.found:
+        report(f"going on with {journal.out}, which {journal.place()}")
+    elif resume:
+        report(f"nothing to resume at {journal.out}: from the beginning")
+    if journal.phase != JOINING:
+        work.move(rehearse)
+        journal.enter(journal.motion, JOINING, 0.0, approaching=False)
+    samples, parts = journal.join(), len(journal.parts)
+    journal.remove()
+    return Collected(journal.out, samples, seconds, work.longer, parts)
+
+
+class _Collection:
+    """A collection that is under way."""
+
+    def __init__(
+        self,
+        plans: list[Plan],
+        driver: Driver,
+        journal: Journal,
+        model: TorqueModel | None,
+        settings: CollectSettings,
+        limits: Callable[[], PlanLimits] | None,
+        consent: Callable[[str], bool],
+        report: Callable[[str], None],
+        progress: Callable[[str, float], None],
+    ) -> None:
+        self._plans, self._driver, self._journal = plans, driver, journal
+        self._model, self._settings, self._limits = model, settings, limits
+        self._consent, self._report, self._progress = consent, report, progress
+        self._checked: list[PlanLimits | None] = [None] * len(plans)
+        self.longer = 0.0
+
+    def move(self, rehearse: bool) -> None:
+        """Carry out what is left of the plans."""
+        journal, first = self._journal, self._journal.motion
+        for number in range(first, len(self._plans)):
+            self._require_kept(number)
+        rehearsing = rehearse and journal.phase == REHEARSAL
+        self._ask(
+            f"the arm is about to move{' slowly, in rehearsal' if rehearsing else ''}: is its room "
+            "free, and a hand at the emergency stop?"
+        )
+        where = self._driver.connect()
+        stopped: BaseException | None = None
+        try:
+            with journal.new_part() as bag:
+                bag.add_topic(self._driver.topic, JOINT_STATE)
+                stopped = self._motions(bag, first, where, rehearse)
+        except RecordingError as error:  # its end could not be written
+            stopped = stopped or self._note(error)
+        if isinstance(stopped, KeyboardInterrupt):
+            self._report(self._stopped())
+            raise stopped
+        if stopped is not None:
+            raise MotionStoppedError(journal.phase, journal.moment, journal.why, self._stopped())
+
+    def _motions(
+        self, bag: BagWriter, first: int, where: Array, rehearse: bool
+    ) -> BaseException | None:
+        """Go through the motions; return what stopped them, once the arm is held."""
+        try:
+            for number in range(first, len(self._plans)):
+                where = self._motion(bag, number, where, rehearse)
+        except BrokenPipeError:
+            raise
+        except (DvrkGravityError, OSError, KeyboardInterrupt) as error:
+            return self._note(error)
+        finally:
+            self._driver.hold()  # before the bag is closed, which may take time
+        return None
+
+    def _motion(self, bag: BagWriter, number: int, where: Array, rehearse: bool) -> Array:
+        """Rehearse a motion, and go through it recorded, from where the arm is or stopped."""
+        plan, journal, of = self._plans[number], self._journal, self._settings
+        path, goes_on = self._path(plan, where), journal.found and number == journal.motion
+        if rehearse and not (goes_on and journal.phase == MOTION):
+            at = [max(journal.moment - of.disturbed, 0.0)] if goes_on else []
+            paced = resumed(path, plan.duration, at, plan.limits, of.rehearsal)
+            self._phase(bag, number, REHEARSAL, paced, where)
+            self._driver.hold()
+            journal.enter(number, MOTION, 0.0, approaching=True)
+            self._ask(f"rehearsed: now at {1.0 / of.rehearsal:g} times that speed?")
+            where = self._again(number)
+            goes_on = False
+        begins: list[float] = []
+        if goes_on and journal.phase == MOTION:
+            begins = journal.begins(0.0 if journal.approaching else of.disturbed)
+        paced = resumed(path, plan.duration, begins, plan.limits)
+        journal.cut_at(number, paced.begin)
+        self.longer += self._phase(bag, number, MOTION, paced, where)
+        if number + 1 < len(self._plans):
+            self._driver.hold()
+            where = self._again(number + 1)
+        return where
+
+    def _again(self, number: int) -> Array:
+        """Return where the arm rests, after limits that may have been tightened meanwhile."""
+        self._require_kept(number)
+        return self._driver.connect()
+
+    def _phase(self, bag: BagWriter, number: int, phase: str, paced: Paced, where: Array) -> float:
+        """Approach, and follow a motion; return its excess over the planned time, s."""
+        plan, journal, driver = self._plans[number], self._journal, self._driver
+        recorded = phase == MOTION
+        limits = self._checked[number] or plan.limits
+
+        def watch(path: Path) -> EffortWatch:
+            return EffortWatch(path, plan.arm, limits.effort, self._model)
+
+        journal.enter(number, phase, paced.begin, approaching=True)
+        of = f" {number + 1} of {len(self._plans)}" if len(self._plans) > 1 else ""
+        approach = Straight.within(where, paced(0.0)[0], limits, self._settings.approach)
+        _require_clear(approach, limits, plan.arm)
+        name = f"approach{of}"
+        self._say(name, approach.duration)
+        driver.follow(approach.at, approach.duration, None, self._shown(name), watch(approach.at))
+        journal.enter(number, phase, paced.begin, approaching=False)
+        name = f"{phase}{of}{', recorded' if recorded else ''}"
+        self._say(name, paced.duration)
+        show, due = self._shown(name), paced.begin
+
+        def progress(part: float) -> None:
+            nonlocal due
+            journal.moment = paced.moment(part * paced.duration)
+            if journal.moment >= due:
+                journal.mark(journal.moment, bag)
+                due = journal.moment + self._settings.mark
+            show(part)
+
+        def record(data: bytes) -> None:
+            if journal.moment >= paced.begin:  # not while it takes up a motion's speed
+                bag.write(driver.topic, JOINT_STATE, data, time.time_ns())
+
+        longer = driver.follow(
+            paced, paced.duration, record if recorded else None, progress, watch(paced)
+        )
+        journal.mark(plan.duration, bag)
+        return longer
+
+    def _path(self, plan: Plan, where: Array) -> Path:
+        """Return a plan's path; a continuous joint stays within its present turn."""
+        endless = ~np.isfinite(plan.arm.upper - plan.arm.lower)
+        turns = np.where(endless, 2.0 * np.pi * np.round(where / (2.0 * np.pi)), 0.0)
+        if not turns.any():
+            return plan.at
+
+        def turned(time: float | Array) -> States:
+            position, velocity, acceleration = plan.at(time)
+            return position + turns, velocity, acceleration
+
+        return turned
+
+    def _require_kept(self, number: int) -> None:
+        """Refuse a plan that does not keep the limits of now."""
+        plan = self._plans[number]
+        limits = plan.limits if self._limits is None else self._limits()
+        if _same(limits, self._checked[number]):
+            return
+        beyond = [slack for slack in slacks(plan.motion, limits, plan.arm, self._model)
+                  if slack.left < -_ROUNDING]  # fmt: skip
+        if beyond:
+            worst = max(beyond, key=lambda slack: slack.used)
+            raise MotionError(
+                f"the plan exceeds the limit of {worst.limit} of {worst.of} by "
+                f"{-worst.left:.3g} {worst.unit}: plan again within these limits"
+            )
+        self._checked[number] = limits
+
+    def _ask(self, question: str) -> None:
+        if not self._consent(question):
+            raise MotionError("not moved: no consent was given")
+
+    def _say(self, name: str, duration: float) -> None:
+        self._report(f"{name}: {duration:.0f} s; Ctrl-C holds the arm")
+
+    def _shown(self, name: str) -> Callable[[float], None]:
+        return lambda part: self._progress(name, part)
+
+    def _note(self, error: BaseException) -> BaseException:
+        """Save where and why it stopped; a full disk keeps the state of a second before."""
+        self._journal.why = str(error) or "interrupted"
+        with contextlib.suppress(OSError):
+            self._journal.save()
+        return error
+
+    def _stopped(self) -> str:
+        journal = self._journal
+        return f"{journal.out}: {journal.place()}. Kept in {journal.folder}; --resume goes on"
+
+
+_ROUNDING = 1e-9  # of limits in a file
+
+
+def _same(limits: PlanLimits, others: PlanLimits | None) -> bool:
+    """Return whether two limits are equal."""
+    return others is not None and (
+        (limits.combinations, limits.boxes) == (others.combinations, others.boxes)
+        and all(
+            np.array_equal(getattr(limits, name), getattr(others, name))
+            for name in ("lower", "upper", "velocity", "acceleration", "effort")
+        )
+    )
+
+
+def _require_clear(approach: Straight, limits: PlanLimits, arm: Arm) -> None:
+    """Refuse an approach through a box that links stay out of."""
+    for slack in slacks(approach, limits, arm) if limits.boxes else ():
+        if slack.limit == "distance" and slack.left < 0.0:
+            raise MotionError(
+                f"the straight way to the plan's beginning takes {slack.of}, {-slack.left:.3g} m "
+                "inside: move the arm nearer to the beginning by hand"
+            )
+
+
+def _require_space(journal: Journal, seconds: float, settings: CollectSettings) -> None:
+    """Refuse a disk without room for the parts and for the bag that joins them."""
+    needed = 2.0 * seconds * settings.rate * settings.message
+    free = shutil.disk_usage(journal.out.parent).free
+    if free < needed:
+        raise RecordingError(
+            journal.out, f"needs up to {1e-6 * needed:.0f} MB, expected them on a disk that has "
+            f"{1e-6 * free:.0f} MB left"
+        )  # fmt: skip

@@ -1,0 +1,70 @@
+"""The free room of an arm, as a person shows it by moving the arm to its corners."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.planning import PlanLimits
+
+# Of a joint that was hardly moved, rad (Arm.scale): a plan needs some way, and a person who moves
+# the others lets it wander by as much. Chosen.
+LEAST = float(np.radians(1.0))
+
+
+class TaughtRoom:
+    """Ranges of joints, and of their combinations that the arm limits, that were shown.
+
+    What a plan then uses is all that lies within them, also where several joints are at their ends
+    at once: corners that were not shown are taken to be free.
+
+    Attributes:
+        samples: Measurements that it has seen.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        """Nothing is shown yet."""
+        self._arm, self._own = arm, PlanLimits.of(arm)
+        self._lowest = np.full(len(self._own.rows), np.inf)
+        self._highest = -self._lowest
+        self.samples = 0
+
+    def show(self, position: Array) -> None:
+        """Add (n,) or (N, n) measured positions, rad or m."""
+        ways = np.atleast_2d(position) @ self._own.rows.T
+        self._lowest = np.minimum(self._lowest, ways.min(axis=0))
+        self._highest = np.maximum(self._highest, ways.max(axis=0))
+        self.samples += len(ways)
+
+    @property
+    def coverage(self) -> dict[str, float]:
+        """Part of its own range that each joint and combination was moved through."""
+        lower, upper = self._own.range
+        with np.errstate(invalid="ignore"):
+            within = np.minimum(self._highest, upper) - np.maximum(self._lowest, lower)
+            part = np.nan_to_num(np.clip(within / (upper - lower), 0.0, 1.0))
+        return dict(zip(self._own.names, part.tolist(), strict=True))
+
+    def limits(self, margin: float) -> PlanLimits:
+        """Return the arm's limits, of which positions are within what was shown.
+
+        Args:
+            margin: Distance to the ends of what was shown, rad (``Arm.scale``); less where that
+                would leave less than :data:`LEAST`, about the middle.
+        """
+        own, n = self._own, self._arm.n
+        first = [np.flatnonzero(row)[0] for row in own.rows]
+        scale = self._arm.scale[first]
+        lower, upper = (np.clip(end, *own.range) for end in (self._lowest, self._highest))
+        middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+        half = np.maximum(half - margin * scale, 0.5 * LEAST * scale)
+        lower = np.maximum(middle - half, own.range[0])
+        upper = np.minimum(middle + half, own.range[1])
+        combinations = tuple(
+            replace(each, lower=float(lower[n + k]), upper=float(upper[n + k]))
+            for k, each in enumerate(own.combinations)
+        )
+        return replace(own, lower=lower[:n], upper=upper[:n], combinations=combinations)

@@ -1,0 +1,277 @@
+"""Rival causes as a plan needs them: their torque in any motion, and what was found of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity import effects
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.significance import SignificanceSettings
+from dvrk_gravity.effects import Hypothesis, Kind, Site, State
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import PoseSettings, Rival, Rivalry, Unseparated, noise_of
+
+_SLOW = 0.05  # rad/s, a tenth in m: a step at each reversal has no slope. As `plan` has it
+_NOISE_TIME = 0.1  # s, correlation time of noise where no model states one: as `plan` has it
+_AGAIN = 400  # samples of the diagnosed motion at which it is compared with a plan: a bound on time
+
+
+class PlannedMotion(MeasuredMotion):
+    """States that a plan passes: nothing was measured there."""
+
+    def slowest(self, row: Array) -> float:
+        """Return the speed below which the direction of a row of joints is uncertain, rad/s."""
+        return _SLOW * self._scale(row)
+
+    @classmethod
+    def of(cls, model: TorqueModel, state: State, time: Array) -> PlannedMotion:
+        """Return (N, n) states at (M,) times, s: N / M motions, or poses with a direction."""
+        none, count = np.zeros_like(state.q), len(time)
+        copies = len(state.q) // count
+        qd = none if state.qd is None else state.qd
+        static = state.direction is not None
+        rate = None if static or count < 2 else (count - 1) / float(time[-1] - time[0] or 1.0)
+        return cls(
+            model, state.q, qd, none if state.qdd is None else state.qdd, none, state.direction,
+            np.tile(time, copies), tuple(slice(k * count, (k + 1) * count) for k in range(copies)),
+            rate, np.ones(model.arm.n, dtype=bool), np.zeros(model.arm.n),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class RivalCause:
+    """An explanation that another one stands beside.
+
+    Attributes:
+        hypothesis: The claim.
+        theta: (k,) its parameters, fitted in the other's place.
+        covariance: (k, k) of them.
+    """
+
+    hypothesis: Hypothesis
+    theta: Array
+    covariance: Array
+
+    @classmethod
+    def fitted(
+        cls, validation: CrossValidation, rest: Sequence[Candidate], candidate: Candidate
+    ) -> RivalCause:
+        """Return a candidate as it fits beside the rest."""
+        theta, covariance = validation.fit([*rest, candidate])
+        own = slice(len(theta) - candidate.size, None)
+        return cls(candidate.hypothesis, theta[own], covariance[own, own])
+
+    @property
+    def words(self) -> str:
+        """Effect and where."""
+        where = " and ".join(self.hypothesis.names) or "the arm"
+        return f"{self.hypothesis.effect} at {where}"
+
+    @property
+    def known_elsewhere(self) -> bool:
+        """Whether its torque is known in other motions, and its record holds all of it."""
+        return not self.hypothesis.refits_model and all(
+            _is_plain(value) for _, value in _given(self.hypothesis)
+        )
+
+    def rival(self, model: TorqueModel) -> Rival:
+        """Return it as a plan needs it."""
+
+        def columns(state: State, time: Array) -> Array:
+            if self.hypothesis.transient:  # it happened once
+                return np.zeros((*state.q.shape, len(self.theta)))
+            return self.hypothesis.regressor(PlannedMotion.of(model, state, time))
+
+        return Rival(self.words, columns, self.theta, self.covariance)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its part of findings.json."""
+        site = self.hypothesis.site
+        return {
+            "effect": self.hypothesis.effect,
+            "joints": list(self.hypothesis.names),
+            "hypothesis": type(self.hypothesis).__name__,
+            "site": {"kind": site.kind.value, "index": site.index},
+            "given": {name: _written(value) for name, value in _given(self.hypothesis)},
+            "theta": self.theta.tolist(),
+            "covariance": self.covariance.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, entry: Any, arm: Arm, where: str) -> RivalCause:
+        """Read it.
+
+        Raises:
+            ConfigError: Naming the entry.
+        """
+        try:
+            kind = _kind(entry["effect"], entry["hypothesis"])
+            site = Site(Kind(entry["site"]["kind"]), int(entry["site"]["index"]))
+            given = {name: _read(value) for name, value in entry["given"].items()}
+            theta, covariance = (np.array(entry[name], float) for name in ("theta", "covariance"))
+            if theta.ndim != 1 or covariance.shape != (len(theta),) * 2:
+                raise ValueError("covariance")
+            return cls(kind(arm=arm, site=site, **given), theta, covariance)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            expected = "a cause as `diagnose` of this version writes it"
+            raise ConfigError(where, str(error), expected) from error
+
+
+@dataclass(frozen=True, eq=False)
+class RivalCauses:
+    """Two causes that recordings cannot separate.
+
+    Attributes:
+        first: One.
+        second: The other.
+    """
+
+    first: RivalCause
+    second: RivalCause
+
+    def rivalry(self, model: TorqueModel, again: float | None = None) -> Rivalry:
+        """Return it as a plan needs it."""
+        return Rivalry(self.first.rival(model), self.second.rival(model), again)
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """All pairs of causes that recordings could not separate, and how well torques are known.
+
+    Attributes:
+        model: The model that was diagnosed.
+        pairs: The pairs; none: all is clear.
+        noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
+        coherent: (n,) N·m, see :class:`Unseparated`.
+        poses: Static poses were diagnosed.
+        again: Of each pair the log Bayes factor that the same motion would be expected to give.
+    """
+
+    model: TorqueModel
+    pairs: tuple[RivalCauses, ...]
+    noise: Array
+    coherent: Array
+    poses: bool
+    again: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, motion: MeasuredMotion, pairs: Sequence[RivalCauses], left: Array) -> Contest:
+        """Return the pairs of which a plan can tell the torques.
+
+        Args:
+            motion: What was diagnosed.
+            pairs: All pairs.
+            left: (n,) RMS error that the findings leave, N·m.
+        """
+        if motion.reference is not None:  # torques are known only where they were measured
+            pairs = ()
+        known = motion.model.uncertainty
+        pairs = tuple(
+            each for each in pairs if each.first.known_elsewhere and each.second.known_elsewhere
+        )
+        if known is None:
+            noise, coherent = left**2 * _NOISE_TIME, np.zeros(motion.arm.n)
+            noise = np.where(np.isfinite(noise) & (noise > 0.0), noise, noise_of(motion.arm))
+        else:
+            noise = noise_of(motion.arm, known)
+            coherent = SignificanceSettings().coherent * np.nan_to_num(known.error)
+        contest = cls(motion.model, pairs, noise, coherent, motion.static)
+        return cls(motion.model, pairs, noise, coherent, motion.static, contest._again(motion))
+
+    def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
+        if not self.pairs:
+            return ()
+        some = np.unique(np.linspace(0, len(motion.q) - 1, _AGAIN).astype(int))
+        lasts = PoseSettings().reading * len(motion.q)
+        if motion.rate is not None:
+            lasts = len(motion.q) / motion.rate
+        objective = self.unseparated().objective(lasts)
+        state = State(motion.q, motion.qd, motion.qdd, motion.direction).rows(some)
+        weight = np.full(len(some), lasts / len(some))
+        gram = objective.over(motion.time[some]).gram(state, weight)
+        return tuple(objective.expected(gram))
+
+    def unseparated(self) -> Unseparated:
+        """Return it as a plan needs it."""
+        again = self.again or (None,) * len(self.pairs)
+        rivalries = tuple(
+            pair.rivalry(self.model, value) for pair, value in zip(self.pairs, again, strict=True)
+        )
+        return Unseparated(self.model, rivalries, self.noise, self.coherent, self.poses)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its part of findings.json."""
+        return {
+            "joints": list(self.model.arm.joint_names),
+            "noise": self.noise.tolist(),
+            "coherent": self.coherent.tolist(),
+            "poses": self.poses,
+            "pairs": [
+                {"between": [pair.first.to_dict(), pair.second.to_dict()], "again": again}
+                for pair, again in zip(self.pairs, self.again, strict=True)
+            ],
+        }
+
+
+def _given(hypothesis: Hypothesis) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of what differs from a hypothesis' defaults, but for arm and site."""
+    for each in fields(hypothesis):
+        value = getattr(hypothesis, each.name)
+        made = each.default_factory
+        default = each.default if made is MISSING else made()
+        array = isinstance(value, np.ndarray)
+        if each.name not in ("arm", "site") and (array or value != default):
+            yield each.name, value
+
+
+def _is_plain(value: Any) -> bool:
+    """Return whether a file can hold a value."""
+    if isinstance(value, Mapping):
+        return all(isinstance(name, str) and _is_plain(each) for name, each in value.items())
+    if isinstance(value, tuple | list):
+        return all(map(_is_plain, value))
+    if isinstance(value, float | np.floating):
+        return bool(np.isfinite(value))
+    return value is None or isinstance(value, str | bool | int | np.integer | np.ndarray)
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return {"array": value.tolist()}
+    if isinstance(value, Mapping):
+        return {"mapping": {name: _written(each) for name, each in value.items()}}
+    if isinstance(value, tuple | list):
+        return [_written(each) for each in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _read(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(map(_read, value))
+    if isinstance(value, dict):
+        ((kind, content),) = value.items()
+        if kind == "array":
+            return np.array(content, dtype=float)
+        return {name: _read(each) for name, each in content.items()}
+    return value
+
+
+def _kind(effect: str, name: str) -> type[Hypothesis]:
+    """Return the class of an effect's hypotheses with a name."""
+    of = effects.named(effect)  # an installed one is loaded by that
+    pending: list[type[Hypothesis]] = Hypothesis.__subclasses__()
+    while pending:
+        kind = pending.pop()
+        pending += kind.__subclasses__()
+        if kind.__name__ == name and getattr(kind, "EFFECT", None) is of:
+            return kind
+    raise ValueError(f"{name} of {effect}")

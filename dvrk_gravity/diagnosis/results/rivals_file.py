@@ -1,0 +1,94 @@
+"""What a diagnosis could not separate, as its findings.json has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity.diagnosis.results.rivals import Contest, RivalCause, RivalCauses
+from dvrk_gravity.effects import ReadingErrors
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import json_file
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import Unseparated
+
+ENTRY = "unseparated"
+
+
+def load_unseparated(
+    path: str | Path, model: TorqueModel | str | Path | None = None
+) -> Unseparated:
+    """Return what a diagnosis could not separate.
+
+    Args:
+        path: findings.json.
+        model: The model that was diagnosed; ``None``: the file that findings.json names.
+
+    Raises:
+        ConfigError: Naming file and entry: findings of an earlier version, nothing to separate, no
+            model, or another arm's.
+    """
+    content = json_file.load(path)
+    try:
+        return _unseparated(content, Path(path).parent, model)
+    except ConfigError as error:
+        raise error if error.source else error.in_file(path) from None
+
+
+def _unseparated(
+    content: Mapping[str, Any], folder: Path, model: TorqueModel | str | Path | None
+) -> Unseparated:
+    if "verdict" not in content:
+        raise ConfigError("verdict", None, "the findings.json of `diagnose`")
+    entry = content.get(ENTRY)
+    if not isinstance(entry, Mapping):
+        expected = "what could not be separated: findings.json of a diagnosis with this version"
+        raise ConfigError(ENTRY, entry, expected)
+    if not entry.get("pairs"):
+        expected = "at least two causes that could not be separated: this diagnosis is clear"
+        raise ConfigError(f"{ENTRY}.pairs", [], expected)
+    if model is None:
+        model = _model_path(entry.get("model"), folder)
+    tested = TorqueModel.of(model)
+    # Recordings are corrected before they are diagnosed.
+    tested = replace(tested, reading_errors=ReadingErrors.none(tested.arm.n))
+    arm, joints = tested.arm, entry.get("joints")
+    if joints != list(arm.joint_names):
+        its = f"those of {arm.name}'s model: {', '.join(arm.joint_names)}"
+        raise ConfigError(f"{ENTRY}.joints", joints, its)
+    noise, coherent = (_numbers(entry.get(name), name, arm.n) for name in ("noise", "coherent"))
+    if (noise <= 0.0).any():
+        raise ConfigError(f"{ENTRY}.noise", noise.tolist(), "variances above 0")
+    pairs, again = [], []
+    for number, pair in enumerate(entry["pairs"]):
+        where = f"{ENTRY}.pairs[{number}]"
+        between = pair.get("between") if isinstance(pair, Mapping) else None
+        if not isinstance(between, list) or len(between) != 2:
+            raise ConfigError(f"{where}.between", between, "two causes")
+        pairs.append(RivalCauses(*(RivalCause.from_dict(each, arm, where) for each in between)))
+        again.append(float(pair.get("again") or 0.0))
+    poses = bool(entry.get("poses"))
+    return Contest(tested, tuple(pairs), noise, coherent, poses, tuple(again)).unseparated()
+
+
+def _model_path(given: Any, folder: Path) -> Path:
+    if not isinstance(given, str) or not given:
+        raise ConfigError(f"{ENTRY}.model", given, "a model's file, or --model")
+    path = folder / given
+    if not Path(str(path).split("#")[0]).is_file():
+        raise ConfigError(f"{ENTRY}.model", given, "a file that is there, or --model")
+    return path
+
+
+def _numbers(value: Any, name: str, count: int) -> np.ndarray:
+    try:
+        found = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise ConfigError(f"{ENTRY}.{name}", value, f"{count} finite numbers")
+    return found

@@ -1,0 +1,297 @@
+"""From an arm to a certificate: the steps, what interrupts them, what a certificate requires."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import REPOSITORY
+
+from dvrk_gravity.__main__ import main
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.calibration import (
+    CERTIFICATE,
+    CalibrationSettings,
+    KeptDriver,
+    Logbook,
+    Moved,
+    Pages,
+    SimulatedRig,
+    Work,
+    all_steps,
+    calibrate,
+    certify,
+    file_hash,
+)
+from dvrk_gravity.collecting import SimulatedDriver
+from dvrk_gravity.compensate import MotionError
+from dvrk_gravity.effects import State
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import json_file
+from dvrk_gravity.identification import POOR
+from dvrk_gravity.planning import PlanLimits, Straight
+from dvrk_gravity.report import (
+    certificate_page,
+    diagnosis_page,
+    identification_page,
+    plan_picture,
+)
+from dvrk_gravity.simulate import PlantFile, drawn_arm
+
+pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+
+ARM = Arm.load("ecm")
+BRIEF = CalibrationSettings(
+    motion=12.0, check=8.0, further=8.0, rounds=1, search=0.5, poses=3, seconds=1.0,
+    rehearsal=False,
+)  # fmt: skip
+ASKED = {"--arm": "ecm", "--seed": "1"}
+
+
+class KilledError(Exception):
+    """What ends a process here."""
+
+
+def work_in(folder: Path, lines: list[str], **other) -> Work:
+    """Return a brief calibration of a simulated endoscope arm."""
+    pages = Pages(
+        plan_picture, identification_page, diagnosis_page,
+        lambda certificate, evaluation: certificate_page(certificate, evaluation, ARM),
+    )  # fmt: skip
+    rig = SimulatedRig(drawn_arm(PlantFile.of(ARM), 1), 1, BRIEF.friction)
+    how = {"settings": BRIEF, "report": lines.append, **other}
+    return Work(folder, dict(ASKED), ARM, PlanLimits.of(ARM), rig, pages, "/ECM", 1, **how)
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory) -> tuple[Path, list[list[str]]]:
+    """Return the folder of a calibration that was killed in every step, and what each run said.
+
+    It is killed after a step's files were written: recordings before the step is noted, and other
+    steps after it. A file that is half written stays.
+    """
+    folder = tmp_path_factory.mktemp("calibration")
+    runs: list[list[str]] = []
+    add = Logbook.add
+    killed: set[str] = set()
+
+    def dies(book, step, said, paths, motion):
+        if step not in killed and step.startswith("collect"):
+            killed.add(step)
+            raise KilledError
+        entry = add(book, step, said, paths, motion)
+        if step not in killed:
+            killed.add(step)
+            (folder / ".model.yaml.x1y2").write_text("half")
+            raise KilledError
+        return entry
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Logbook, "add", dies)
+        for _ in range(40):
+            runs.append([])
+            try:
+                calibrate(work_in(folder, runs[-1]))
+            except KilledError:
+                continue
+            break
+    return folder, runs
+
+
+def content(calibrated) -> dict:
+    return json_file.load(calibrated[0] / CERTIFICATE)
+
+
+# Interrupted.
+def test_what_is_killed_in_every_step_goes_on_from_the_last_one(calibrated):
+    folder, runs = calibrated
+    names = [step.name for step in all_steps(BRIEF)]
+    assert len(runs) == len(names) + 1
+    taken = [line for run in runs for line in run if not line.endswith("(done before)")]
+    assert len(taken) == len({line.split(":")[0] for line in taken})
+    assert len(runs[-1]) == len([line for line in runs[-1] if line.endswith("(done before)")])
+    entries = Logbook.open(folder, ASKED).entries
+    assert [entry.step for entry in entries] == names
+
+
+def test_a_recording_that_was_whole_is_not_made_again(calibrated):
+    _, runs = calibrated
+    said = [line for run in runs for line in run if line.startswith("collect motion")]
+    assert "recorded before" in said[0]
+
+
+def test_what_was_half_written_is_removed(calibrated):
+    folder, _ = calibrated
+    assert not list(folder.glob(".*"))
+
+
+def test_another_arm_seed_or_limit_is_named(calibrated):
+    folder, _ = calibrated
+    for option, value in (("--arm", "psm"), ("--seed", "2"), ("--limits", "narrow.yaml (12ab)")):
+        with pytest.raises(ConfigError, match=option) as raised:
+            Logbook.open(folder, {**ASKED, option: value})
+        assert "with which" in str(raised.value)
+        assert value in str(raised.value)
+
+
+@pytest.mark.parametrize("name", ["motion.yaml", "model_0.json", "motion/metadata.yaml"])
+def test_a_file_that_was_changed_or_removed_is_named(calibrated, name):
+    folder, _ = calibrated
+    before = (folder / name).read_bytes()
+    try:
+        (folder / name).write_bytes(before + b"\n")
+        with pytest.raises(ConfigError, match="changed since") as raised:
+            Logbook.open(folder, ASKED)
+        assert name in str(raised.value)
+        (folder / name).unlink()
+        with pytest.raises(ConfigError, match="no file"):
+            Logbook.open(folder, ASKED)
+    finally:
+        (folder / name).write_bytes(before)
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ConfigError, match=r"notes\.txt"):
+        Logbook.open(tmp_path, ASKED)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+# Certified.
+def test_the_certificate_says_what_was_found(calibrated):
+    found = content(calibrated)
+    assert found["certified"] == (not found["reasons"])
+    assert found["verdict"].startswith("simulated ECM ")
+    assert [joint["name"] for joint in found["joints"]] == list(ARM.joint_names)
+    assert found["poses"] == BRIEF.poses
+    assert found["motion"]["used"] <= 1.0 + 1e-9
+    assert found["motion"]["commands"] > 1000.0 * BRIEF.check
+    page = (calibrated[0] / "certificate.html").read_text()
+    assert found["verdict"][1:] in page
+
+
+def test_the_certificate_has_the_hash_of_every_file(calibrated):
+    folder, _ = calibrated
+    files = content(calibrated)["files"]
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert there - set(files) == {"calibration.json", "certificate.json", "certificate.html"}
+    for name, known in files.items():
+        assert file_hash(folder / name) == known
+
+
+def certified_with(folder: Path, **changed) -> tuple[str, ...]:
+    """Return why a calibration is not certified with other values in one of its files."""
+    fit, check, release = (
+        json_file.load(folder / name) for name in ("model_0.json", "check.json", "release.json")
+    )
+    motion = changed.pop("motion", Moved(60.0, 0.0, 60_000, 0.9, "velocity of yaw"))
+    release |= {"poses": release["poses"], **changed.pop("release", {})}
+    check["levels"] |= changed.pop("levels", {})
+    fit["verdict"] |= changed.pop("verdict", {})
+    assert not changed
+    none = {"findings": [], "ambiguities": []}
+    return certify(
+        ARM, BRIEF, fit, check, release, none, motion, namespace="/ECM", simulated="", date="",
+        versions={}, files={}, model="model.yaml",
+    ).reasons  # fmt: skip
+
+
+def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
+    folder, _ = calibrated
+    good = {
+        "levels": dict.fromkeys(ARM.joint_names, "good"),
+        "verdict": {"overall": "good"},
+        "release": {"drift": [[0.0] * ARM.n] * 3},
+    }
+    assert certified_with(folder, **good) == ()
+    away = [[0.0, np.radians(3.0), 0.0, 0.0], *[[0.0] * ARM.n] * 2]
+    for changed, reason in (
+        (
+            {"release": {"drift": away}},
+            "1 of 3 poses it drifted by more than 0.5 deg, at most 3",
+        ),
+        ({"levels": good["levels"] | {"pitch": POOR}}, "held-out motion are too large"),
+        ({"verdict": {"overall": POOR, "reason": "noise"}}, "unfit to compensate with"),
+        ({"motion": Moved(700.0, 0.0, 1, 0.5, "")}, "it moved for 11.7 min"),
+        ({"release": {"drift": [], "why": ""}}, "it was released at 0 of 3 poses"),
+    ):
+        (said,) = certified_with(folder, **{**good, **changed})
+        assert reason in said
+
+
+# Limits.
+def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
+    limits = PlanLimits.of(ARM)
+    narrow = replace(limits, velocity=0.1 * limits.velocity)
+    driver = SimulatedDriver(PlantFile.of(ARM))
+    kept = KeptDriver(driver, narrow, ARM)
+    where = kept.connect()
+    way = Straight.within(where, where + 0.2 * ARM.scale, limits, 1.0)
+    with pytest.raises(MotionError, match="of the limit of velocity"):
+        kept.follow(way.at, way.duration)
+    assert np.abs(driver.connect() - where).max() < 1e-3
+    assert kept.seconds == 0.0
+    slowly = Straight.within(where, where + 0.01 * ARM.scale, narrow, 0.5)
+    kept.follow(slowly.at, slowly.duration)
+    assert kept.samples >= 1000.0 * slowly.duration
+    assert 0.0 < kept.used <= 1.0
+
+
+# Drawn arms.
+def test_arms_of_one_seed_are_the_same_and_of_two_are_not():
+    plant = PlantFile.of(ARM)
+    first, again, other = (drawn_arm(plant, seed) for seed in (3, 3, 4))
+    q = np.random.default_rng(0).uniform(*ARM.range, (5, ARM.n))
+    state = State(q, 0.3 * ARM.scale + 0.0 * q)
+    torques = [each.model.torque_at(state) for each in (first, again, other)]
+    assert np.array_equal(torques[0], torques[1])
+    assert (np.abs(torques[0] - torques[2]).max(axis=0) > 0.0).all()
+    assert first.model.joint_offset.any()
+    assert not np.allclose(first.model.gravity, ARM.gravity)
+
+
+# Its command line.
+def test_nobody_who_can_be_asked_is_one_line(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["calibrate", "--arm", "ecm", "--out", str(out)]) == 2
+    assert "--yes" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_killed_in_its_motion_it_goes_on_there(tmp_path):
+    out = tmp_path / "out"
+    words = [
+        sys.executable, "-m", "dvrk_gravity", "calibrate", "--arm", "ecm", "--simulated",
+        "--out", str(out), "--no-rehearsal", "--time", "1", "--duration", "20",
+    ]  # fmt: skip
+
+    def run_until(there) -> str:
+        process = subprocess.Popen(
+            words, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        end = time.monotonic() + 120.0
+        while not there() and process.poll() is None and time.monotonic() < end:
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        return process.communicate()[0]
+
+    state = out / "motion.unfinished" / "state.json"
+
+    def moving() -> bool:
+        return state.exists() and json.loads(state.read_text())["moment"] > 5.0
+
+    first = run_until(moving)
+    assert "plan motion" in first
+    assert "collect motion" not in first
+    assert moving()
+    second = run_until(lambda: (out / "motion").exists())
+    assert "plan motion" in second
+    assert "(done before)" in second
+    assert not state.exists()

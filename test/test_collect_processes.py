@@ -1,0 +1,265 @@
+"""What may happen to an arm while a process moves it along a plan, and to that process."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from test_excite import POSE, FakeArm
+
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, load_limits, slacks
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.ros import PRIVATE
+
+DURATION = 2.4  # s
+SMALL_DISK = 60_000  # bytes of a file: some of the motion, and less than all of it
+
+
+@pytest.fixture
+def fake(domain: int) -> Iterator[FakeArm]:
+    pytest.importorskip("rclpy")
+    with FakeArm() as arm:
+        arm.effort = [0.0] * 7
+        yield arm
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Plan:
+    """A small motion around POSE, also as a file."""
+    arm = Arm.load("mtmr")
+    wave = np.radians(np.array([[0.0] * 7, [3.0, 1.0, 1.0, 3.0, 3.0, 3.0, 30.0]]))
+    motion, limits = (
+        FourierMotion(Basis(np.array([0.6]), 0.8, DURATION), POSE, wave),
+        PlanLimits.of(arm),
+    )
+    most = max(slack.used for slack in slacks(motion, limits, arm))
+    motion = replace(motion, coefficients=0.99 / max(most, 1.0) * wave)
+    made = Plan(arm, motion, limits)
+    made.save(tmp_path / "plan.yaml")
+    return made
+
+
+class Collector:
+    """A process that collects, and what it prints."""
+
+    def __init__(self, folder: Path, *words: str, before: Callable[[], None] | None = None) -> None:
+        command = [sys.executable, "-m", "dvrk_gravity", "collect", "plan.yaml", "--out", "bag"]
+        command += ["--namespace", PRIVATE, "--timeout", "0.3", "--yes", *words]
+        self.process = subprocess.Popen(
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, text=True, preexec_fn=before,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        )  # fmt: skip
+        self.said = ""
+
+    def __enter__(self) -> Collector:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+    def until(self, begin: str) -> None:
+        """Wait for a line that begins so."""
+        assert self.process.stdout is not None
+        while True:
+            line = self.process.stdout.readline()
+            assert line, (self.said, self.process.communicate()[1])
+            self.said += line
+            if line.startswith(begin):
+                return
+
+    def end(self) -> tuple[int, str]:
+        """Return its status, and its errors."""
+        said, errors = self.process.communicate(timeout=90.0)
+        self.said += said
+        return self.process.returncode, errors
+
+
+def require_whole(folder: Path, plan: Plan) -> None:
+    """Every point of the motion was recorded: the arm was where it was commanded to be."""
+    recording = Recording.load(folder / "bag")
+    path = plan.at(np.linspace(0.0, DURATION, 101))[0]
+    away = np.abs(recording.position[:, None] - path[None]).max(axis=2)
+    assert away.min(axis=0).max() < np.radians(0.7)
+    assert not (folder / "bag.unfinished").exists()
+
+
+def vanish(fake: FakeArm) -> None:
+    fake.speaks = False
+
+
+def stick(fake: FakeArm) -> None:
+    def follow(message) -> None:
+        fake.told.append(np.array(message.position))
+        fake.position = np.where(np.arange(7) == 6, fake.position, fake.told[-1])
+
+    fake.on_servo_jp = follow
+
+
+def grab(fake: FakeArm) -> None:
+    fake.effort = [0.0, 1.7, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def command(fake: FakeArm) -> None:
+    fake.servo_jf.publish(fake.message(effort=[0.0] * 7))
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        (vanish, "no valid measured_js for 0.3 s"),
+        (stick, "wrist_roll is "),
+        (grab, "shoulder_pitch's motor has 1.7 N·m"),
+        (command, f"another node ({PRIVATE}/fake_arm) commands {PRIVATE}/servo_jf"),
+    ],
+    ids=["the arm vanishes", "a joint sticks", "a hand holds it", "another node commands it"],
+)  # fmt: skip
+def test_what_happens_to_the_arm_holds_it_is_reported_and_resumed(
+    fake: FakeArm, plan: Plan, tmp_path: Path, fault: Callable[[FakeArm], None], says: str
+) -> None:
+    follow, speaks = fake.on_servo_jp, fake.speaks
+    with Collector(tmp_path, "--no-rehearsal") as collector:
+        collector.until("motion")
+        time.sleep(0.6)
+        fault(fake)
+        status, error = collector.end()
+    assert status == 2
+    assert error.count("\n") == 1, error
+    assert "stopped in its motion, " in error
+    assert says in error
+    assert "--resume goes on" in error
+    if fault is not command:
+        assert fake.held()
+    # It is mended, and goes on.
+    fake.on_servo_jp, fake.speaks, fake.effort = follow, speaks, [0.0] * 7
+    time.sleep(0.5)
+    if fault is not vanish:  # one of them shows that it does
+        return
+    with Collector(tmp_path, "--no-rehearsal", "--resume") as collector:
+        status, error = collector.end()
+    assert status == 0, error
+    assert "going on with bag, which stopped in its motion" in collector.said
+    require_whole(tmp_path, plan)
+
+
+def test_a_network_that_stutters_loses_nothing_of_the_motion(
+    fake: FakeArm, plan: Plan, tmp_path: Path
+) -> None:
+    waiting: list = []
+    speak = fake.measured.publish
+
+    def stutter(message) -> None:
+        waiting.append(message)
+        if len(waiting) >= 12:  # 120 ms of measurements at once
+            for each in waiting:
+                speak(each)
+            waiting.clear()
+
+    with Collector(tmp_path, "--no-rehearsal") as collector:
+        collector.until("motion")
+        fake.measured = type("Stuttering", (), {"publish": staticmethod(stutter)})()
+        status, error = collector.end()
+    assert status == 0, error
+    require_whole(tmp_path, plan)
+
+
+def test_a_full_disk_holds_the_arm_and_what_was_recorded_is_resumed(
+    fake: FakeArm, plan: Plan, tmp_path: Path
+) -> None:
+    def small() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (SMALL_DISK, SMALL_DISK))
+
+    with Collector(tmp_path, "--no-rehearsal", before=small) as collector:
+        status, error = collector.end()
+    assert status == 2
+    assert "stopped in its motion, " in error
+    assert "cannot be written" in error
+    assert fake.held()
+    with Collector(tmp_path, "--no-rehearsal", "--resume") as collector:
+        status, error = collector.end()
+    assert status == 0, error
+    require_whole(tmp_path, plan)
+
+
+def test_a_limit_that_is_tightened_meanwhile_ends_it_before_the_next_phase(
+    fake: FakeArm, plan: Plan, tmp_path: Path
+) -> None:
+    path = tmp_path / "limits.yaml"
+    path.write_text(yaml.safe_dump({"joints": {"outer_yaw": {"position": [-20.0, 20.0]}}}))
+    load_limits(path, plan.arm)
+    short = Basis(np.array([2.0]), 0.25, 0.5)
+    motion = replace(plan.motion, basis=short, coefficients=0.02 * plan.motion.coefficients)
+    replace(plan, motion=motion).save(tmp_path / "plan.yaml")
+    with Collector(tmp_path, "--limits", "limits.yaml") as collector:
+        collector.until("rehearsal")
+        path.write_text(yaml.safe_dump({"joints": {"outer_yaw": {"position": [-0.001, 0.001]}}}))
+        status, error = collector.end()
+    assert status == 2
+    assert "the plan exceeds the limit of position of outer_yaw by" in error
+    assert "approach to the motion" in error
+    assert fake.held()
+    assert "motion" not in collector.said.replace("rehearsal", "").split("\n")[-1]
+
+
+def test_a_process_that_is_killed_in_any_phase_is_resumed_and_loses_nothing(
+    fake: FakeArm, plan: Plan, tmp_path: Path
+) -> None:
+    fake.position = POSE + np.radians(8.0)
+    said = []
+    for phase, after in (("approach", 0.2), ("rehearsal", 3.0), ("motion", 1.2)):
+        with Collector(tmp_path, *(["--resume"] if said else [])) as collector:
+            collector.until(phase)
+            time.sleep(after)
+            collector.process.send_signal(signal.SIGKILL)
+            collector.end()
+        said.append(collector.said)
+        assert (tmp_path / "bag.unfinished" / "state.json").exists()
+        assert not (tmp_path / "bag").exists()
+    with Collector(tmp_path) as collector:  # without --resume: where it is, and the way out
+        status, error = collector.end()
+    assert status == 2
+    assert "an earlier collection stopped in its motion, " in error
+    assert "--resume goes on" in error
+    with Collector(tmp_path, "--resume") as collector:
+        status, error = collector.end()
+    assert status == 0, error
+    assert "which stopped in its approach to the rehearsal: its process was ended" in said[1]
+    assert "which stopped in its rehearsal, " in said[2]
+    assert "rehearsal:" not in collector.said
+    require_whole(tmp_path, plan)
+
+
+def test_a_person_s_corners_are_taught_through_ros(fake: FakeArm, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "dvrk_gravity", "collect", "--teach", "limits.yaml", "--arm"]
+    process = subprocess.Popen(
+        [*command, "mtmr", "--namespace", PRIVATE], cwd=tmp_path, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert "until Ctrl-C" in process.stdout.readline()
+    for share in np.linspace(0.0, 1.0, 100):
+        fake.position = POSE + np.radians(20.0) * np.sin(2.0 * np.pi * share) * np.eye(7)[0]
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=20.0)
+    assert process.returncode == 0, error
+    assert "shown: outer_yaw" in error  # meanwhile
+    assert "shown: outer_yaw" in out
+    assert not fake.told
+    limits = load_limits(tmp_path / "limits.yaml", Arm.load("mtmr"))
+    yaw = np.degrees([limits.lower[0], limits.upper[0]])
+    np.testing.assert_allclose(yaw, [-18.0, 18.0], atol=0.7)
+    assert JOINT_NAMES[0] == "outer_yaw"
