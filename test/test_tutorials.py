@@ -15,6 +15,7 @@ play = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(play)
 
 DURATION = 16.0  # s
+BRIEF = "--no-rehearsal --duration 16"
 
 pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation", "blank_pictures")
 
@@ -76,19 +77,17 @@ def test_an_effect_of_one_file_is_named_in_its_words(known, tmp_path, capsys):
     assert "wrist_platform stirs a fluid" in printed(capsys, "add_an_effect", tmp_path)
 
 
-def test_an_mtm_is_calibrated_through_ros_and_for_its_console(domain, tmp_path, capsys):
-    quick = "--out my_bag --namespace /dvrk_gravity_private --no-rehearsal --duration 8 --timeout 1"
-    shown = printed(
-        capsys, "calibrate_my_mtm", tmp_path,
-        {
-            "-r __ns:=/MTMR": "-p rate:=200.0",
-            "excite --arm mtmr --out my_bag": f"excite --arm mtmr {quick}",
-            f"{play.VERB}excite --arm mtmr --out another_bag --seed 2": "",
-            "evaluate another_bag": "evaluate my_bag",
-        },
-    )  # fmt: skip
+def test_an_mtm_is_moved_identified_and_written_for_its_console(tmp_path, capsys):
+    shown = printed(capsys, "calibrate_my_mtm", tmp_path, {"--no-rehearsal": BRIEF})
     assert (tmp_path / "gc-MTMR-12345.json").is_file()
-    assert "usable" in shown
+    assert "verdict in the model file" in shown
+
+
+def test_an_arm_is_calibrated_with_one_command(tmp_path, capsys):
+    shorter = {"--arm mtmr --simulated": f"--arm ecm --simulated {BRIEF} --time 1 --poses 1"}
+    shown = printed(capsys, "calibrate_with_one_command", tmp_path, shorter)
+    assert (tmp_path / "calibration" / "certificate.html").is_file()
+    assert "certificate.json" in shown
 
 
 def test_every_tutorial_is_played_here():

@@ -3,10 +3,9 @@
     PYTHONPATH=. python docs/tutorials/play.py recover_a_known_truth --out out/tutorials
 
 Of a page's fenced blocks it runs those of ``sh``, whose lines are verbs of this package, and those
-of ``python``, all in one folder. A line that ends with ``&`` is a node; it runs until the page
-ends. A block whose first line is a comment with a file's name is written to that file, and a .py
-file that the page links is copied. Blocks of ``console`` are for a real arm, or for another
-program, and are not run.
+of ``python``, all in one folder. A block whose first line is a comment with a file's name is
+written to that file, and a .py file that the page links is copied. Blocks of ``console`` are for a
+real arm, or for another program, and are not run.
 """
 
 from __future__ import annotations
@@ -73,13 +72,10 @@ def play(page: Path, folder: Path, shorter: Mapping[str, str] | None = None) -> 
             raise ValueError(f"{page.name} has no {before!r}")
         text = text.replace(before, after)
     folder.mkdir(parents=True, exist_ok=True)
-    if "PYTHONPATH" in os.environ:  # of nodes, which start in that folder
-        paths = os.environ["PYTHONPATH"].split(os.pathsep)
-        os.environ["PYTHONPATH"] = os.pathsep.join(map(os.path.abspath, paths))
     for linked in _LINKED.findall(text):
         shutil.copy(page.parent / linked, folder)
     names: dict[str, object] = {"__name__": page.stem}
-    with contextlib.chdir(folder), _importable(folder), contextlib.ExitStack() as nodes:
+    with contextlib.chdir(folder), _importable(folder):
         for block in blocks(text):
             if block.file:
                 Path(block.file).write_text(block.text, encoding="utf-8")
@@ -87,7 +83,7 @@ def play(page: Path, folder: Path, shorter: Mapping[str, str] | None = None) -> 
                 exec(compile(block.text, str(page), "exec"), names)
             else:
                 for command in commands(block.text):
-                    _run(command, nodes)
+                    _run(command)
 
 
 @contextlib.contextmanager
@@ -104,36 +100,28 @@ def _importable(folder: Path) -> Iterator[None]:
                 del sys.modules[name]
 
 
-def _run(command: str, nodes: contextlib.ExitStack) -> None:
-    """Run a verb, or start a node."""
+def _run(command: str) -> None:
+    """Run a verb."""
     from dvrk_gravity.__main__ import main
-    from dvrk_gravity.ros import NodeProcess
 
     if not command.startswith(VERB):
         raise ValueError(f"{command!r}: expected {VERB}…")
     print(f"$ {command}", flush=True)
-    words = shlex.split(command.removeprefix(VERB).removesuffix("&"))
-    if command.endswith("&"):
-        nodes.enter_context(NodeProcess(words[0], *words[words.index("--ros-args") + 1 :]))
-        return
-    status = main(words)
+    status = main(shlex.split(command.removeprefix(VERB)))
     if status not in (0, 1):  # 1: done, and the answer is no
         raise ValueError(f"{command}: exit status {status}")
 
 
 def main_of_script() -> None:
     """Play the pages that are named."""
-    from dvrk_gravity.ros import private_domain
-
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("pages", nargs="+", metavar="PAGE")
     parser.add_argument("--out", type=Path, required=True, help="folder of the files")
     arguments = parser.parse_args()
     out = arguments.out.resolve()
     os.environ.setdefault("MPLBACKEND", "Agg")
-    with private_domain():
-        for page in arguments.pages:
-            play(HERE / f"{Path(page).stem}.md", out)
+    for page in arguments.pages:
+        play(HERE / f"{Path(page).stem}.md", out)
 
 
 if __name__ == "__main__":
