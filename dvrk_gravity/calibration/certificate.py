@@ -31,7 +31,8 @@ class JointCertificate:
         expected: 95 % band of that by the model itself; ``None``: not known.
         nrmse: |e| / |tau|.
         level: Verdict on it, one of ``model.VERDICTS``.
-        holding: Standard error of the gravity torque within the recorded poses, N·m or N.
+        holding: Standard error of the gravity torque at the recorded poses, N·m or N; ``None``:
+            not known.
         friction: Dry friction and its 95 % interval, N·m or N; ``None``: none is fitted.
         lower: Least position that was identified, rad or m.
         upper: Greatest one.
@@ -46,7 +47,7 @@ class JointCertificate:
     expected: tuple[float, float] | None
     nrmse: float
     level: str
-    holding: float
+    holding: float | None
     friction: tuple[float, float, float] | None
     lower: float
     upper: float
@@ -197,7 +198,8 @@ def _joint(
     return JointCertificate(
         name, joint.effort_unit, joint.unit, error["rmse"],
         None if band is None else (band["ci95"][0], band["ci95"][1]),
-        error["nrmse"], check["levels"][name], holding["error"], _friction(fit, joint),
+        error["nrmse"], check["levels"][name],
+        holding["error"] if math.isfinite(holding["error"]) else None, _friction(fit, joint),
         holding["lower"], holding["upper"], drift, predicted,
     )  # fmt: skip
 

@@ -11,8 +11,11 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting import Driver, SimulatedDriver
 from dvrk_gravity.compensate import let_go
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
+
+_FAR = 100.0  # rad or m, of an arm that has run away
 
 
 class Rig(Protocol):
@@ -73,5 +76,11 @@ class SimulatedRig:
         """Release it at a pose: :meth:`Rig.release`."""
         plant = self._plant.plant(self.friction)
         self._at = pose - self._plant.model.joint_offset
-        way = let_go(plant, TorqueModel.load(model), pose, seconds, self.friction)
-        return np.asarray(np.abs(way).max(axis=0))
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                way = let_go(plant, TorqueModel.load(model), pose, seconds, self.friction)
+        except ConfigError as error:
+            if error.field != "effort":  # not finite: the arm has run away
+                raise
+            return np.full(len(pose), _FAR)
+        return np.nan_to_num(np.abs(way).max(axis=0), nan=_FAR, posinf=_FAR)

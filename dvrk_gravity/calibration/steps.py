@@ -76,6 +76,8 @@ class Work:
         namespace: Of its topics.
         seed: Of plans and poses.
         settings: How it is made.
+        limits_now: The same limits, asked before every phase of a motion; raises MotionError if
+            they have changed.
         consent: Asked before the arm moves.
         report: Receives lines.
         progress: Receives a step, and its part that is done.
@@ -90,6 +92,7 @@ class Work:
     namespace: str
     seed: int
     settings: CalibrationSettings
+    limits_now: Callable[[], PlanLimits] | None = None
     consent: Callable[[str], bool] = lambda question: True
     report: Callable[[str], None] = print
     progress: Callable[[str, float], None] = lambda step, part: None
@@ -268,7 +271,7 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
         try:
             found = collect(
                 plan, driver, bag, model=_trusted(work, book), rehearse=of.rehearsal, resume=True,
-                limits=lambda: work.limits, consent=work.consent, report=lambda line: None,
+                limits=work.limits_now, consent=work.consent, report=lambda line: None,
                 progress=lambda phase, part: work.progress(f"{step}, {phase}", part),
             )  # fmt: skip
         except MotionStoppedError as error:
@@ -392,7 +395,10 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
 
 def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     last = Path(_last_model(book)).with_suffix(".json").name
-    fit, check, release = (json_file.load(work.at(name)) for name in (last, CHECK, RELEASE))
+    # Intervals of what data do not determine are infinite.
+    fit, check, release = (
+        json_file.load(work.at(name), finite=False) for name in (last, CHECK, RELEASE)
+    )
     found = sorted(name for name in book.files if name.startswith("diagnosis_") and "json" in name)
     diagnosis = json_file.load(work.at(found[-1])) if found else {"findings": [], "ambiguities": []}
     certificate = certify(

@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import CERTIFICATE, Work, calibrate
+    from dvrk_gravity.compensate import MotionError
     from dvrk_gravity.planning import PlanLimits, load_limits
 
     bounds = (
@@ -113,9 +114,16 @@ def run(arguments: argparse.Namespace) -> int:
             each.done()
         print(line, flush=True)
 
+    asked = _asked(arguments)
+
+    def limits_now() -> PlanLimits:
+        if _asked(arguments) != asked:
+            raise MotionError(f"{arguments.limits} or the arm's file has changed meanwhile")
+        return limits
+
     work = Work(
-        out, _asked(arguments, settings), arm, limits, rig, _pages(arm),
-        arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings,
+        out, asked, arm, limits, rig, _pages(arm),
+        arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings, limits_now,
         consent, report, progress,
     )  # fmt: skip
     certificate = calibrate(work)
@@ -128,7 +136,8 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
 
     lasts = arguments.duration
     return CalibrationSettings(
-        motion=lasts, check=lasts / 2.0, further=lasts * 2.0 / 3.0, search=arguments.time,
+        motion=lasts, check=max(lasts / 2.0, DURATIONS[0]),
+        further=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=arguments.time,
         poses=arguments.poses, rehearsal=not arguments.no_rehearsal,
     )  # fmt: skip
 
@@ -139,10 +148,13 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
 
     if arguments.simulated is None:
         # Here and not above: rclpy is slow to load, and bad arguments need none of it.
-        from dvrk_gravity.ros import RosRig, end_on_signals, namespace_of
+        from dvrk_gravity.ros import PRIVATE, RosRig, end_on_signals, namespace_of
 
         end_on_signals()
-        return RosRig(arm, namespace_of(arm, arguments.namespace), arguments.timeout)
+        namespace = namespace_of(arm, arguments.namespace)
+        nobody = f"{namespace}/".startswith(f"{PRIVATE}/")  # no arm has such a name
+        simulated = f"the node at {namespace}" if nobody else ""
+        return RosRig(arm, namespace, arguments.timeout, simulated)
     model = arguments.simulated
     plant = PlantFile.load(model) if model else PlantFile.of(arm)
     if plant.model.arm.joint_names != arm.joint_names:
@@ -150,7 +162,7 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
     return SimulatedRig(drawn_arm(plant, arguments.seed), arguments.seed, settings.friction)
 
 
-def _asked(arguments: argparse.Namespace, settings: CalibrationSettings) -> dict[str, str]:
+def _asked(arguments: argparse.Namespace) -> dict[str, str]:
     """Return what is asked for, with the hash of each file, by option."""
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import file_hash

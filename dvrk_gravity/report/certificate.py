@@ -125,7 +125,7 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> dict[str, str
         "nrmse": f"{100 * joint.nrmse:.1f} %",
         "rmse": shown(joint.rmse),
         "expected": "" if band is None else f"{shown(band[0])}–{shown(band[1])}",
-        "holding": quantity(joint.holding, joint.unit),
+        "holding": "" if joint.holding is None else quantity(joint.holding, joint.unit),
         "friction": friction or "not determined",
         "range": f"{low} to {high}",
         "drift": "" if joint.drift is None else _position(joint.drift, joint, 2),
