@@ -14,7 +14,7 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: bench calibrate-demo demo dist dist-check peers story test trials trials-real sensitivity lint lock clean help
+.PHONY: bench calibrate-demo demo dist dist-check docs peers story test trials trials-real sensitivity lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
@@ -22,6 +22,7 @@ help:
 	@echo "make test    the test suite, three workers (WORKERS=2 for less)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
+	@echo "make docs    the site in out/site; a warning is an error"
 	@echo "make trials  slow tests, properties with many examples, hundreds of trials of hide and find, with exact models and with identified ones (SEEDS=\"0 12\")"
 	@echo "make trials-real  known effects put into recordings of real arms, and looked for (DVRK_GRAVITY_DATA)"
 	@echo "make sensitivity  halve and double every threshold of estimation, and tell what moves"
@@ -83,6 +84,21 @@ dist: $(DIST)/.done
 dist-check: dist
 	@PYTHON="$(SYSTEM_PYTHON)" .ci/dist-check
 
+# Apart from the package's own environment: Sphinx reads the code without importing it, and wants an
+# older docutils than colcon has.
+DOCS := .venv-docs
+$(DOCS)/.done: docs/requirements.lock
+	@test -n "$(SYSTEM_PYTHON)" || { echo "make: needs Python 3.11 or 3.12 (PYTHON=… to name one)"; exit 2; }
+	@echo "$(DOCS): installing docs/requirements.lock, once"
+	@rm -rf $(DOCS)
+	@"$(SYSTEM_PYTHON)" -m venv $(DOCS)
+	@$(DOCS)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r docs/requirements.lock
+	@touch $(DOCS)/COLCON_IGNORE $@
+
+docs: $(DOCS)/.done
+	@$(DOCS)/bin/python -m sphinx -q -W --keep-going -b html docs out/site -d out/site-doctrees
+	@echo "out/site/index.html"
+
 SEEDS ?= 0 12
 LAB_SEEDS ?= 0 5
 EXAMPLES ?= 20
@@ -138,4 +154,4 @@ lock:
 	rm -rf $(VENV)-lock
 
 clean:
-	rm -rf build dist install log out $(VENV) $(VENV)-lock $(PEERS) $(DIST)
+	rm -rf build dist install log out $(VENV) $(VENV)-lock $(PEERS) $(DIST) $(DOCS) docs/api

@@ -21,18 +21,36 @@ from conftest import REPOSITORY, executables, syntax
 
 import dvrk_gravity
 from dvrk_gravity.command_line import VERBS, run
+from dvrk_gravity.effects import effects
 from dvrk_gravity.files import resources
+
+DOCS = REPOSITORY / "docs"
+
+
+def script(name: str):
+    """Return a script of the documentation as a module."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_the_table_of_parameters_in_the_docs_is_that_of_the_declarations():
-    path = REPOSITORY / "docs" / "parameter_table.py"
-    spec = importlib.util.spec_from_file_location("parameter_table", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = script("parameter_table")
     assert "`slew_limit`" in module.table()
     assert module.written() == (REPOSITORY / "docs" / "parameters.md").read_text(encoding="utf-8")
     for file, text in module.helps().items():
         assert file.read_text(encoding="utf-8") == text, "docs/parameter_table.py --write renews it"
+
+
+def test_the_reference_has_every_verb_option_effect_and_room():
+    written = script("reference_pages").pages()
+    for file, text in written.items():
+        assert file.read_text(encoding="utf-8") == text, "docs/reference_pages.py --write renews it"
+    options, findings, _ = written.values()
+    assert set(re.findall("^## (.+)$", options, re.MULTILINE)) == set(VERBS)
+    assert "`--payload-at LINK[:X,Y,Z]`" in options
+    assert all(f"{effect.NAME}" in findings for effect in effects())
 
 
 def anchors(page: str) -> set[str]:
@@ -42,7 +60,7 @@ def anchors(page: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "page", [*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").glob("*.md")], ids=lambda p: p.name
+    "page", [*REPOSITORY.glob("*.md"), *DOCS.rglob("*.md")], ids=lambda p: p.name
 )
 def test_links_within_the_documentation_lead_somewhere(page):
     links = re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8"))
@@ -50,6 +68,14 @@ def test_links_within_the_documentation_lead_somewhere(page):
         target = (page.parent / path) if path else page
         assert target.exists(), path
         assert not fragment or fragment in anchors(target.read_text(encoding="utf-8")), fragment
+
+
+def test_every_page_is_in_the_table_of_contents():
+    """Sphinx warns of one that is not; here it takes no time."""
+    listed = (DOCS / "index.md").read_text(encoding="utf-8").split()
+    pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")}
+    outside = {page for page in pages if not page.startswith("api/")} - {"index"}
+    assert outside <= set(listed)
 
 
 def test_the_readme_is_read_in_two_screens():

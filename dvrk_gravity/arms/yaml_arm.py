@@ -1,5 +1,7 @@
 """Reading an arm from YAML: a serial chain by its DH table, and links that follow it.
 
+A file with all there may be::
+
     name: made_up
     convention: standard          # or modified (proximal); standard if left out
     joints:                       # angles in degrees, lengths in m, efforts in N·m or N
