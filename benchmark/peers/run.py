@@ -1,10 +1,12 @@
 """This package beside others that identify arms, on the same recordings: docs/peers.md.
 
     make peers                  # or, after it: python benchmark/peers/run.py [--quick]
+    python benchmark/peers/run.py --ours-again out/bench/peers.json
 
 Writes every case into a folder, runs every method on it in a process of its own (peers in the
 environment of benchmark/peers/requirements.lock), and prints and writes the tables. ``--quick``:
-two arms and no diagnosis, printed only.
+two arms and no diagnosis, printed only. ``--ours-again``: this package alone, beside the peers'
+figures of an earlier run.
 """
 
 from __future__ import annotations
@@ -46,6 +48,7 @@ def prepared(folder: Path, quick: bool) -> Iterator[Prepared | str]:
         return
     yield forward(folder / "UR5_flexible_joint", "ur5", "flexible", SEED)
     yield forward(folder / "UR5_backlash", "ur5", "backlash", SEED)
+    yield laboratory(folder / "UR5_four_minutes", "ur5", SEED, rate=1000.0, duration=240.0)
     yield laboratory(folder / "Panda", "panda", SEED + 1)
     yield laboratory(folder / "MTM", "mtmr", SEED + 2)
     yield from real(folder)
@@ -153,11 +156,18 @@ def main() -> int:
                         help="Python of the peers' environment")  # fmt: skip
     parser.add_argument("--page", type=Path, default=PAGE, help="where the tables go")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument("--ours-again", type=Path, metavar="FILE",
+                        help="run this package alone; the peers' figures are FILE's")  # fmt: skip
     arguments = parser.parse_args()
     if not arguments.peers.exists():
         print(f"{arguments.peers}: no such file, expected the peers' Python: run `make peers` once")
         return 2
     lines = {method: user_lines(script) for method, script in SCRIPTS.items()}
+    kept: dict[tuple[str, str], Outcome] = {}
+    if arguments.ours_again is not None:
+        for row in json.loads(arguments.ours_again.read_text())["rows"]:
+            kept |= {(row["name"], method): Outcome(**outcome)
+                     for method, outcome in row["outcomes"].items() if method != US}  # fmt: skip
     rows: list[Row] = []
     notes: list[str] = []
     with TemporaryDirectory() as folder:
@@ -167,7 +177,9 @@ def main() -> int:
                 continue
             outcomes = {}
             for method in METHODS:
-                outcome = outcomes[method] = tried(case, method, arguments.peers)
+                before = kept.get((case.name, method))
+                outcome = before or tried(case, method, arguments.peers)
+                outcomes[method] = outcome
                 mean = np.mean(outcome.errors) if outcome.errors else np.nan
                 print(f"{case.name}, {method}: {mean:.3f}, {outcome.cpu:.1f} s {outcome.failure}",
                       file=sys.stderr, flush=True)  # fmt: skip
