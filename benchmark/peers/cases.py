@@ -157,7 +157,7 @@ def laboratory(
     effort = _save(case, train, test)
     what = "friction, cables, a spring and sensors that no method's terms represent exactly"
     if (rate, duration) != (200.0, DURATION):
-        what = f"the same, recorded for {duration:g} s at {rate:g} Hz"
+        what = f"the arm and motion of the first, for {duration:g} s at {rate:g} Hz"
     return Prepared(folder.name, what, case, effort, _sampled(truth, truth.effort, test),
                     _sampled(truth, holding, test), tuple(hidden))  # fmt: skip
 

@@ -26,13 +26,15 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from cases import SEED, Prepared, forward, laboratory, low_pass, real
 from exchange import BEGIN, END
-from page import METHODS, US, Outcome, Row, page
+from outcome import METHODS, US, Outcome, Row
+from page import page
 
 from dvrk_gravity.files import text_file
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 PAGE = REPOSITORY / "docs" / "peers.md"
+PEERS = REPOSITORY / ".venv-peers" / "bin" / "python"
 SCRIPTS = {US: "ours.py", "least squares": "least_squares.py", "figaroh": "with_figaroh.py",
            "figaroh LMI": "with_figaroh.py lmi", "mujoco.sysid": "with_mujoco.py"}  # fmt: skip
 EDGE = 0.5  # s at both ends that no error counts, where filters begin
@@ -148,11 +150,19 @@ def _versions(peers: Path) -> str:
     ).stdout.strip()
 
 
+def described(versions: str, load: float) -> str:
+    """Return how the page came to be."""
+    return (
+        f"Written by `make peers` (seed {SEED}); peers: {versions}. Processor times are from a "
+        f"machine of {os.cpu_count()} cores at a mean load of {load:.0f}: compare their ratios."
+    )
+
+
 def main() -> int:
     """Run what was asked for."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two arms, no diagnosis, no page")
-    parser.add_argument("--peers", type=Path, default=REPOSITORY / ".venv-peers/bin/python",
+    parser.add_argument("--peers", type=Path, default=PEERS,
                         help="Python of the peers' environment")  # fmt: skip
     parser.add_argument("--page", type=Path, default=PAGE, help="where the tables go")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
@@ -170,6 +180,7 @@ def main() -> int:
                      for method, outcome in row["outcomes"].items() if method != US}  # fmt: skip
     rows: list[Row] = []
     notes: list[str] = []
+    loads: list[float] = []
     with TemporaryDirectory() as folder:
         for case in prepared(Path(folder), arguments.quick):
             if isinstance(case, str):
@@ -180,12 +191,13 @@ def main() -> int:
                 before = kept.get((case.name, method))
                 outcome = before or tried(case, method, arguments.peers)
                 outcomes[method] = outcome
+                loads.append(os.getloadavg()[0])
                 mean = np.mean(outcome.errors) if outcome.errors else np.nan
                 print(f"{case.name}, {method}: {mean:.3f}, {outcome.cpu:.1f} s {outcome.failure}",
                       file=sys.stderr, flush=True)  # fmt: skip
             hidden = [(h.effect, h.joints[0] if h.joints else "") for h in case.hidden]
             rows.append(Row(case.name, case.what, case.case.joints, hidden, outcomes))
-    how = f"Written by `make peers` (seed {SEED}); peers: {_versions(arguments.peers)}."
+    how = described(_versions(arguments.peers), float(np.mean(loads)))
     if arguments.json is not None:
         figures = {
             "rows": [asdict(row) for row in rows],
