@@ -63,7 +63,7 @@ def better(rows: Sequence[Row], lines: Mapping[str, int]) -> list[str]:
         ("a diagnosis, for a peer a refit, mean processor time", "s",
          lambda m: _diagnosis_time(rows, m)),
         ("lines of the user", "", lambda m: lines[m]),
-        ("hidden effects not named first", "", lambda m: -_named(rows, m)[0]),
+        ("hidden effects named first", "", lambda m: -_named(rows, m)[0]),
     ):  # fmt: skip
         form = "{:.2f} {}" if unit else "{}{}"
         ahead = [f"{m} {form.format(abs(of(m)), unit)}" for m in METHODS[1:] if of(m) < of(US)]

@@ -56,11 +56,16 @@ def prepared(folder: Path, quick: bool) -> Iterator[Prepared | str]:
     yield from real(folder)
 
 
+def output(case: Prepared, method: str) -> Path:
+    """Return where a method writes its results, without the ending of the name."""
+    return case.case.folder / method.replace(" ", "_").replace(".", "_")
+
+
 def tried(case: Prepared, method: str, peers: Path) -> Outcome:
     """Run a method on a case and score it."""
     script, *flags = SCRIPTS[method].split()
     ours = method == US
-    out = case.case.folder / method.replace(" ", "_")
+    out = output(case, method)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     environment["PYTHONPATH"] = str(REPOSITORY) if ours else ""
     command = [sys.executable if ours else str(peers), str(HERE / script)]
@@ -161,13 +166,14 @@ def described(versions: str, load: float) -> str:
 def main() -> int:
     """Run what was asked for."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two arms, no diagnosis, no page")
+    some = parser.add_mutually_exclusive_group()
+    some.add_argument("--quick", action="store_true", help="two arms, no diagnosis, no page")
+    some.add_argument("--ours-again", type=Path, metavar="FILE",
+                      help="run this package alone; the peers' figures are FILE's")  # fmt: skip
     parser.add_argument("--peers", type=Path, default=PEERS,
                         help="Python of the peers' environment")  # fmt: skip
     parser.add_argument("--page", type=Path, default=PAGE, help="where the tables go")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
-    parser.add_argument("--ours-again", type=Path, metavar="FILE",
-                        help="run this package alone; the peers' figures are FILE's")  # fmt: skip
     arguments = parser.parse_args()
     if not arguments.peers.exists():
         print(f"{arguments.peers}: no such file, expected the peers' Python: run `make peers` once")
