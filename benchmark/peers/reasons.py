@@ -9,8 +9,10 @@ _JITTER = "`benchmark/peers/jitter.py`"
 
 REASONS = {
     ("UR5", "holding torque"): (
-        "Not with more data: of UR5_four_minutes, the same arm, it is 0.446 against our 0.441. All "
-        "methods are near 0.45 there."
+        "Not in general: shoulder_pan, which is upright and holds only a cable, and the wrist make "
+        "this mean. On six other UR5s least squares is worse at the shoulder lift by 0.012 ± "
+        "0.004, at the elbow by 0.014 ± 0.014, and better at no joint "
+        f"({_SEEDS}). All methods are near 0.45 here."
     ),
     ("Panda", "panda_joint1"): (
         "Not in general: on six other Pandas and motions least squares is worse there by 0.154 ± "
