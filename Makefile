@@ -129,7 +129,8 @@ $(PEERS)/.done: benchmark/peers/requirements.lock
 	@touch $(PEERS)/COLCON_IGNORE $@
 
 peers: $(VENV)/.done $(PEERS)/.done
-	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/peers/run.py $(if $(QUICK),--quick)
+	@mkdir -p out/bench
+	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/peers/run.py $(if $(QUICK),--quick,--json out/bench/peers.json)
 
 # Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
 BENCHMARKS ?= torque startup latency faults starts passivity simulator gravity_regressor identify supervisor_properties fuzz soak

@@ -2,9 +2,10 @@
 
     python benchmark/term_gains.py mtm_dynamic_30s_200hz.csv --arm mtmr --coordinates actuator
 
-A window of the recording is identified with all effects, with all but one, and with the plainest
-friction alone; `evaluate` judges each model on the rest. Printed is the change of |e|/|tau| by
-joint when an effect is left out, mean and standard error over the windows: positive where it helps.
+A window of the recording is identified with all effects, with all but one, with the plainest
+friction alone, and with links that need be no bodies; `evaluate` judges each model on the rest.
+Printed is the change of |e|/|tau| by joint when something is left out, mean and standard error over
+the windows: positive where it helps.
 Windows overlap, so the standard errors are somewhat too small.
 """
 
@@ -23,6 +24,7 @@ from dvrk_gravity.model import RIGID, identified
 from dvrk_gravity.recording import Coordinates, Recording
 
 PLAIN = ("coulomb_friction", "viscous_friction", "rotor_inertia")
+BODIES = "without physical consistency"
 GAP = 0.5  # s between what is fitted and what is judged
 SHORTEST = 4.0  # s that is judged at once
 
@@ -42,13 +44,13 @@ def part(recording: Recording, first: float, last: float) -> Recording:
 
 def errors(
     recording: Recording, arm: Arm, coordinates: Coordinates, window: tuple[float, float],
-    effects: Sequence[str] | None,
+    effects: Sequence[str] | None, physical: bool = True,
 ) -> Array:  # fmt: skip
     """Return (n,) |e|/|tau| outside a window of a model identified within it."""
     assert recording.time is not None
     first, last = window
     rest = ((0.0, first - GAP), (last + GAP, float(np.ptp(recording.time))))
-    fit = identify(part(recording, first, last), arm, coordinates, effects)
+    fit = identify(part(recording, first, last), arm, coordinates, effects, physical=physical)
     unseen = [part(recording, *span) for span in rest if span[1] - span[0] > SHORTEST]
     judged = evaluate(fit.model, unseen, coordinates)
     return np.array([error.nrmse for error in judged.joints.values()])
@@ -70,17 +72,18 @@ def main() -> None:
     if given.drive_gains:
         recording = replace(recording, effort=recording.effort * np.array(given.drive_gains))
     every = [effect for effect in identified(arm) if effect not in RIGID]
-    variants = {f"without {left}": [e for e in every if e != left] for left in every}
-    variants[" and ".join(PLAIN)] = list(PLAIN)
+    variants: dict[str, tuple[list[str] | None, bool]] = {BODIES: (None, False)}
+    variants |= {f"without {left}": ([e for e in every if e != left], True) for left in every}
+    variants[" and ".join(PLAIN)] = list(PLAIN), True
     duration = float(np.ptp(recording.time))
     starts = np.linspace(0.0, (1.0 - given.part) * duration, given.windows)
     windows = [(first, first + given.part * duration) for first in starts.tolist()]
     run = [errors(recording, arm, given.coordinates, window, None) for window in windows]
     print(f"{'':52s}" + " ".join(f"{name[:15]:>15s}" for name in arm.joint_names))
     print(f"{'|e|/|tau| with all':52s}" + " ".join(f"{e:15.3f}" for e in np.mean(run, axis=0)))
-    for title, effects in variants.items():
+    for title, (effects, physical) in variants.items():
         change = [
-            errors(recording, arm, given.coordinates, window, effects) - all_of_them
+            errors(recording, arm, given.coordinates, window, effects, physical) - all_of_them
             for window, all_of_them in zip(windows, run, strict=True)
         ]
         mean, deviation = np.mean(change, axis=0), np.std(change, axis=0, ddof=1)

@@ -116,14 +116,17 @@ def _sampled(truth: Truth, values: Array, test: Recording) -> Array:
     return np.stack(columns, axis=1)
 
 
-def laboratory(folder: Path, name: str, seed: int, diagnose: bool = False) -> Prepared:
+def laboratory(
+    folder: Path, name: str, seed: int, diagnose: bool = False, *, rate: float = 200.0,
+    duration: float = DURATION,
+) -> Prepared:  # fmt: skip
     """Return an arm of the laboratory's: LuGre friction, cables, a spring, sensors with a delay."""
     world = MujocoWorld.draw(name, seed)
     arm = world.arm
-    world = replace(world, sensors=replace(world.sensors, rate=200.0))
+    world = replace(world, sensors=replace(world.sensors, rate=rate))
     calibration = draw_calibration(arm, seed)
-    case = _case(folder, arm, mujoco_arms.FILES.get(name, name), 200.0)
-    train = world.record(world.truth(calibration), seed)
+    case = _case(folder, arm, mujoco_arms.FILES.get(name, name), rate)
+    train = world.record(world.truth(calibration, duration), seed)
     truth = world.truth(draw_other(arm, seed + 1, calibration))
     test = world.record(truth, seed + 1)
     still = np.zeros_like(truth.q)
@@ -153,6 +156,8 @@ def laboratory(folder: Path, name: str, seed: int, diagnose: bool = False) -> Pr
         case = replace(case, recordings=names)
     effort = _save(case, train, test)
     what = "friction, cables, a spring and sensors that no method's terms represent exactly"
+    if (rate, duration) != (200.0, DURATION):
+        what = f"the arm and motion of the first, for {duration:g} s at {rate:g} Hz"
     return Prepared(folder.name, what, case, effort, _sampled(truth, truth.effort, test),
                     _sampled(truth, holding, test), tuple(hidden))  # fmt: skip
 

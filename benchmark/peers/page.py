@@ -4,67 +4,19 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from outcome import METHODS, US, Outcome, Row
+from reasons import ELSEWHERE, reason
 
-US = "dvrk_gravity"
-METHODS = (US, "least squares", "figaroh", "figaroh LMI", "mujoco.sysid")
 TITLE = "# Beside other packages"
 SECTIONS = (
-    "What a peer does better", "What is measured", "Held-out error by joint",
-    "Error of known torque", "Intervals and links", "Processor time and memory", "Lines",
-    "Diagnosis",
+    "At a glance", "Where a peer is better", "What is measured", "Held-out error by joint",
+    "Error of known torque", "Intervals", "Processor time and memory", "Diagnosis",
 )  # fmt: skip
-
-
-@dataclass
-class Outcome:
-    """What a method made of a case.
-
-    Attributes:
-        errors: (n,) held-out error over torque, RMS below 8 Hz.
-        known: RMS error of the torque without sensors over that torque, mean of joints.
-        holding: The same of the torque that holds the arm.
-        cpu: Processor seconds of the process up to the fit, start-up included.
-        gib: Peak memory; NaN where it was not measured.
-        held: Intervals that hold the truth, and how many are finite, and how many there are.
-        bodies: Physically consistent links, and how many there are.
-        without_bodies: Why there are none.
-        diagnoses: One for each further recording: time and what was found.
-        failure: Why there is nothing.
-    """
-
-    errors: list[float] = field(default_factory=list)
-    known: float | None = None
-    holding: float | None = None
-    cpu: float = float("nan")
-    gib: float = float("nan")
-    held: tuple[int, int, int] = (0, 0, 0)
-    bodies: tuple[int, int] = (0, 0)
-    without_bodies: str = ""
-    diagnoses: list[dict[str, Any]] = field(default_factory=list)
-    failure: str = ""
-
-
-@dataclass
-class Row:
-    """A case with what every method made of it.
-
-    Attributes:
-        name: Of the case.
-        what: One line about it.
-        joints: Their names.
-        hidden: Effect and joint in each further recording.
-        outcomes: By method.
-    """
-
-    name: str
-    what: str
-    joints: list[str]
-    hidden: list[tuple[str, str]]
-    outcomes: dict[str, Outcome]
+WIDTH = 118
+LONG = "four_minutes"  # in the name of the case that is not of 30 s
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -74,60 +26,51 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def better(rows: Sequence[Row], lines: Mapping[str, int]) -> list[str]:
-    """Return a sentence for every figure in which a peer is better than this package."""
+    """Return a sentence for every figure in which a peer is better than this package, and why."""
     found = []
     for row in rows:
         ours = row.outcomes[US]
-        for method, peer in row.outcomes.items():
-            if method == US or peer.failure:
-                continue
-            if ours.failure:
-                found.append(
-                    f"{row.name}: {method} has an answer where we have none ({ours.failure})"
-                )
-                continue
-            ahead = [
-                f"{joint} {_share(b)} against our {_share(a)}"
-                for joint, a, b in zip(row.joints, ours.errors, peer.errors, strict=True)
-                if _smaller(b, a)
-            ]
-            for name, a, b in (("torque without sensors", ours.known, peer.known),
-                               ("holding torque", ours.holding, peer.holding)):  # fmt: skip
-                if a is not None and b is not None and _smaller(b, a):
-                    ahead.append(f"{name} {_share(b)} against {_share(a)}")
+        peers = {m: o for m, o in row.outcomes.items() if m != US and not o.failure}
+        if ours.failure:
+            found += [f"{row.name}: {method} has an answer where we have none ({ours.failure})"
+                      for method in peers]  # fmt: skip
+            continue
+        figures = [(joint, ours.errors[j], {m: o.errors[j] for m, o in peers.items()})
+                   for j, joint in enumerate(row.joints)]  # fmt: skip
+        for name, get in (("known torque", lambda o: o.known),
+                          ("holding torque", lambda o: o.holding)):  # fmt: skip
+            if get(ours) is not None:
+                figures.append((name, get(ours), {m: get(o) for m, o in peers.items()}))
+        for name, mine, theirs in figures:
+            ahead = [f"{m} {_share(e)}" for m, e in theirs.items() if _smaller(e, mine)]
             if ahead:
-                found.append(f"{row.name}, {method}, error: {'; '.join(ahead)}")
-            physical = []
+                line = f"{row.name}, {name}: {', '.join(ahead)}, ours {_share(mine)}."
+                found.append(f"{line} {reason(row.name, name)}")
+        for method, peer in peers.items():
             if peer.bodies[1] and _part(peer.bodies) > _part(ours.bodies):
-                physical.append(f"{_of(peer.bodies)} links that a body can have, ours "
-                                f"{_of(ours.bodies)}")  # fmt: skip
+                found.append(f"{row.name}: {method} has {_of(peer.bodies)} links that a body can "
+                             f"have, we {_of(ours.bodies)}")  # fmt: skip
             if ours.held[1] and peer.held[1]:
                 mine, theirs = (o.held[0] / o.held[1] for o in (ours, peer))
                 if abs(theirs - 0.95) < abs(mine - 0.95):
-                    physical.append(f"{100 * theirs:.0f} % of {peer.held[1]} intervals hold the "
-                                    f"truth, of our {ours.held[1]} {100 * mine:.0f} %")  # fmt: skip
-            if physical:
-                found.append(f"{row.name}, {method}: {'; '.join(physical)}")
-    for method in METHODS[1:]:
-        for name, unit, get in (("processor time", "s", lambda o: o.cpu),
-                                ("memory", "GiB", lambda o: o.gib)):  # fmt: skip
-            mine, theirs = _mean(rows, US, get), _mean(rows, method, get)
-            if theirs < mine:
-                found.append(
-                    f"{method}, mean {name} of an identification: {theirs:.2f} {unit} against our "
-                    f"{mine:.2f} {unit}"
-                )
-        if lines[method] < lines[US]:
-            found.append(f"{method}, lines of the user: {lines[method]} against our {lines[US]}")
-        named = [[_named(rows, m)[i] for m in (US, method)] for i in range(3)]
-        if named[0][1] > named[0][0]:
-            found.append(f"{method} names {named[0][1]} effects first, we {named[0][0]}")
-        spent = [_diagnosis_time(rows, m) for m in (US, method)]
-        if spent[1] < spent[0]:
-            found.append(
-                f"{method}, mean processor time of a diagnosis (a refit): {spent[1]:.2f} s against "
-                f"our {spent[0]:.2f} s"
-            )
+                    found.append(f"{row.name}: {100 * theirs:.0f} % of {method}'s {peer.held[1]} "
+                                 f"intervals hold the truth, of our {ours.held[1]} "
+                                 f"{100 * mine:.0f} %. "
+                                 f"{reason(row.name, 'intervals')}")  # fmt: skip
+    for name, unit, of in (
+        ("an identification, mean processor time", "s", lambda m: _mean(rows, m, _cpu)),
+        ("an identification, mean peak memory", "GiB", lambda m: _mean(rows, m, _gib)),
+        ("a diagnosis, for a peer a refit, mean processor time", "s",
+         lambda m: _diagnosis_time(rows, m)),
+        ("lines of the user", "", lambda m: lines[m]),
+        ("hidden effects named first", "", lambda m: -_named(rows, m)[0]),
+    ):  # fmt: skip
+        form = "{:.2f} {}" if unit else "{}{}"
+        ahead = [f"{m} {form.format(abs(of(m)), unit)}" for m in METHODS[1:] if of(m) < of(US)]
+        if ahead:
+            mine = form.format(abs(of(US)), unit)
+            found.append(f"{name[0].upper()}{name[1:]}: {', '.join(ahead)}, ours {mine}. "
+                         f"{reason('', name)}".rstrip())  # fmt: skip
     return found
 
 
@@ -141,25 +84,15 @@ def page(rows: Sequence[Row], lines: Mapping[str, int], notes: Sequence[str], ho
         how: Versions, seeds and the command.
     """
     ahead = better(rows, lines) or ["nothing in this run"]
-    parts = [TITLE, how, f"## {SECTIONS[0]}", "\n".join(_item(line) for line in ahead)]
-    parts += [f"## {SECTIONS[1]}", _MEASURED]
+    parts = [TITLE, textwrap.fill(how, WIDTH), f"## {SECTIONS[0]}", _summary(rows, lines)]
+    parts += [f"## {SECTIONS[1]}", "\n".join(_item(line) for line in [*ahead, *ELSEWHERE])]
+    parts += [f"## {SECTIONS[2]}", _MEASURED]
     parts.append("\n".join(_item(f"{row.name}: {row.what}") for row in rows))
     if notes:
         parts.append("Left out: " + "; ".join(notes) + ".")
-    parts.append(f"## {SECTIONS[2]}")
-    means = [[row.name, *(_mean_error(row.outcomes[m]) for m in METHODS)] for row in rows]
-    parts.append(table(["mean of joints", *METHODS], means))
-    for row in rows:
-        parts.append(f"**{row.name}**")
-        body = [
-            [method, *_errors(row, outcome), _mean_error(outcome)]
-            for method, outcome in row.outcomes.items()
-        ]
-        parts.append(table(["", *row.joints, "mean"], body))
-    parts += [f"## {SECTIONS[3]}", _known(rows), f"## {SECTIONS[4]}", _intervals(rows)]
-    parts += [f"## {SECTIONS[5]}", _costs(rows), f"## {SECTIONS[6]}"]
-    parts.append(table(["", "lines"], [[m, str(lines[m])] for m in METHODS]))
-    parts += [f"## {SECTIONS[7]}", _diagnoses(rows)]
+    parts += [f"## {SECTIONS[3]}", _by_joint(rows)]
+    parts += [f"## {SECTIONS[4]}", _known(rows), f"## {SECTIONS[5]}", _intervals(rows)]
+    parts += [f"## {SECTIONS[6]}", _costs(rows), f"## {SECTIONS[7]}", _diagnoses(rows)]
     failed = [
         _item(f"{row.name}, {method}: {outcome.failure}")
         for row in rows for method, outcome in row.outcomes.items() if outcome.failure
@@ -169,28 +102,108 @@ def page(rows: Sequence[Row], lines: Mapping[str, int], notes: Sequence[str], ho
     return "\n\n".join(parts) + "\n"
 
 
+def _summary(rows: Sequence[Row], lines: Mapping[str, int]) -> str:
+    """Return the one table that says most."""
+    all_answered = [row for row in rows if not any(o.failure for o in row.outcomes.values())]
+    known = [row for row in all_answered if row.outcomes[US].known is not None]
+    long = [row for row in rows if LONG in row.name]
+    short = [row for row in rows if row not in long]
+    hidden = sum(effect != "nothing" for row in rows for effect, _ in row.hidden)
+    clean = sum(effect == "nothing" for row in rows for effect, _ in row.hidden)
+    joints = sum(len(row.joints) for row in rows)
+
+    def held(method: str) -> str:
+        inside, finite, total = (
+            sum(row.outcomes[method].held[i] for row in rows if row.outcomes[US].held[2])
+            for i in range(3)
+        )
+        if not total:
+            return "-"
+        return f"{_percent(inside, finite)} of {finite}" + (
+            f", {total - finite} infinite" if total > finite else ""
+        )
+
+    def bodies(method: str) -> str:
+        have, total = (sum(row.outcomes[method].bodies[i] for row in rows) for i in range(2))
+        return _of((have, total)) if total else "-"
+
+    def named(method: str, index: int) -> str:
+        diagnosed = any(row.outcomes[method].diagnoses for row in rows)
+        return f"{_named(rows, method)[index]} of {(hidden, 0, clean)[index]}" if diagnosed else "-"
+
+    def smallest(method: str) -> str:
+        count = 0
+        for row in rows:
+            errors = [o.errors for o in row.outcomes.values() if o.errors]
+            mine = row.outcomes[method].errors
+            count += sum(e <= min(column) for e, column in zip(mine, zip(*errors, strict=True),
+                                                               strict=False))  # fmt: skip
+        return f"{count} of {joints}"
+
+    def mean(get: Callable[[Outcome], float | None], of: Sequence[Row]) -> Callable[[str], str]:
+        return lambda m: _share(float(np.mean([get(row.outcomes[m]) for row in of]))) if of else "-"
+
+    entries: list[tuple[str, Callable[[str], str]]] = [
+        (f"held-out error over torque, mean of the {len(all_answered)} cases that all answered",
+         mean(lambda o: float(np.mean(o.errors)), all_answered)),
+        ("joints with the smallest error", smallest),
+        (f"error of the known torque, mean of {len(known)} simulated cases",
+         mean(lambda o: o.known, known)),
+        ("95 % intervals that hold the truth", held),
+        ("links that a body can have", bodies),
+        ("hidden effects named first", lambda m: named(m, 0)),
+        ("false alarms where nothing is hidden", lambda m: named(m, 2)),
+        ("identification of 30 s, processor time", lambda m: f"{_mean(short, m, _cpu):.1f} s"),
+        ("identification of 30 s, peak memory", lambda m: f"{_mean(short, m, _gib):.2f} GiB"),
+    ]  # fmt: skip
+    if long:
+        entries.append(("identification of four minutes at 1 kHz",
+                        lambda m: _cost(long[0].outcomes[m])))  # fmt: skip
+    entries.append(("lines of the user", lambda m: str(lines[m])))
+    return table(["", *METHODS], [[name, *(get(m) for m in METHODS)] for name, get in entries])
+
+
+def _by_joint(rows: Sequence[Row]) -> str:
+    """Return the error of every joint, the joints in the arm's order."""
+    most = max(len(row.joints) for row in rows)
+    cells = [
+        [row.name, method, *(_errors(row, outcome) + [""] * (most - len(row.joints))),
+         _mean_error(outcome)]
+        for row in rows for method, outcome in row.outcomes.items()
+    ]  # fmt: skip
+    numbers = [f"joint {number}" for number in range(1, most + 1)]
+    means = [[row.name, *(_mean_error(row.outcomes[m]) for m in METHODS)] for row in rows]
+    return "\n\n".join([table(["mean of joints", *METHODS], means),
+                        "Every joint, in the arm's order from its base:",
+                        table(["", "", *numbers, "mean"], cells)])  # fmt: skip
+
+
 _MEASURED = textwrap.dedent("""\
-    Every method gets the same CSV and the same description of the arm (a URDF with its nominal
-    masses; ours reads PSM and MTM by their names, since URDF has no parallelograms), runs with its
-    defaults in a process of its own on one core, and predicts the torque of another recording from
-    positions that were low-passed at 8 Hz without a shift and differentiated. Torques are compared
-    below 8 Hz, half a second at both ends left out; errors are RMS over the RMS of the torque.
-    Known torque is that of the simulation before the sensors; the holding torque is what keeps the
-    arm at rest at the recorded positions. An interval counts where the truth of its parameter is
-    known and where it is finite. A link is physically consistent if its pseudo-inertia is positive
-    definite (to 1e-7 of its greatest eigenvalue); of least squares those links with its base
-    parameters that are next to the URDF's, of ours the links in the model's file. Processor time
-    includes start-up and imports.
-    How each peer is used, and its options: `benchmark/peers/least_squares.py`, `with_figaroh.py`,
-    `with_mujoco.py`. Lines are those between two markers there, without blanks, comments and
-    docstrings.""")
+    Every method gets the same CSV and the same description of the arm: a URDF with its nominal
+    masses. (Ours reads PSM and MTM by name, since URDF has no parallelograms.) It runs with its
+    defaults, in a process of its own on one core. It then predicts the torque of another recording
+    from positions that were low-passed at 8 Hz without a shift and differentiated.
+
+    - *Error*: RMS below 8 Hz, without half a second at both ends, over the RMS of the torque.
+    - *Known torque*: that of the simulation, before its sensors. *Holding*: what keeps the arm at
+      rest at the recorded positions.
+    - *Intervals*: those that are finite, of parameters whose truth is known.
+    - *Links that a body can have*: pseudo-inertia positive definite, to 1e-7 of its greatest
+      eigenvalue. Least squares: the links with its base parameters nearest to the URDF's. Ours: the
+      links in the model file. figaroh without LMI has no links.
+    - *Processor time*: up to the fit, with start-up and imports. *Memory*: the peak of the
+      process's own resident set up to the fit.
+    - *Lines*: between two markers in `benchmark/peers/ours.py`, `least_squares.py`,
+      `with_figaroh.py` and `with_mujoco.py`, which also say how each is used; without blanks,
+      comments and docstrings.
+
+    The recordings:""")
 _DIAGNOSED = textwrap.dedent("""\
     {count} recordings of {arms}, each with one effect hidden of 3 to 6 times what the identified
-    model leaves, and {clean} with none. Ours is `diagnose`; a peer, which has no diagnosis, is
-    refitted to the recording, and what changed are the parameters whose new 95 % interval excludes
-    the old value. Named first: ours by its first finding, a peer by the parameter farthest outside;
-    any inertial parameter of the right link counts for a payload or a centre of mass. On recordings
-    with nothing hidden everything named is a false alarm.""")
+    model leaves, and {clean} with none. Ours is `diagnose`. A peer has no diagnosis: it is refitted
+    to the recording, and names the parameters whose new 95 % interval excludes the old value, the
+    one farthest outside first. Of a peer, any inertial parameter of the right link counts for a
+    payload or a centre of mass. With nothing hidden, every name is a false alarm.""")
 
 
 def _known(rows: Sequence[Row]) -> str:
@@ -213,25 +226,18 @@ def _intervals(rows: Sequence[Row]) -> str:
         held = []
         for method in METHODS:
             inside, finite, total = row.outcomes[method].held
-            text = f"{inside} of {finite} ({100 * inside / finite:.0f} %)" if finite else "-"
+            text = f"{inside} of {finite} ({_percent(inside, finite)})" if finite else "-"
             held.append(text + (f", {total - finite} infinite" if total > finite else ""))
         if any(cell != "-" for cell in held):
-            cells.append([f"{row.name}: hold the truth", *held])
-        links = []
-        for method in METHODS:
-            outcome = row.outcomes[method]
-            links.append(
-                _of(outcome.bodies) if outcome.bodies[1] else outcome.without_bodies or "-"
-            )
-        cells.append([f"{row.name}: consistent links", *links])
-    return table(["", *METHODS], cells)
+            cells.append([row.name, *held])
+    return table(["hold the truth", *METHODS], cells)
 
 
 def _costs(rows: Sequence[Row]) -> str:
     cells = [
         [row.name, *(_cost(row.outcomes[method]) for method in METHODS)] for row in rows
     ]  # fmt: skip
-    return table(["s of a core, GiB", *METHODS], cells)
+    return table(["of an identification", *METHODS], cells)
 
 
 def _diagnoses(rows: Sequence[Row]) -> str:
@@ -318,8 +324,19 @@ def _mean_error(outcome: Outcome) -> str:
 
 
 def _cost(outcome: Outcome) -> str:
-    memory = f"{outcome.gib:.2f}" if np.isfinite(outcome.gib) else "-"
-    return "-" if outcome.failure else f"{outcome.cpu:.1f} s, {memory}"
+    return "-" if outcome.failure else f"{outcome.cpu:.1f} s, {outcome.gib:.2f} GiB"
+
+
+def _cpu(outcome: Outcome) -> float:
+    return outcome.cpu
+
+
+def _gib(outcome: Outcome) -> float:
+    return outcome.gib
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.0f} %" if whole else "-"
 
 
 def _share(value: float) -> str:
@@ -340,4 +357,4 @@ def _of(of: tuple[int, int]) -> str:
 
 
 def _item(line: str) -> str:
-    return "\n".join(textwrap.wrap(line, 118, initial_indent="- ", subsequent_indent="  "))
+    return "\n".join(textwrap.wrap(line, WIDTH, initial_indent="- ", subsequent_indent="  "))

@@ -1,10 +1,12 @@
 """This package beside others that identify arms, on the same recordings: docs/peers.md.
 
     make peers                  # or, after it: python benchmark/peers/run.py [--quick]
+    python benchmark/peers/run.py --ours-again out/bench/peers.json
 
 Writes every case into a folder, runs every method on it in a process of its own (peers in the
 environment of benchmark/peers/requirements.lock), and prints and writes the tables. ``--quick``:
-two arms and no diagnosis, printed only.
+two arms and no diagnosis, printed only. ``--ours-again``: this package alone, beside the peers'
+figures of an earlier run.
 """
 
 from __future__ import annotations
@@ -24,13 +26,15 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from cases import SEED, Prepared, forward, laboratory, low_pass, real
 from exchange import BEGIN, END
-from page import METHODS, US, Outcome, Row, page
+from outcome import METHODS, US, Outcome, Row
+from page import page
 
 from dvrk_gravity.files import text_file
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 PAGE = REPOSITORY / "docs" / "peers.md"
+PEERS = REPOSITORY / ".venv-peers" / "bin" / "python"
 SCRIPTS = {US: "ours.py", "least squares": "least_squares.py", "figaroh": "with_figaroh.py",
            "figaroh LMI": "with_figaroh.py lmi", "mujoco.sysid": "with_mujoco.py"}  # fmt: skip
 EDGE = 0.5  # s at both ends that no error counts, where filters begin
@@ -46,16 +50,22 @@ def prepared(folder: Path, quick: bool) -> Iterator[Prepared | str]:
         return
     yield forward(folder / "UR5_flexible_joint", "ur5", "flexible", SEED)
     yield forward(folder / "UR5_backlash", "ur5", "backlash", SEED)
+    yield laboratory(folder / "UR5_four_minutes", "ur5", SEED, rate=1000.0, duration=240.0)
     yield laboratory(folder / "Panda", "panda", SEED + 1)
     yield laboratory(folder / "MTM", "mtmr", SEED + 2)
     yield from real(folder)
+
+
+def output(case: Prepared, method: str) -> Path:
+    """Return where a method writes its results, without the ending of the name."""
+    return case.case.folder / method.replace(" ", "_").replace(".", "_")
 
 
 def tried(case: Prepared, method: str, peers: Path) -> Outcome:
     """Run a method on a case and score it."""
     script, *flags = SCRIPTS[method].split()
     ours = method == US
-    out = case.case.folder / method.replace(" ", "_")
+    out = output(case, method)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     environment["PYTHONPATH"] = str(REPOSITORY) if ours else ""
     command = [sys.executable if ours else str(peers), str(HERE / script)]
@@ -145,11 +155,22 @@ def _versions(peers: Path) -> str:
     ).stdout.strip()
 
 
+def described(versions: str, load: float) -> str:
+    """Return how the page came to be."""
+    return (
+        f"Written by `make peers` (seed {SEED}); peers: {versions}. Processor times are from a "
+        f"machine of {os.cpu_count()} cores at a mean load of {load:.0f}: compare their ratios."
+    )
+
+
 def main() -> int:
     """Run what was asked for."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two arms, no diagnosis, no page")
-    parser.add_argument("--peers", type=Path, default=REPOSITORY / ".venv-peers/bin/python",
+    some = parser.add_mutually_exclusive_group()
+    some.add_argument("--quick", action="store_true", help="two arms, no diagnosis, no page")
+    some.add_argument("--ours-again", type=Path, metavar="FILE",
+                      help="run this package alone; the peers' figures are FILE's")  # fmt: skip
+    parser.add_argument("--peers", type=Path, default=PEERS,
                         help="Python of the peers' environment")  # fmt: skip
     parser.add_argument("--page", type=Path, default=PAGE, help="where the tables go")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
@@ -158,8 +179,14 @@ def main() -> int:
         print(f"{arguments.peers}: no such file, expected the peers' Python: run `make peers` once")
         return 2
     lines = {method: user_lines(script) for method, script in SCRIPTS.items()}
+    kept: dict[tuple[str, str], Outcome] = {}
+    if arguments.ours_again is not None:
+        for row in json.loads(arguments.ours_again.read_text())["rows"]:
+            kept |= {(row["name"], method): Outcome(**outcome)
+                     for method, outcome in row["outcomes"].items() if method != US}  # fmt: skip
     rows: list[Row] = []
     notes: list[str] = []
+    loads: list[float] = []
     with TemporaryDirectory() as folder:
         for case in prepared(Path(folder), arguments.quick):
             if isinstance(case, str):
@@ -167,13 +194,16 @@ def main() -> int:
                 continue
             outcomes = {}
             for method in METHODS:
-                outcome = outcomes[method] = tried(case, method, arguments.peers)
+                before = kept.get((case.name, method))
+                outcome = before or tried(case, method, arguments.peers)
+                outcomes[method] = outcome
+                loads.append(os.getloadavg()[0])
                 mean = np.mean(outcome.errors) if outcome.errors else np.nan
                 print(f"{case.name}, {method}: {mean:.3f}, {outcome.cpu:.1f} s {outcome.failure}",
                       file=sys.stderr, flush=True)  # fmt: skip
             hidden = [(h.effect, h.joints[0] if h.joints else "") for h in case.hidden]
             rows.append(Row(case.name, case.what, case.case.joints, hidden, outcomes))
-    how = f"Written by `make peers` (seed {SEED}); peers: {_versions(arguments.peers)}."
+    how = described(_versions(arguments.peers), float(np.mean(loads)))
     if arguments.json is not None:
         figures = {
             "rows": [asdict(row) for row in rows],
