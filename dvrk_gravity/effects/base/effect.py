@@ -138,6 +138,7 @@ class Hypothesis(ABC):
         removable: How much of it the model has, in its own unit: no more can be missing.
         against_reference: Two recordings are compared, not one with the model. Set for all
             hypotheses at once, where their columns are built.
+        reads_others: Of an effort reading: its columns have the torque of other causes, too.
     """
 
     EFFECT: ClassVar[type[Effect]]
@@ -168,6 +169,7 @@ class Hypothesis(ABC):
     shifts_positions: bool = False
     removable: float = np.inf
     against_reference: bool = False
+    reads_others: bool = False
 
     def __post_init__(self) -> None:
         """Set the joints of the site, unless others are given."""
