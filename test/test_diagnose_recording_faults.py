@@ -122,7 +122,12 @@ def test_a_wrong_clock_and_a_velocity_in_another_unit_are_told_apart():
 
 @pytest.mark.parametrize(
     ("clock", "factor", "unit"),
-    [(1.5, DEGREES, "deg/s"), (0.6, DEGREES, "deg/s"), (0.8, 1e3, "mrad/s"), (2.0, DEGREES, "deg/s")],
+    [
+        (1.5, DEGREES, "deg/s"),
+        (0.6, DEGREES, "deg/s"),
+        (0.8, 1e3, "mrad/s"),
+        (2.0, DEGREES, "deg/s"),
+    ],
 )
 def test_a_wrong_clock_and_all_velocities_in_another_unit_are_both_found(clock, factor, unit):
     recording = stamped(recorded(), clock)

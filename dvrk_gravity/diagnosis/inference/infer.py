@@ -205,8 +205,8 @@ def _confirmed(search: _Search) -> Posterior:
     )  # fmt: skip
     return Posterior(
         search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
-        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated, tuple(search.pool),
-        search.at_calibration, floor,
+        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
+        tuple(search.pool), search.at_calibration, floor,
     )  # fmt: skip
 
 

@@ -83,11 +83,12 @@ def report(
         first = error_as_read(wrong[0].motion, data, held_out)
         findings += _reading_findings(posterior, held_out, named, first)
     effect_findings = []
-    for i, (effect, rows) in enumerate(zip(posterior.selected, slices_of(named), strict=True)):
-        hypothesis = effect.trial.candidate.hypothesis
+    for i, rows in enumerate(slices_of(named)):
         if conflicts.get(i) == sentences.BESIDE_DIFFERENT:
             continue
-        parameters = _parameters(posterior, named, i, theta[rows], covariance[rows, rows], spreads[i])
+        parameters = _parameters(
+            posterior, named, i, theta[rows], covariance[rows, rows], spreads[i]
+        )
         finding = effect_finding(
             held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
         )
@@ -182,9 +183,7 @@ def _parameters(
     return estimates(hypothesis, theta, covariance + beyond, of_settings)
 
 
-def _not_significant(
-    posterior: Posterior, named: Sequence[Candidate], stated: Candidate
-) -> Known:
+def _not_significant(posterior: Posterior, named: Sequence[Candidate], stated: Candidate) -> Known:
     """Return how large what is known to be there may be, though nothing shows it."""
     hypothesis, both = stated.hypothesis, [*named, stated]
     theta, covariance, spreads = _fit(posterior.validation, both)

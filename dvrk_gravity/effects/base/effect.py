@@ -105,7 +105,8 @@ class Hypothesis(ABC):
         COHERENT_ERRORS: What a model misses resembles it at all joints with the same sign, so that
             errors add over joints: presliding resembles a delay, whatever the joint.
         EXPLAINED_BY: Effect that is named in its place where that explains as well and is
-            :meth:`likely`: a centre of mass is displaced by something that is there.
+            :meth:`likely`: something displaces a centre of mass, and loads change more often than
+            cables.
         STATED: It is known to be there: fitted from the start, and reported whatever its size.
 
     Attributes:

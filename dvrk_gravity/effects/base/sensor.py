@@ -15,8 +15,7 @@ from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
-
-# Of a factor of a reading, or of its inverse. The units that occur (mm, mrad, mN·m, deg, rpm) are at
+# Of a factor of a reading, or of its inverse. Units that occur (mm, mrad, mN·m, deg, rpm) are at
 # most 1000 from SI; chosen: ten times that are no reading of the arm.
 _MOST = 1e4
 
