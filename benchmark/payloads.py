@@ -21,6 +21,7 @@ from dvrk_gravity.diagnosis import (
     CrossValidation,
     DiagnosisProblem,
     FilteredData,
+    Fitted,
     LoadPosterior,
     build,
     refined,
@@ -43,7 +44,7 @@ PLACES = {
     "lower_bar": ((-0.03, 0.05, -0.03), (0.03, 0.5, 0.03)),
     "upper_bar": ((-0.03, 0.05, -0.03), (0.03, 0.5, 0.03)),
 }
-_LIKELY = "link2"  # on which a load is looked for: the others move as it does, or nearly
+_LIKELY = ("link2", "link3")  # where a load is looked for: others move as these do, or nearly
 
 
 @dataclass(frozen=True)
@@ -105,12 +106,13 @@ def _mass(problem: DiagnosisProblem) -> Estimate:
     """Return the mass of a payload that is all that is off."""
     motion = problem.loaded.motion
     validation = CrossValidation.of(FilteredData.of(motion))
-    found = [each for each in Payload.hypotheses(motion) if each.form == _LIKELY]
-    (load,) = validation.data.candidates(found or Payload.hypotheses(motion))
-    load = refined(validation, load, [])
+    stated = motion.payload_at is not None
+    found = [each for each in Payload.hypotheses(motion) if stated or each.form in _LIKELY]
+    loads = [refined(validation, each, []) for each in validation.data.candidates(found)]
+    load = min(loads, key=lambda each: validation.misfit([each]))
     validation, (load,) = relinearised(validation.weighted([load]), [load])
-    posterior = LoadPosterior.of(validation, [load], load)
-    return posterior.estimates(load.hypothesis, validation.parameters([load]))["mass"]
+    fitted = Fitted(load, validation.parameters([load]), np.zeros((load.size, load.size)))
+    return LoadPosterior.of(validation, [load], fitted).estimates(load.hypothesis)["mass"]
 
 
 def _rows(found: Sequence[Weighed]) -> Iterator[str]:

@@ -120,6 +120,25 @@ def test_a_wrong_clock_and_a_velocity_in_another_unit_are_told_apart():
     assert right.recordings[0].head.rate == pytest.approx(recorded().rate, rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("clock", "factor", "unit"),
+    [
+        (1.5, DEGREES, "deg/s"),
+        (0.6, DEGREES, "deg/s"),
+        (0.8, 1e3, "mrad/s"),
+        (2.0, DEGREES, "deg/s"),
+    ],
+)
+def test_a_wrong_clock_and_all_velocities_in_another_unit_are_both_found(clock, factor, unit):
+    recording = stamped(recorded(), clock)
+    right = put_right([replace(recording, velocity=factor * recording.velocity)], MODEL, None, {})
+
+    assert [found.effect for found in right.faults] == ["time_scale", "velocity_scale"]
+    assert right.faults[0].factor.value == pytest.approx(clock, rel=5e-3)
+    assert (right.faults[1].joints, right.faults[1].place) == (recording.joints, unit)
+    assert right.recordings[0].head.rate == pytest.approx(recorded().rate, rel=5e-3)
+
+
 def test_the_clock_is_right_where_any_velocity_fits_it():
     recording = recorded()
     for joint in range(5):

@@ -185,6 +185,37 @@ def test_the_reloaded_model_reads_what_the_finding_says_and_has_the_same_torque(
     np.testing.assert_allclose(right, motion().modelled, atol=1e-12)
 
 
+@pytest.mark.parametrize("reads_others", [False, True])
+@pytest.mark.parametrize("reading", ["torque_scale", "joint_coupling"])
+@pytest.mark.parametrize("effect", ["torque_offset", "viscous_friction", "elastic_cable"])
+def test_a_torque_beside_a_wrong_reading_of_efforts_is_that_which_acts(
+    reading, effect, reads_others, tmp_path
+):
+    """By the reloaded model the arm reads what both findings say, whether of each other's torque
+    or not."""
+    theta, part = np.array(CARRIED[effect]), np.array([0.25])
+    cause = first_of(effect)
+    of_efforts = (each for each in everything() if each.effect == reading and each.EFFORT_READING)
+    wrong = next(each for each in of_efforts if each.joints[0] == cause.joints[0])
+    wrong = replace(wrong, reads_others=reads_others)
+    model, carried = reloaded([(cause, theta), (wrong, part)], tmp_path)
+    assert carried == (True, True)
+    acts = added(cause, theta)
+    beside = acts if reads_others else np.zeros_like(acts)
+    read = wrong.regressor(replace(motion(), beside=beside)) @ part
+    rows = compared()
+    got = (motion().read_by(model) - motion().modelled)[rows]
+    np.testing.assert_allclose(got, (acts + read)[rows], atol=1e-9)
+
+
+def test_a_torque_at_one_joint_is_not_changed_by_how_another_reads():
+    cause, scale = first_of("torque_offset"), first_of("torque_scale")
+    at_other = replace(scale, site=Site.joint(4), joints=(4,), mixing=np.diag(np.eye(7)[4]))
+    for found in ([cause], [cause, at_other]):
+        model, _ = extended(motion(), [(each, np.array([0.1])) for each in found])
+        assert model.parameters()["torque_offset"][cause.joints[0]] == pytest.approx(0.1)
+
+
 def test_a_motion_that_leaks_is_read_with_its_velocity(tmp_path):
     leak = first_of("joint_coupling", "motion")
     model, carried = reloaded([(leak, np.array([0.1]))], tmp_path)

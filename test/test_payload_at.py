@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from conftest import MODEL_FILE
+from conftest import MODEL_FILE, few_folds
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis import build
+from dvrk_gravity.diagnosis import build, diagnose
 from dvrk_gravity.diagnosis.inference import load_posterior
 from dvrk_gravity.effects import (
+    Payload,
     PayloadHypothesis,
     Site,
+    State,
     mass_directions,
     place_of,
     place_terms,
@@ -134,3 +138,24 @@ def test_a_first_moment_alone_is_no_likely_load():
     for mass, place, likely in ((0.105, 0.535, True), (0.2, 0.99, True), (0.0004, 30.0, False)):
         assert load.likely(mass * np.array([1.0, 0.0, place, 0.0])) == likely
     assert not load.likely(np.array([0.0, 0.0, 0.01, 0.0]))
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.5])
+def test_a_stated_load_is_a_finding_only_where_the_recording_shows_it(mass):
+    link, place = "link5", np.array([0.0, 0.02, 0.05])
+    recording, model = MASTER.record(5, 6, 10.0, 100.0), MASTER.model()
+    state = State(recording.position, recording.velocity, np.zeros_like(recording.position))
+    load = mass * Payload(model.arm, link, 1.0, place, model.arm.gravity).torque(state)
+    at = f"{link}:" + ",".join(map(str, place))
+    with few_folds():
+        found = diagnose(
+            replace(recording, effort=recording.effort + load), model, payload_at=at
+        )
+    known = [each for each in found.known if each.effect == "payload"]
+    findings = [each for each in found.findings if each.effect == "payload"]
+    (shown,) = [*known, *findings]
+    assert len(known) == (mass == 0.0)
+    assert shown.parameters["mass"].low <= max(mass, 1e-3) <= shown.parameters["mass"].high + 1e-3
+    if mass == 0.0:
+        assert found.verdict == "nothing_to_explain"
+        assert shown.sentence.endswith("its torque is not significant")

@@ -285,6 +285,17 @@ def test_a_terminal_shows_that_recordings_were_corrected_and_the_way_out():
     assert "reading.effort_scale; if the arm reads correctly by now, remove" in shown[0]
 
 
+def test_coordinates_that_are_given_go_before_those_that_the_model_states():
+    model, recording, _ = masters()
+    actuator = knowing(model, coordinates="actuator", effort_scale=unit(1.3))
+    for coordinates, named in (("joint", False), ("actuator", True), (None, True)):
+        _, (line,) = without_known_errors([recording], actuator, coordinates)
+        assert "reading.effort_scale" in line
+        assert ("reading.coordinates" in line) == named
+    alone = knowing(model, coordinates="actuator")
+    assert without_known_errors([recording], alone, "joint") == ([recording], ())
+
+
 def test_a_recording_without_a_joint_that_leaks_into_another_is_refused():
     model, recording, _ = masters()
     row = [0.0, 1.0, 0.15, 0.0, 0.0, 0.0, 0.0]
@@ -303,6 +314,9 @@ def test_a_recording_without_a_joint_that_leaks_into_another_is_refused():
     ("name", "value", "message"),
     [
         ("effort_scale", unit(0.0), r"reading\.effort_scale\[2\]: got 0"),
+        ("effort_scale", unit(1e-12), "a factor of elbow_pitch from 0.0001 to 10000"),
+        ("encoder_scale", unit(-1e-9), "a factor of elbow_pitch from 0.0001 to 10000"),
+        ("velocity_scale", unit(1e30), "a factor of elbow_pitch from 0.0001 to 10000"),
         ("effort_limit", unit(-1.0), "at least 0"),
         ("effort_from__elbow_pitch", [0.0] * 7, "rows that can be solved"),
         ("coordinates", "motor", "one of detected, joint, actuator"),

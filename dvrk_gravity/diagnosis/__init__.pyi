@@ -23,6 +23,7 @@ from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer
+from .inference.load_posterior import Fitted as Fitted
 from .inference.load_posterior import LoadPosterior as LoadPosterior
 from .inference.nonlinear import refined as refined
 from .inference.nonlinear import relinearised as relinearised

@@ -166,6 +166,7 @@ class WallHypothesis(Hypothesis):
     """
 
     EFFECT = Contact
+    EXPLAINED_BY = "payload"
 
     side: float
     refine: tuple[str, ...] = ("position",)

@@ -189,6 +189,7 @@ class CableHypothesis(Hypothesis):
     """
 
     EFFECT = ElasticCable
+    EXPLAINED_BY = "payload"
     CLAIM = "{joint} has {stiffness} stiffness than {model}"
 
     degree: int

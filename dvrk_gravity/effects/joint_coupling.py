@@ -14,7 +14,7 @@ from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
-from dvrk_gravity.effects.base.sensor import SensorEffect, is_diagonal
+from dvrk_gravity.effects.base.sensor import SensorEffect, is_diagonal, require_factors
 from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -81,6 +81,7 @@ def _map(arm: Arm, values: Mapping[str, Value], what: str) -> Array:
     rows = np.array([row or unit for row, unit in zip(given, np.eye(arm.n).tolist(), strict=True)])
     if not np.linalg.cond(rows) < _WORST:
         raise ConfigError(f"reading.{what}_from", rows.tolist(), "rows that can be solved")
+    require_factors(arm, np.diag(rows), f"reading.{what}_from")
     return rows.astype(float)
 
 

@@ -50,7 +50,9 @@ def without_known_errors(
             or of which nothing is left.
     """
     errors = model.reading_errors
-    known = ", ".join(model.of_readings())
+    if coordinates not in (None, errors.coordinates):  # those of the recordings are given
+        errors = replace(errors, coordinates="")
+    known = ", ".join(replace(model, reading_errors=errors).of_readings())
     if not errors.any:
         return list(recordings), ()
     change = partial(_changed, errors=errors, arm=model.arm, coordinates=coordinates)

@@ -26,6 +26,9 @@ _CLOCK = 0.08
 # of its encoder, and the differentiated position is used instead.
 _GROSS = 0.2
 _UNIT = 0.05  # relative difference of a multiple from that of a unit. Chosen likewise
+# Factor by which a clock may be wrong. Chosen: 1 kHz taken for 100 Hz; what is more, has a unit in
+# it.
+_FARTHEST_CLOCK = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,8 @@ def velocity_fault(recording: Recording) -> VelocityFault | None:
     The clock is wrong if no velocity agrees with it, and most have the same multiple: of the others
     the unit is wrong, too. Instead, all velocities may be too large by one factor. The data do not
     separate the two, and the clock is more probable: only a driver that differentiates over a wrong
-    interval has all velocities wrong by one factor.
+    interval has all velocities wrong by one factor. No clock is wrong by as much as a unit may be:
+    of a larger multiple the nearest unit's is taken off before.
     """
     if recording.time is None or len(recording) < 3:
         return None
@@ -85,7 +89,14 @@ def velocity_fault(recording: Recording) -> VelocityFault | None:
         if abs(fit.slope / middle - 1.0) < _SAME and not units[joint]
     }
     if len(wrong) == len(fits) < 2 * len(most):
-        return _fault(most, "", 0.0, whole=len(most) > 1, clock=True)
+        # What is left of a unit once the clock is right, is that unit's.
+        size = _size_beside_clock(middle, _unit_of(recording, next(iter(most))))
+        beside = {
+            joint: replace(fit, slope=fit.slope / size, residual=fit.residual / size)
+            for joint, fit in most.items()
+        }
+        clock = abs(np.log(middle / size)) <= np.log(_FARTHEST_CLOCK)
+        return _fault(beside, "", 0.0, whole=len(most) > 1, clock=bool(clock))
     gross = [
         joint
         for joint, fit in wrong.items()
@@ -150,6 +161,19 @@ def _scaled(fit: VelocityFit) -> bool:
 def _unit_of(recording: Recording, joint: str) -> str:
     arm = recording.arm
     return "rad" if arm is None else arm.joints[arm.joint_names.index(joint)].unit
+
+
+def _size_beside_clock(multiple: float, unit: str) -> float:
+    """Return the unit's multiple that leaves the clock nearest to right; 1: a clock alone may be.
+
+    Args:
+        multiple: Of all velocities.
+        unit: Of the positions.
+    """
+    if abs(np.log(multiple)) <= np.log(_FARTHEST_CLOCK):
+        return 1.0
+    sizes = (1.0, *UNITS[unit].values())
+    return min(sizes, key=lambda size: abs(np.log(multiple / size)))
 
 
 def _unit(fit: VelocityFit, recording: Recording, joint: str) -> str:

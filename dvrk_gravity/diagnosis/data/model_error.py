@@ -15,7 +15,8 @@ from dvrk_gravity.estimation import NORMAL_95, solve
 from dvrk_gravity.model import CalibrationSamples, ModelUncertainty
 
 _EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction
-_OF_LOAD = 3  # columns of a joint that a load may be mistaken for
+_OF_LOAD = 6  # columns of a joint that a load may be mistaken for, by a model
+_SLOW = 0.3  # of the RMS speed, about which friction falls with speed (``stribeck_friction``)
 # Beside a reference, standard deviations. All are chosen.
 #
 # Of the part of the transmitted torque that is friction, with a model as with a reference: harmonic
@@ -336,29 +337,36 @@ def friction_by_load(motion: MeasuredMotion) -> Array:
 def load_columns(motion: MeasuredMotion, load: Array) -> Array:
     """Return (N, n, d) torques that a load may be mistaken for, one standard deviation each.
 
-    For each joint that moves: a spring and a constant that changed since, and friction that grows
-    with the load. Beside a reference, :func:`reference_columns` has springs and friction. None of
-    a model that is exact, or stated in an arm's file.
+    For each joint that moves: a spring and a constant that changed since, friction that grows with
+    the load, and friction of the day: Coulomb, viscous, and what is more of it near zero speed,
+    which a model of another speed does not show. Beside a reference, :func:`reference_columns` has
+    springs and friction. None of a model that is exact, or stated in an arm's file.
 
     Args:
         motion: The motion.
         load: (N, n) torque of the load as it was found.
     """
-    known = motion.reference is not None or _calibration(motion) is not None
+    by_model = motion.reference is None
+    known = not by_model or _calibration(motion) is not None
     joints = np.flatnonzero(motion.moves).tolist() if known else []
-    columns = np.zeros((*motion.q.shape, _OF_LOAD * len(joints)))
+    each = _OF_LOAD if by_model else 1
+    columns = np.zeros((*motion.q.shape, each * len(joints)))
     middle, half = motion.travel
     size = _BY_CABLE * np.sqrt(np.mean(motion.effort**2, axis=0))
     carried = motion.modelled - motion.friction
     grown = np.abs(carried + load) - np.abs(carried)
     for index, joint in enumerate(joints):
-        own = columns[:, joint, _OF_LOAD * index : _OF_LOAD * (index + 1)]
+        own = columns[:, joint, each * index : each * (index + 1)]
         own[:, 0] = size[joint]
-        if motion.reference is None:
-            own[:, 1] = size[joint] * (motion.q[:, joint] - middle[joint]) / half[joint]
-            own[:, 2] = (
-                FRICTION_BY_LOAD * grown[:, joint] * motion.sign(np.eye(motion.arm.n)[joint])
-            )
+        if not by_model:
+            continue
+        sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
+        own[:, 1] = size[joint] * (motion.q[:, joint] - middle[joint]) / half[joint]
+        own[:, 2] = FRICTION_BY_LOAD * grown[:, joint] * sign
+        rms = float(np.sqrt(np.mean(speed**2)))
+        slow = sign * np.exp(-((speed / (_SLOW * rms)) ** 2))
+        level = FRICTION_PART * float(np.sqrt(np.mean(motion.friction[:, joint] ** 2)))
+        own[:, 3:] = level * np.column_stack([sign, speed / rms, slow])
     return columns
 
 

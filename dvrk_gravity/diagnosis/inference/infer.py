@@ -56,6 +56,7 @@ class Posterior:
         unconfirmed: Effects that the held-out blocks do not confirm.
         minor: Effects that are significant, and smaller than the model's error at calibration.
         day_to_day: Selected changes of friction within day-to-day variation.
+        stated: What is known to be there, and not significant.
         pool: Hypotheses that need no search.
         at_calibration: What the calibration recording shows of the hypotheses.
         floor: (n,) RMS that noise alone leaves, N·m.
@@ -70,6 +71,7 @@ class Posterior:
     unconfirmed: tuple[Unconfirmed, ...]
     minor: tuple[EffectTrial, ...]
     day_to_day: tuple[Candidate, ...]
+    stated: tuple[Candidate, ...]
     pool: tuple[Candidate, ...]
     at_calibration: AtCalibration | None
     floor: Array
@@ -191,36 +193,33 @@ def _confirmed(search: _Search) -> Posterior:
         replace(effect, trial=replace(effect.trial, move=candidate))
         for effect, candidate in zip(search.selected, there, strict=True)
     ]
-    selected += _stated(validation, search.pool, there)
+    stated = _stated(search.pool, validation, there)
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
     floor = validation.data.noise_rms(search.loaded.floor, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
     minor = minor_effects(
-        validation, search.sparse, selected, search.unexplained, search.at_calibration
-    )
+        validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
+        search.unexplained, search.at_calibration,
+    )  # fmt: skip
     return Posterior(
         search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
-        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), tuple(search.pool),
-        search.at_calibration, floor,
+        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
+        tuple(search.pool), search.at_calibration, floor,
     )  # fmt: skip
 
 
 def _stated(
-    validation: CrossValidation, pool: Sequence[Candidate], chosen: Sequence[Candidate]
-) -> list[SelectedEffect]:
-    """Return what is known to be there, and was not selected."""
+    pool: Sequence[Candidate], validation: CrossValidation, chosen: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """Return what is known to be there, and was not selected, as it acts beside what was."""
     found = {candidate.hypothesis.key for candidate in chosen}
-    selection = Selection(validation, pool, silent)
-    return [
-        SelectedEffect(
-            selection.evaluate(Beside(validation, tuple(chosen)), candidate), (), (),
-            ("its torque is not significant", "record a motion in which it weighs more"),
-        )
+    return tuple(
+        validation.data.candidate(candidate.hypothesis)
         for candidate in pool
         if candidate.hypothesis.STATED and candidate.hypothesis.key not in found
-    ]  # fmt: skip
+    )
 
 
 def _with_free_masses(

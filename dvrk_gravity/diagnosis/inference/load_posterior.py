@@ -6,6 +6,10 @@ in the place, linear in the mass. Of Gaussian errors the likelihood is a quadrat
 numbers, and the mass is integrated in closed form. Places are drawn by tempering from their prior
 to the posterior (sequential Monte Carlo; Del Moral, Doucet and Jasra 2006), which also gives each
 body's marginal likelihood. A body on which few places explain the data thereby weighs less.
+
+Before any data the logarithm of a mass at an unknown place is as likely to be anywhere (Jeffreys'
+prior of a scale), down to what the data resolve. Were it the mass itself, a moment without inertia,
+as slow motion shows it, would be a heavy mass near the axis.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.candidate import Candidate, split
+from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.model_error import load_columns
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.effects import (
@@ -39,6 +43,22 @@ _EXPLAINED = 0.5  # of what the best body explains, that another must that may c
 
 
 @dataclass(frozen=True, eq=False)
+class Fitted:
+    """The best fit of a load at one place.
+
+    Attributes:
+        load: The payload.
+        theta: (k,) its parameters.
+        spread: (k, k) covariance that noise does not show: of what recurs with the motion, and of
+            drive gains.
+    """
+
+    load: Candidate
+    theta: Array
+    spread: Array
+
+
+@dataclass(frozen=True, eq=False)
 class LoadPosterior:
     """Equally probable draws of a load on each body of an arm, or at the place that was stated.
 
@@ -46,46 +66,51 @@ class LoadPosterior:
         mass: (bodies, S) kg; negative where a load was taken off.
         place: (bodies, S, 3) m, in the body's link frame.
         share: (bodies,) probability that this body carries it.
-        value: kg, the mass that is reported; ``None``: the median.
+        best: Its parameters by the best fit.
     """
 
     mass: Array
     place: Array
     share: Array
-    value: float | None = None
+    best: Mapping[str, float]
 
     @classmethod
     def of(
-        cls, validation: CrossValidation, chosen: Sequence[Candidate], load: Candidate
+        cls, validation: CrossValidation, chosen: Sequence[Candidate], fitted: Fitted
     ) -> LoadPosterior:
         """Return the posterior of a load in the place of a payload that was found.
 
         Args:
             validation: The samples.
             chosen: All causes that were found.
-            load: The payload among them.
+            fitted: The payload among them.
         """
-        random = np.random.default_rng(0)
-        problem = _Problem.of(validation, chosen, load, changed=True)
+        random, load = np.random.default_rng(0), fitted.load
+        problem = _Problem.of(validation, chosen, fitted, changed=True)
         stated = validation.data.motion.payload_at
         if stated is not None:
-            return cls._at(validation, chosen, load, problem, *stated, random)
+            return cls._at(validation, chosen, fitted, problem, *stated, random)
         places, masses, evidence, explained = [], [], [], []
         for body, (_, extent) in enumerate(link_sizes(load.hypothesis.arm)):
             form = problem.form(body)
             place, likelihood = _tempered(form, extent, random)
-            places.append(place)
-            masses.append(problem.sign * form.draw(place, random))
-            evidence.append(likelihood)
+            mass = form.draw(place, random)
+            weight = 1.0 / np.maximum(mass, form.resolved(place))
+            rows = random.choice(_DRAWS, _DRAWS, p=weight / weight.sum())
+            places.append(place[rows])
+            masses.append(problem.sign * mass[rows])
+            # As likely at any place of any body: a small one has fewer.
+            evidence.append(likelihood + np.log(weight.mean() * extent**3))
             explained.append(float(form.explained(place).max()))
         share = np.exp(np.array(evidence) - max(evidence))
         # A load was found: on a body where it has no torque it would be none, of any mass.
         share[np.array(explained) < _EXPLAINED * max(explained)] = 0.0
-        return cls(np.array(masses), np.array(places), share / share.sum())
+        best = load.hypothesis.parameters(fitted.theta)
+        return cls(np.array(masses), np.array(places), share / share.sum(), best)
 
     @classmethod
     def _at(
-        cls, validation: CrossValidation, chosen: Sequence[Candidate], load: Candidate,
+        cls, validation: CrossValidation, chosen: Sequence[Candidate], fitted: Fitted,
         problem: _Problem, body: int, place: Array, random: np.random.Generator,
     ) -> LoadPosterior:  # fmt: skip
         """Return the posterior of the mass at a place that is known.
@@ -97,29 +122,27 @@ class LoadPosterior:
         kept = [
             each
             for each in chosen
-            if each is load or each.hypothesis.variable != "position" or not each.hypothesis.joints
+            if each is fitted.load
+            or each.hypothesis.variable != "position"
+            or not each.hypothesis.joints
         ]
         places = np.tile(place, (_DRAWS, 1))
         alone, beside = (
             each.sign * each.form(body).draw(places, random)
-            for each in (_Problem.of(validation, kept, load, changed=False), problem)
+            for each in (_Problem.of(validation, kept, fitted, changed=False), problem)
         )
-        mass, value = np.concatenate([alone, beside]), float(np.median(alone))
-        return cls(mass[None], np.tile(place, (1, 2 * _DRAWS, 1)), np.ones(1), value)
+        best = fitted.load.hypothesis.parameters(np.array([np.median(alone)]))
+        mass = np.concatenate([alone, beside])
+        return cls(mass[None], np.tile(place, (1, 2 * _DRAWS, 1)), np.ones(1), best)
 
-    def estimates(
-        self, hypothesis: Hypothesis, fitted: Mapping[str, Estimate]
-    ) -> dict[str, Estimate]:
+    def estimates(self, hypothesis: Hypothesis) -> dict[str, Estimate]:
         """Return the parameters of a payload with 95 % intervals: of mass on whatever body.
 
         Its place is that on the body that the hypothesis names. The values are those of the best
-        fit, if its mass is in the interval, else medians. Draws know of noise and of what may
-        have changed; the best fit also of the error that the model is known to have, and of
-        uncertain drive gains. An interval holds both.
+        fit, if its mass is in the interval, else medians.
 
         Args:
             hypothesis: The payload.
-            fitted: Its parameters by the best fit, with their intervals at that one place.
         """
         bodies = len(self.share)
         body = hypothesis.site.index if bodies > 1 else 0
@@ -128,34 +151,18 @@ class LoadPosterior:
         for axis, along in zip(hypothesis.setting, place.T, strict=True):
             draws[f"first_moment_{axis}"] = mass * along, equal
             draws[axis] = along, equal
-        result = {
+        drawn = {
             name: Estimate(*_quantiles(*weighted), hypothesis.unit(name))
             for name, weighted in draws.items()
         }
-        if self.value is None:
-            at_fit = result["mass"].low <= fitted["mass"].value <= result["mass"].high
-            return {
-                name: _both(each, fitted[name], at_fit) if name in fitted else each
-                for name, each in result.items()
-            }
-        part = self.value / (result["mass"].value or 1.0)
-        scaled = {
-            name: replace(each, value=part * each.value)
-            for name, each in result.items()
-            if name not in hypothesis.setting
-        }
-        return result | {
-            name: _both(each, fitted[name]) if name in fitted else each
-            for name, each in scaled.items()
-        }
+        if not drawn["mass"].low <= self.best["mass"] <= drawn["mass"].high:
+            return drawn
+        return {name: _at_fit(each, self.best[name]) for name, each in drawn.items()}
 
 
-def _both(drawn: Estimate, fitted: Estimate, at_fit: bool = False) -> Estimate:
-    """Return an estimate, the fit's or the drawn one, with an interval that holds both."""
-    value = fitted.value if at_fit else drawn.value
-    return replace(
-        drawn, value=value, low=min(drawn.low, fitted.low), high=max(drawn.high, fitted.high)
-    )
+def _at_fit(drawn: Estimate, value: float) -> Estimate:
+    """Return an estimate with the fit's value, and an interval that holds it."""
+    return replace(drawn, value=value, low=min(drawn.low, value), high=max(drawn.high, value))
 
 
 def _quantiles(values: Array, weight: Array) -> tuple[float, float, float]:
@@ -176,6 +183,8 @@ class _Problem:
         load: The payload.
         sign: Whether it was put on or taken off.
         weight: (R n,) of the samples, so that a unit error is one standard deviation.
+        own: (R n, k) weighted columns of the payload as it was found.
+        spread: (k, k) covariance of its parameters that noise does not show.
         base: (R n, d) weighted columns of what may be off.
         gram: (d, d) their products, and what is known of them.
         target: (R n,) weighted residual.
@@ -185,20 +194,20 @@ class _Problem:
     load: Candidate
     sign: float
     weight: Array
+    own: Array
+    spread: Array
     base: Array
     gram: Array
     target: Array
 
     @classmethod
     def of(
-        cls, validation: CrossValidation, chosen: Sequence[Candidate], load: Candidate,
+        cls, validation: CrossValidation, chosen: Sequence[Candidate], fitted: Fitted,
         changed: bool,
     ) -> _Problem:  # fmt: skip
-        """Return it; ``changed``: springs, constants and load friction may have changed."""
-        data = validation.data
+        """Return it; ``changed``: springs, constants and friction may have changed."""
+        data, load, theta = validation.data, fitted.load, fitted.theta
         rest = [other for other in chosen if other is not load]
-        fitted = split(chosen, validation.parameters(chosen))
-        theta = next(values for other, values in fitted if other is load)
         before, after = (validation.out_of_fold(causes) for causes in (rest, chosen))
         independent = validation.inflation(after, before - after) * validation.redundancy
         weight = np.tile(1.0 / np.sqrt(independent), len(after))
@@ -213,7 +222,8 @@ class _Problem:
         gram = base.T @ base + np.diag(np.concatenate(ridges))
         target = target - base @ solve(gram, base.T @ target, _TRACE)
         sign = -1.0 if theta[0] < 0.0 and load.hypothesis.against_reference else 1.0
-        return cls(validation, load, sign, weight, base, gram, target)
+        own = validation.design([load]) * weight[:, None]
+        return cls(validation, load, sign, weight, own, fitted.spread, base, gram, target)
 
     def form(self, body: int) -> _Form:
         """Return the likelihood of a mass at a place of a body."""
@@ -223,8 +233,13 @@ class _Problem:
         own = self.validation.design([Candidate.of(here, data.reduce(columns))])
         own *= self.weight[:, None]
         products = own.T @ self.base
-        precision = own.T @ own - products @ solve(self.gram, products.T, _TRACE)
-        return _Form(precision, self.sign * own.T @ self.target, heaviest(hypothesis.arm))
+        beside = solve(self.gram, products.T, _TRACE)
+        precision, score = own.T @ own - products @ beside, self.sign * own.T @ self.target
+        # An error that looks like the load that was found adds to the score what that load would.
+        like_load = own.T @ self.own - beside.T @ (self.base.T @ self.own)
+        variance = precision + like_load @ self.spread @ like_load.T
+        part = solve(variance, precision, _TRACE)
+        return _Form(precision @ part, part.T @ score, heaviest(hypothesis.arm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +277,10 @@ class _Form:
         root = np.sqrt(precision)
         mean = score / root
         return 0.5 * mean**2 + log_ndtr(mean) - np.log(0.5 * self.plausible * root)
+
+    def resolved(self, place: Array) -> Array:
+        """Return (S,) standard errors of the mass at (S, 3) places."""
+        return np.asarray(1.0 / np.sqrt(self._mass(place)[0]))
 
     def draw(self, place: Array, random: np.random.Generator) -> Array:
         """Return (S,) masses, kg, one at each of (S, 3) places."""

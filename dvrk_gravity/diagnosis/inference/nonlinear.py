@@ -137,7 +137,7 @@ def _read(
 
     The fit beside the reading determines how large the others are; the two alternate.
     """
-    hypothesis = candidate.hypothesis
+    hypothesis = replace(candidate.hypothesis, reads_others=of_others)
     motion = validation.data.motion
     candidate = validation.data.candidate(hypothesis)
     last = np.full(candidate.size, np.inf)

@@ -15,7 +15,7 @@ from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.infer import Posterior
-from dvrk_gravity.diagnosis.inference.load_posterior import LoadPosterior
+from dvrk_gravity.diagnosis.inference.load_posterior import Fitted, LoadPosterior
 from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
 from dvrk_gravity.diagnosis.inference.readings import (
     error_as_read,
@@ -32,7 +32,7 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
     effect_finding,
 )
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
-from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, ordered
+from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
@@ -43,7 +43,13 @@ from dvrk_gravity.diagnosis.results.other_findings import (
     unknown_finding,
 )
 from dvrk_gravity.diagnosis.results.rivals import Contest
-from dvrk_gravity.effects import AbsorbedByModel, PayloadHypothesis, ReadingErrors, Unknown
+from dvrk_gravity.effects import (
+    AbsorbedByModel,
+    Estimate,
+    PayloadHypothesis,
+    ReadingErrors,
+    Unknown,
+)
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import TorqueModel
@@ -77,24 +83,13 @@ def report(
     if wrong:
         first = error_as_read(wrong[0].motion, data, held_out)
         findings += _reading_findings(posterior, held_out, named, first)
-    scale = _scale_error(motion.arm)
     effect_findings = []
-    for i, (effect, rows) in enumerate(zip(posterior.selected, slices_of(named), strict=True)):
-        hypothesis = effect.trial.candidate.hypothesis
+    for i, rows in enumerate(slices_of(named)):
         if conflicts.get(i) == sentences.BESIDE_DIFFERENT:
             continue
-        spread = covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows])
-        if posterior.at_calibration is not None:
-            back, of_settings = posterior.at_calibration.spread(named[i], theta[rows])
-            spread += back
-            for name, deviation in of_settings.items():
-                spreads[i][name] = np.hypot(spreads[i].get(name, 0.0), deviation)
-        if isinstance(hypothesis, AbsorbedByModel):
-            spread += hypothesis.absorbed_variance(loaded.motion) * np.eye(len(spread))
-        parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
-        if isinstance(hypothesis, PayloadHypothesis):
-            load = LoadPosterior.of(validation, named, named[i])
-            parameters = load.estimates(hypothesis, parameters)
+        parameters = _parameters(
+            posterior, named, i, theta[rows], covariance[rows, rows], spreads[i]
+        )
         finding = effect_finding(
             held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
         )
@@ -131,7 +126,10 @@ def report(
     return Diagnosis(
         verdict=_verdict(findings, different or bool(grown)),
         findings=tuple(findings),
-        known=known(validation, held_out, posterior.minor, named, expected),
+        known=(
+            *(_not_significant(posterior, named, each) for each in posterior.stated),
+            *known(validation, held_out, posterior.minor, named, expected),
+        ),
         before=by_joint(names, seen * held_out.rmse(first)),
         after=by_joint(names, seen * after),
         floor=by_joint(names, floor),
@@ -160,6 +158,48 @@ def report(
         exact="" if reference else sentences.why_exact(motion.model),
         contest=Contest.of(motion, several, after),
     )
+
+
+def _parameters(
+    posterior: Posterior, named: Sequence[Candidate], i: int, theta: Array, covariance: Array,
+    spreads: dict[str, float],
+) -> dict[str, Estimate]:  # fmt: skip
+    """Return the estimates of one of the causes.
+
+    Args:
+        posterior: What explains the recordings.
+        named: All causes.
+        i: Which of them.
+        theta: (k,) its linear parameters.
+        covariance: (k, k) of them.
+        spreads: Standard deviations of its settings.
+    """
+    hypothesis, motion = named[i].hypothesis, posterior.loaded.motion
+    beyond = _scale_error(motion.arm) ** 2 * np.outer(theta, theta)
+    of_settings = dict(spreads)
+    if posterior.at_calibration is not None:
+        back, deviations = posterior.at_calibration.spread(named[i], theta)
+        beyond += back
+        for name, deviation in deviations.items():
+            of_settings[name] = np.hypot(of_settings.get(name, 0.0), deviation)
+    if isinstance(hypothesis, PayloadHypothesis):
+        fitted = Fitted(named[i], theta, beyond)
+        return LoadPosterior.of(posterior.validation, named, fitted).estimates(hypothesis)
+    if isinstance(hypothesis, AbsorbedByModel):
+        beyond += hypothesis.absorbed_variance(motion) * np.eye(len(theta))
+    return estimates(hypothesis, theta, covariance + beyond, of_settings)
+
+
+def _not_significant(posterior: Posterior, named: Sequence[Candidate], stated: Candidate) -> Known:
+    """Return how large what is known to be there may be, though nothing shows it."""
+    hypothesis, both = stated.hypothesis, [*named, stated]
+    theta, covariance, spreads = _fit(posterior.validation, both)
+    own = slices_of(both)[-1]
+    parameters = _parameters(
+        posterior, both, len(named), theta[own], covariance[own, own], spreads[-1]
+    )
+    sentence = sentences.not_significant(hypothesis.claim(parameters))
+    return Known(hypothesis.effect, hypothesis.names, parameters, sentence)
 
 
 def _differences(

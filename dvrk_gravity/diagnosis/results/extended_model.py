@@ -80,6 +80,7 @@ def extended(
         found: Hypotheses and their (k,) parameters, in order.
         left_out: Why some are not merged, by index.
     """
+    found = _as_applied(motion, found)
     values: Values = dict(motion.model.parameters())
     model = TorqueModel.from_parameters(values, motion.arm)
     left_out = left_out or {}
@@ -118,6 +119,37 @@ def extended(
         # Nobody has evaluated this model; an unusable one stays so.
         model = replace(model, verdict=NO_VERDICT, reason=_EXTENDED)
     return model, tuple(reasons)
+
+
+def _as_applied(
+    motion: MeasuredMotion, found: Sequence[tuple[Hypothesis, Array]]
+) -> Sequence[tuple[Hypothesis, Array]]:
+    """Return what was found with parameters of the torques that act, not of those that are read.
+
+    A wrong reading of efforts that was found beside other causes, and not of their torque, leaves
+    theirs as they are read. Once it is corrected, they are what is nearest to that by least
+    squares: of a cause at one joint exactly it.
+    """
+    wrong = [
+        errors.effort
+        for hypothesis, theta in found
+        if not hypothesis.reads_others and not hypothesis.against_reference
+        if (errors := hypothesis.reading_errors(theta)) is not None
+    ]
+    read = reduce(np.matmul, wrong, np.eye(motion.arm.n))
+    if np.array_equal(read, np.eye(motion.arm.n)):
+        return found
+
+    def applied(hypothesis: Hypothesis, theta: Array) -> Array:
+        columns = hypothesis.regressor(motion)
+        acts = np.linalg.solve(read, (columns @ theta).T).T
+        flat = columns.reshape(-1, len(theta))
+        return np.asarray(np.linalg.lstsq(flat, acts.ravel(), rcond=None)[0])
+
+    return [
+        (each, theta if each.EFFECT.READS_WRONGLY else applied(each, theta))
+        for each, theta in found
+    ]
 
 
 def updated(

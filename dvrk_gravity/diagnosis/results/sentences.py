@@ -127,6 +127,11 @@ def minor_effect(
     return f"{claim}; significant, but {why}"
 
 
+def not_significant(claim: str) -> str:
+    """Return how large something is that is known to be there, and that nothing shows."""
+    return f"{claim}; its torque is not significant"
+
+
 def pushed_together(joints: Sequence[str]) -> str:
     """Return which joints are pushed at the same time as a finding's; ``""`` for none."""
     if not joints:

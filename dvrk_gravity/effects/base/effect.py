@@ -105,7 +105,8 @@ class Hypothesis(ABC):
         COHERENT_ERRORS: What a model misses resembles it at all joints with the same sign, so that
             errors add over joints: presliding resembles a delay, whatever the joint.
         EXPLAINED_BY: Effect that is named in its place where that explains as well and is
-            :meth:`likely`: a centre of mass is displaced by something that is there.
+            :meth:`likely`: something displaces a centre of mass, and loads change more often than
+            cables.
         STATED: It is known to be there: fitted from the start, and reported whatever its size.
 
     Attributes:
@@ -138,6 +139,7 @@ class Hypothesis(ABC):
         removable: How much of it the model has, in its own unit: no more can be missing.
         against_reference: Two recordings are compared, not one with the model. Set for all
             hypotheses at once, where their columns are built.
+        reads_others: Of an effort reading: its columns have the torque of other causes, too.
     """
 
     EFFECT: ClassVar[type[Effect]]
@@ -168,6 +170,7 @@ class Hypothesis(ABC):
     shifts_positions: bool = False
     removable: float = np.inf
     against_reference: bool = False
+    reads_others: bool = False
 
     def __post_init__(self) -> None:
         """Set the joints of the site, unless others are given."""

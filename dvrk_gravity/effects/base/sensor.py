@@ -15,6 +15,10 @@ from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
+# Of a factor of a reading, or of its inverse. Units that occur (mm, mrad, mN·m, deg, rpm) are at
+# most 1000 from SI; chosen: ten times that are no reading of the arm.
+_MOST = 1e4
+
 
 class SensorEffect(Effect):
     """A fault of a reading, which models may know of; it declares its own parameters."""
@@ -50,13 +54,20 @@ def read_factors(arm: Arm, values: Mapping[str, Value], name: str) -> Array:
     """Return a (n,) factor for each joint.
 
     Raises:
-        ConfigError: A factor of zero.
+        ConfigError: A factor that is none of a reading.
     """
     factors = as_array(values.get(name), arm.n, 1.0)
-    if not factors.all():
-        joint = int(np.argmin(np.abs(factors)))
-        raise ConfigError(f"{name}[{joint}]", 0.0, f"a factor of {arm.joint_names[joint]}, not 0")
+    require_factors(arm, factors, name)
     return factors
+
+
+def require_factors(arm: Arm, factors: Array, name: str) -> None:
+    """Raise ConfigError for one of (n,) factors that is none of a reading, whatever its sign."""
+    beyond = (np.abs(factors) < 1.0 / _MOST) | (np.abs(factors) > _MOST)
+    if beyond.any():
+        joint = int(np.argmax(beyond))
+        expected = f"a factor of {arm.joint_names[joint]} from {1.0 / _MOST:g} to {_MOST:g}"
+        raise ConfigError(f"{name}[{joint}]", float(factors[joint]), expected)
 
 
 def written_factors(name: str, values: Array) -> dict[str, Value]:
