@@ -148,9 +148,7 @@ def test_a_stated_load_is_a_finding_only_where_the_recording_shows_it(mass):
     load = mass * Payload(model.arm, link, 1.0, place, model.arm.gravity).torque(state)
     at = f"{link}:" + ",".join(map(str, place))
     with few_folds():
-        found = diagnose(
-            replace(recording, effort=recording.effort + load), model, payload_at=at
-        )
+        found = diagnose(replace(recording, effort=recording.effort + load), model, payload_at=at)
     known = [each for each in found.known if each.effect == "payload"]
     findings = [each for each in found.findings if each.effect == "payload"]
     (shown,) = [*known, *findings]
