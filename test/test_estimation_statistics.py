@@ -57,6 +57,28 @@ def test_paired_p_values_are_uniform_where_there_is_no_gain():
             assert low <= np.mean(p_values <= level) <= high
 
 
+def test_paired_p_values_and_bootstrap_intervals_are_scipy_s():
+    random = np.random.default_rng(1)
+    for count in (10, 13, 24, 50):
+        gains = random.normal(size=count) + 0.3
+        student, ranks = evidence.paired(np.append(gains, 0.0))
+        assert student == pytest.approx(stats.ttest_1samp(gains, 0.0, alternative="greater").pvalue)
+        assert ranks == pytest.approx(stats.wilcoxon(gains, alternative="greater").pvalue)
+
+        def ratio(new, old, axis):
+            return new.sum(axis=axis) / old.sum(axis=axis)
+
+        samples = (gains, random.gamma(2.0, size=count))
+        found = stats.bootstrap(
+            samples, ratio, paired=True, method="percentile", n_resamples=300, vectorized=True,
+            rng=np.random.default_rng(0),
+        ).confidence_interval  # fmt: skip
+        assert evidence.bootstrap_interval(ratio, samples, 300) == pytest.approx(tuple(found))
+    # Ties have the mean of their ranks, 1.5 1.5 3: three of eight sums of signs are as large.
+    assert evidence.signed_rank(np.array([1.0, -1.0, 0.0, 2.0])) == 3 / 8
+    assert evidence.signed_rank(np.zeros(3)) == 1.0
+
+
 def test_likelihood_ratio_p_values_are_uniform_in_the_sample_and_no_smaller_out_of_it():
     random = np.random.default_rng(1)
     inside, outside = [], []

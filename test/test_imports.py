@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import os
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -208,6 +209,11 @@ def test_what_is_slow_to_load_is_loaded_by_what_computes_with_it():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert process.stdout.strip() == "set()"
+
+
+def test_nothing_loads_what_scipy_takes_half_a_second_to_load():
+    slow = re.compile(r"scipy\.(signal|stats)|from scipy import .*(signal|stats)")
+    assert [str(path) for path in PACKAGE.rglob("*.py") if slow.search(path.read_text())] == []
 
 
 def test_a_class_has_a_name_of_its_own():

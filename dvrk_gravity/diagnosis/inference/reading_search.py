@@ -17,7 +17,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.model_error import model_columns
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import Estimate, Reading, TorqueScale, readings
-from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.estimation import NORMAL_95, likelihood_ratio, signed_rank
 
 ALPHA = 0.001  # of a wrong correction: a tenth of that of effects, which rest on it. Chosen
 _LEAST_REMOVED = 0.3  # of a joint's error. Chosen: a wrong sign or order leaves little right
@@ -88,8 +88,6 @@ def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
 
 def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     """Return how other readings do, best first, by the error of each joint as it was named."""
-    from scipy import stats
-
     if not motion.present.all():
         return []
     rows = np.linspace(0, len(motion.q) - 1, min(_SAMPLES, len(motion.q))).astype(int)
@@ -133,10 +131,8 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
             better = np.bincount(block, (np.log(before + 0.1 * scale)
                                          - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
             # Held or unloaded joints do not show their sign in ranks, but in the likelihood.
-            p_value = 2.0 * min(
-                float(stats.wilcoxon(better, alternative="greater").pvalue),
-                float(stats.chi2.sf(2.0 * _BLOCKS * gain, 1)),
-            )
+            ranks = signed_rank(np.asarray(better, dtype=float))
+            p_value = 2.0 * min(ranks, likelihood_ratio(_BLOCKS * gain, 1))
             scores.append(
                 ReadingScore(
                     reading,
