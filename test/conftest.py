@@ -138,19 +138,6 @@ def brief_simulation() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
-def blank_pictures() -> Iterator[None]:
-    """Write reports whose pictures are not drawn, where nothing is said of them."""
-    from matplotlib.figure import Figure
-
-    def save(figure: Figure, stream, **how: object) -> None:
-        stream.write(b"\x89PNG")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", save)
-        yield
-
-
 @pytest.fixture
 def domain() -> Iterator[int]:
     """Return a ROS domain that no other test, demo or benchmark uses at the same time."""

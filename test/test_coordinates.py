@@ -74,7 +74,7 @@ def diagnosed(model: TorqueModel, folder, capsys) -> tuple[list[str], dict]:
     return capsys.readouterr().out.splitlines(), written
 
 
-@pytest.mark.usefixtures("brief_simulation", "blank_pictures")
+@pytest.mark.usefixtures("brief_simulation")
 def test_motors_coordinates_are_found_first_and_an_exact_model_says_so_before(tmp_path, capsys):
     (first, second, _, row, *_), told = diagnosed(KNOWN.model(), tmp_path, capsys)
 

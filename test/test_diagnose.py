@@ -66,7 +66,7 @@ def test_the_report_is_complete_in_itself_and_begins_with_the_sentence(files):
     page = (files / "out" / "report.html").read_text()
 
     assert not re.search(r"(src|href)=\"?(http|//)", page)
-    assert "data:image/png;base64," in page
+    assert "data:image/svg+xml;base64," in page
     assert page.index(content["findings"][0]["sentence"]) < page.index("<h2>")
 
 

@@ -22,7 +22,7 @@ from dvrk_gravity.report import fit_text
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import DURATION, MujocoWorld
 
-pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+pytestmark = pytest.mark.usefixtures("four_folds")
 
 ARM = Arm.load("mtmr")
 COULOMB = np.array([0.03, 0.04, 0.05, 0.02, 0.004, 0.003, 0.001])

@@ -18,7 +18,7 @@ from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, build_tree
 from dvrk_gravity.model import TorqueModel
 
-pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+pytestmark = pytest.mark.usefixtures("four_folds")
 
 
 def written(files, folder):

@@ -32,7 +32,7 @@ from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.simulate import record_motion
 from testing.plain_world import PlainWorld
 
-pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation", "blank_pictures")
+pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation")
 
 GAINS = np.array([12.0, 14.0, 11.0, 9.0, 10.5, 8.5])  # N·m/A
 MASS, COM = 2.0, (0.02, 0.05, 0.08)  # kg, m in the last link's frame

@@ -25,8 +25,6 @@ from dvrk_gravity.recording import Recording
 from testing import mujoco_arms
 from testing.posed_arms import POSED, Posed, ecm
 
-pytestmark = pytest.mark.usefixtures("blank_pictures")
-
 
 @dataclass(frozen=True, eq=False)
 class Identified:

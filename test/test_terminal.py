@@ -224,7 +224,7 @@ def test_lines_are_wrapped_to_a_terminal_and_to_nothing_else():
             assert len(line) <= width
 
 
-@pytest.mark.usefixtures("four_folds", "blank_pictures")
+@pytest.mark.usefixtures("four_folds")
 def test_a_recording_of_the_other_arm_has_status_1_from_every_verb_and_is_named_first(
     tmp_path, capsys
 ):

@@ -28,7 +28,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import compared, error_table
 
-pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+pytestmark = pytest.mark.usefixtures("four_folds")
 
 KNOWN = Holding(1.0, 0.01, 1.0, 0.01, -1.0, 1.0)  # to 1 %, moved by 2 rad
 FEW = ["coulomb_friction"]

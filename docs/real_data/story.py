@@ -22,7 +22,7 @@ from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Gravity
-from dvrk_gravity.report import png
+from dvrk_gravity.report import error_picture
 
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "real_data.md"
@@ -50,7 +50,7 @@ def main() -> int:
     if missing:
         print(f"skipped: no {missing[0]} in {DATA} (DVRK_GRAVITY_DATA names another folder)")
         return 0
-    for old in FOLDER.glob("*.png"):
+    for old in FOLDER.glob("*.svg"):
         old.unlink()
     PAGE.write_text(HEAD + "\n".join(_steps()) + "\n", encoding="utf-8")
     print(f"written: {PAGE}")
@@ -151,8 +151,8 @@ def _step(
     for number, (effect, joint) in enumerate(pictures):
         found = next((f for f in findings if f.effect == effect and f.joints == (joint,)), None)
         if found is not None and found.picture is not None:
-            path = FOLDER / f"{name}_{number}.png"
-            path.write_bytes(png(found.picture, diagnosis.model.arm))
+            path = FOLDER / f"{name}_{number}.svg"
+            path.write_bytes(error_picture(found.picture, diagnosis.model.arm))
             title = f"{found.effect} at {joint}: error without and with it"
             yield f"\n![{title}](real_data/{path.name})\n"
     if shown is not None:

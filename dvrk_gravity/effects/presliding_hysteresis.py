@@ -65,6 +65,7 @@ class PreslidingHysteresis(Friction):
     """
 
     NAME = "presliding_hysteresis"
+    BY_MOTION = True
     DIVIDED_WITH = (CoulombFriction,)
     REMEDY = "let the arm move a little before a reading counts"
     MEANINGS = meanings(

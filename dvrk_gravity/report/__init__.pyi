@@ -1,5 +1,8 @@
+from .charts import Curve as Curve
+from .charts import Panel as Panel
+from .charts import chart as chart
 from .diagnosis import diagnosis_page as diagnosis_page
-from .diagnosis import png as png
+from .diagnosis import error_picture as error_picture
 from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
 from .findings import parameter_rows as parameter_rows
 from .findings import size_of as size_of

@@ -21,6 +21,7 @@ from dvrk_gravity.diagnosis import (
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import html
+from dvrk_gravity.report.charts import Curve, Panel, chart
 from dvrk_gravity.report.findings import (
     BETWEEN,
     KNOWN,
@@ -52,6 +53,7 @@ _VERDICTS = {
     "ambiguous": "explained, by more than one possible cause",
     "unexplained": "unexplained",
 }
+_HEIGHT = 340.0  # of a picture, px
 _BINS = 24
 _LEAST_IN_BIN = 3
 _LEAST_P = 0.001  # below, a figure of a p-value says nothing more
@@ -141,7 +143,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     rows.append(("in the extended model", carried))
     parts.append(html.table((), rows))
     if finding.picture is not None:
-        picture = html.data_url(png(finding.picture, arm))
+        picture = html.data_url(error_picture(finding.picture, arm))
         parts.append(f'<img alt="error before and after" src="{picture}">')
     if finding.alternatives:
         parts.append("<p>This data cannot separate it from:</p>")
@@ -253,26 +255,19 @@ def _list(title: str, items: Sequence[str], nothing: str) -> str:
     return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
 
 
-def png(picture: Picture, arm: Arm) -> bytes:
-    """Return a joint's error before and after, against what it depends on, as a PNG.
+def error_picture(picture: Picture, arm: Arm) -> bytes:
+    """Return a joint's error before and after, against what it depends on, as an SVG image.
 
     Args:
         picture: Errors, N·m or N, and what they depend on.
         arm: The arm.
     """
-    from matplotlib.figure import Figure
-
     joint = arm.joints[arm.joint_names.index(picture.joint)]
     unit, factor = effort_in_picture(joint, picture.before, picture.after)
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
-    for ax, error, title in (
-        (axes[0], picture.before, "before"),
-        (axes[1], picture.after, "after"),
-    ):
+    panels = list[Panel]()
+    for error, title in ((picture.before, "before"), (picture.after, "after")):
         known = np.isfinite(error)
         x, y = picture.x[known], factor * error[known]
-        ax.axhline(0.0, color="#888888", linewidth=0.6)
         if picture.forward is None:
             groups = [(np.ones(len(x), dtype=bool), "#99aabb", "#bb3322", "mean")]
         else:
@@ -281,15 +276,14 @@ def png(picture: Picture, arm: Arm) -> bytes:
                 (forward, "#e0b0a8", "#bb3322", "moving up"),
                 (~forward, "#a8bcd8", "#224488", "moving down"),
             ]
+        curves = []
         for rows, pale, strong, label in groups:
-            ax.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
-            ax.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
-        ax.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS")
-        ax.set_xlabel(picture.variable)
-    lines, names = axes[1].get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
-    axes[0].set_ylabel(f"error at {picture.joint} [{unit}]")
-    return html.png(figure)
+            curves.append(Curve(x[rows], y[rows], pale, 2.6, dots=True))
+            curves.append(Curve(*_means(x[rows], y[rows]), strong, 2.4, label))
+        text = f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS"
+        label = "" if panels else f"error at {picture.joint} [{unit}]"
+        panels.append(Panel(curves, picture.variable, label, (text,), zero=True))
+    return chart([panels], _HEIGHT)
 
 
 def _means(x: Array, y: Array) -> tuple[Array, Array]:

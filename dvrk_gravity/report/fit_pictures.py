@@ -3,110 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dvrk_gravity.arms import Joint
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
-from dvrk_gravity.report.html import data_url, png
+from dvrk_gravity.report.charts import Curve, Panel, chart
+from dvrk_gravity.report.html import data_url
 from dvrk_gravity.report.units import effort_in_picture
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SHOWN = 15.0  # s of a trajectory
 DOTS = 4000
-_SIZE = (9.0, 2.8)  # inches
-# Parts of a picture around its axes: room for numbers, labels and legend. Finding it, picture by
-# picture, costs as much as drawing.
-_ROOM = {"left": 0.09, "right": 0.985, "bottom": 0.18, "top": 0.91, "wspace": 0.05}
+_HEIGHT = 260.0  # px
 BINS = 25
 MEASURED, PREDICTED, DIFFERENCE = "#7f8fa6", "#c0392b", "#2c3e50"
 
 
 def torque_pictures(trace: Trace, joints: Sequence[Joint]) -> Iterator[str]:
     """Yield measured and predicted torque of each joint over time, or over the pose number."""
-    figure, (axes,) = _drawn_on(1)
     for column, joint in enumerate(joints):
-        _torque(axes, trace, column, joint)
-        if not figure.legends:
-            figure.legend(loc="upper right", ncols=3, fontsize=8, frameon=False)
-        yield data_url(png(figure, dpi=100))
-        _erase([axes])
+        yield data_url(chart([[_torque(trace, column, joint)]], _HEIGHT))
 
 
-def _torque(axes: Any, trace: Trace, column: int, joint: Joint) -> None:
+def _torque(trace: Trace, column: int, joint: Joint) -> Panel:
     if trace.time is None:
         x = np.arange(len(trace.measured), dtype=float)
         shown = np.argsort(trace.measured[:, column])
-        axes.set_xlabel("pose, in the order of measured torque")
+        across = "pose, in the order of measured torque"
     else:
         x = trace.time
         shown = np.flatnonzero(x < x[0] + SHOWN)
         x = x[shown]
-        axes.set_xlabel("time [s]")
+        across = "time [s]"
     measured, predicted = trace.measured[shown, column], trace.predicted[shown, column]
     unit, factor = effort_in_picture(joint, measured, predicted)
-    axes.plot(x, factor * measured, color=MEASURED, linewidth=1.6, label="measured")
     word = "predicted, held out" if trace.held_out else "predicted"
-    axes.plot(x, factor * predicted, color=PREDICTED, linewidth=1.0, label=word)
-    axes.plot(
-        x, factor * (measured - predicted), color=DIFFERENCE, linewidth=0.7, label="difference"
+    curves = (
+        Curve(x, factor * measured, MEASURED, 2.2, "measured"),
+        Curve(x, factor * predicted, PREDICTED, 1.4, word),
+        Curve(x, factor * (measured - predicted), DIFFERENCE, 1.0, "difference"),
     )
     word = "force" if joint.kind == "prismatic" else "torque"
-    axes.set_ylabel(f"{word} [{unit}]")
+    return Panel(curves, across, f"{word} [{unit}]")
 
 
 def residual_pictures(traces: Sequence[Trace], joints: Sequence[Joint]) -> Iterator[str]:
     """Yield the difference of each joint over its position and its velocity."""
     positions = np.concatenate([trace.position for trace in traces])
     velocities = [trace.velocity for trace in traces if trace.velocity is not None]
-    panels = [("position", "", positions)]
+    against = [("position", "", positions)]
     if len(velocities) == len(traces):
-        panels.append(("velocity", "/s", np.concatenate(velocities)))
+        against.append(("velocity", "/s", np.concatenate(velocities)))
     residual = np.concatenate([trace.measured - trace.predicted for trace in traces])
-    figure, axes = _drawn_on(len(panels))
-    for ax in axes:
-        ax.locator_params(axis="x", nbins=7)  # numbers that do not touch
     for column, joint in enumerate(joints):
-        effort_unit, factor = effort_in_picture(joint, residual[:, column])
-        for ax, (label, rate, x) in zip(axes, panels, strict=True):
-            _scatter(ax, x[:, column], factor * residual[:, column])
-            ax.set_xlabel(f"{label} [{joint.unit}{rate}]")
-        axes[0].set_ylabel(f"difference [{effort_unit}]")
-        yield data_url(png(figure, dpi=100))
-        _erase(axes)
+        unit, factor = effort_in_picture(joint, residual[:, column])
+        panels = [
+            Panel(
+                tuple(_scattered(x[:, column], factor * residual[:, column])),
+                f"{label} [{joint.unit}{rate}]", "" if number else f"difference [{unit}]",
+                zero=True,
+            )
+            for number, (label, rate, x) in enumerate(against)
+        ]  # fmt: skip
+        yield data_url(chart([panels], _HEIGHT))
 
 
-def _drawn_on(panels: int) -> tuple[Figure, list[Any]]:
-    """Return a figure and its axes, for one picture after another: axes take long to make."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=_SIZE)
-    axes = figure.subplots(1, panels, sharey=True, squeeze=False, gridspec_kw=_ROOM)[0].tolist()
-    for ax in axes:
-        ax.grid(alpha=0.25)
-    return figure, axes
-
-
-def _erase(axes: Sequence[Any]) -> None:
-    """Remove a picture's lines, and forget their limits."""
-    for ax in axes:
-        for line in list(ax.lines):
-            line.remove()
-        ax.relim()
-
-
-def _scatter(axes: Any, x: Array, y: Array) -> None:
+def _scattered(x: Array, y: Array) -> Iterator[Curve]:
+    """Yield samples, and the means of those of each bin that has some."""
     step = 1 + len(x) // DOTS
-    axes.plot(x[::step], y[::step], ".", markersize=2.0, color=MEASURED)
-    axes.axhline(0.0, color="#999999", linewidth=0.6)
+    yield Curve(x[::step], y[::step], MEASURED, 2.4, dots=True)
     if np.ptp(x) > 0.0:
         edges = np.linspace(x.min(), x.max(), BINS + 1)
         index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
         count = np.bincount(index, minlength=BINS)
         used = count >= 5
         mean = np.bincount(index, y, minlength=BINS)[used] / count[used]
-        axes.plot((0.5 * (edges[1:] + edges[:-1]))[used], mean, color=PREDICTED, linewidth=1.5)
+        yield Curve((0.5 * (edges[1:] + edges[:-1]))[used], mean, PREDICTED, 2.0)

@@ -30,6 +30,6 @@ def png(figure: Figure, dpi: float = 110.0) -> bytes:
     return stream.getvalue()
 
 
-def data_url(image: bytes) -> str:
-    """Return a PNG as an address that needs no network."""
-    return "data:image/png;base64," + base64.b64encode(image).decode("ascii")
+def data_url(svg: bytes) -> str:
+    """Return an SVG image as an address that needs no network."""
+    return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")

@@ -10,12 +10,14 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
-from dvrk_gravity.report.html import data_url, png, table
+from dvrk_gravity.report.charts import Curve, Panel, chart
+from dvrk_gravity.report.html import data_url, table
 from dvrk_gravity.report.units import milli_position, shown_position
 
 _BEFORE, _AFTER = "#bb3322", "#2266aa"
 _LEAST_DRIFT = 0.5  # deg (or 0.9 mm), of a joint that is drawn
 _MOST_DRAWN = 4
+_HEIGHT = 220.0  # of a row of pictures, px
 
 
 def section(result: InSimulation, arm: Arm) -> str:
@@ -109,25 +111,22 @@ def _drawn(drifts: Sequence[Drift], arm: Arm) -> list[int]:
 
 def _picture(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> str:
     """Return the drift of some joints over time as a data URL: a row for each friction."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 2.3 * len(drifts)), layout="constrained")
-    axes = figure.subplots(len(drifts), len(joints), sharex=True, squeeze=False)
-    for row, drift in zip(axes, drifts, strict=True):
-        for cell, joint in zip(row, joints, strict=True):
-            for ways, color, name in (
-                (drift.before, _BEFORE, "given model"),
-                (drift.after, _AFTER, "extended"),
-            ):
-                for k, way in enumerate(shown_position(arm)[joint][0] * ways[:, :, joint]):
-                    label = name if k == 0 else None
-                    cell.plot(drift.time, way, color=color, linewidth=1.3, label=label)
-            cell.grid(alpha=0.3)
-            friction = f"{100 * drift.friction:.0f} % friction"
-            cell.set_title(f"{arm.joint_names[joint]}\n{friction}", fontsize=9)
-        row[0].set_ylabel(f"drift [{_units(arm)}]")
-    for cell in axes[-1]:
-        cell.set_xlabel("time [s]")
-    lines, names = axes[0][0].get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
-    return data_url(png(figure))
+    rows = [
+        [
+            Panel(
+                [
+                    Curve(drift.time, way, color, 1.8, name)
+                    for ways, color, name in (
+                        (drift.before, _BEFORE, "given model"),
+                        (drift.after, _AFTER, "extended"),
+                    )
+                    for way in shown_position(arm)[joint][0] * ways[:, :, joint]
+                ],
+                "time [s]", "" if number else f"drift [{_units(arm)}]",
+                (arm.joint_names[joint], f"{100 * drift.friction:.0f} % friction"),
+            )
+            for number, joint in enumerate(joints)
+        ]
+        for drift in drifts
+    ]  # fmt: skip
+    return data_url(chart(rows, _HEIGHT, same_scale=False))
