@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -62,14 +61,16 @@ class LowPass:
             raise ShapeError("array", array.shape, f"more than {edge} samples to filter")
         before = 2.0 * array[0] - array[edge:0:-1]
         after = 2.0 * array[-1] - array[-2 : -edge - 2 : -1]
-        passed = np.concatenate([before, array, after]).reshape(len(array) + 2 * edge, -1)
-        for _ in range(2):
-            start = passed[0].copy()  # where it would have been at rest
-            passed = passed - start
+        whole = np.concatenate([before, array, after]).reshape(len(array) + 2 * edge, -1)
+        blocks = np.empty((-(-len(whole) // _BLOCK), _BLOCK, whole.shape[1]))
+        rows = blocks.reshape(len(blocks) * _BLOCK, -1)
+        rows[: len(whole)] = whole
+        for ahead in (True, False):
+            rows[len(whole) :] = rows[len(whole) - 1]  # the way back begins at rest
             for section in sections:
-                passed = section(passed)
-            passed = (passed + start)[::-1]
-        return passed[edge:-edge].reshape(array.shape)
+                blocks = section(blocks, ahead)
+            rows = blocks.reshape(rows.shape)
+        return rows[edge : edge + len(array)].reshape(array.shape)
 
     def __str__(self) -> str:
         """Describe the filter, for reports."""
@@ -82,21 +83,18 @@ class LowPass:
 
 @dataclass(frozen=True)
 class _Section:
-    """One or two poles: y[n] = gain (1 + 1/z)^zeros x[n] - a1 y[n-1] - a2 y[n-2], at rest before.
+    """One or two poles: y[n] = gain (1 + 1/z)^zeros x[n] - a1 y[n-1] - a2 y[n-2].
 
-    SciPy has it, but loads for half a second. The recursion is a product with its impulse response
-    in blocks of samples, each of which goes on from the last two samples of the one before.
+    SciPy has it, but loads for half a second. A block of samples is a product with the response,
+    and goes on from the last two samples of the block before.
 
     Attributes:
-        gain: So that constants pass.
-        zeros: 1 or 2.
         radius: Largest absolute value of a pole.
         own: (block, block) response to the samples of a block.
-        carried: (block, 2) response to the last but one and the last sample before it.
+        carried: (block, 4) response to the last but one and the last sample before it, and to what
+            they became.
     """
 
-    gain: float
-    zeros: int
     radius: float
     own: Array
     carried: Array
@@ -104,31 +102,33 @@ class _Section:
     @classmethod
     def of(cls, a1: float, a2: float) -> _Section:
         """Return the section of two coefficients; it has one pole if ``a2`` is zero."""
+        zeros = np.array([1.0, 2.0, 1.0] if a2 else [1.0, 1.0, 0.0])
+        zeros *= (1.0 + a1 + a2) / zeros.sum()  # constants pass
         impulse = [0.0, 1.0]  # from the sample before on
         for _ in range(_BLOCK):
             impulse.append(-a1 * impulse[-1] - a2 * impulse[-2])
-        response = np.array(impulse[1:])
+        alone = np.array(impulse[1:])
+        response = np.convolve(alone[:-1], zeros)[:_BLOCK]
         lag = np.subtract.outer(np.arange(_BLOCK), np.arange(_BLOCK))
+        last = zeros[1] * alone[:-1] + zeros[2] * np.append(0.0, alone[:-2])
         return cls(
-            gain=(1.0 + a1 + a2) / (4.0 if a2 else 2.0),
-            zeros=2 if a2 else 1,
             radius=float(np.sqrt(a2)) if a2 else abs(a1),
             own=np.where(lag >= 0, response[lag], 0.0),
-            carried=np.stack([-a2 * response[:-1], response[1:]], axis=1),
+            carried=np.stack([zeros[2] * alone[:-1], last, -a2 * alone[:-1], alone[1:]], axis=1),
         )
 
-    def __call__(self, array: Array) -> Array:
-        """Return the filtered (N, k) array."""
-        count, width = array.shape
-        blocks = np.zeros((-(-count // _BLOCK), _BLOCK, width))
-        rows = blocks.reshape(-1, width)
-        rows[:count] = self.gain * array
-        for _ in range(self.zeros):
-            rows[1:count] += rows[: count - 1].copy()
-        blocks = self.own @ blocks
-        for before, block in pairwise(blocks):
-            block += self.carried @ before[-2:]
-        return blocks.reshape(-1, width)[:count]
+    def __call__(self, blocks: Array, ahead: bool) -> Array:
+        """Return (B, block, k) samples filtered forward or backward, at rest before the first."""
+        own, carried, last = self.own, self.carried, slice(-2, None)
+        order = range(len(blocks))
+        if not ahead:
+            own, carried, last, order = own.T, carried[::-1], slice(1, None, -1), order[::-1]
+        result = np.asarray(own @ blocks)
+        before = np.stack([blocks[0, 0] if ahead else blocks[-1, -1]] * 4)
+        for k in order:
+            result[k] += carried @ before
+            before[:2], before[2:] = blocks[k, last], result[k, last]
+        return result
 
 
 @cache
