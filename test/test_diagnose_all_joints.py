@@ -21,6 +21,8 @@ from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 MORE, LOAD = 1.2, 0.04  # of friction; part of a joint's load that is friction, as gears have it
 
 

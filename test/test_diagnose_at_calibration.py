@@ -16,6 +16,8 @@ from dvrk_gravity.recording import LowPass
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 SEED, JOINT, DURATION = 4, 1, 15.0
 FRICTION = 0.4  # N·m, of one joint, that the model lacks
 

@@ -12,6 +12,8 @@ from dvrk_gravity.identification import identify
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 SEED, DELAY = 41, 0.05  # s; of a UR5 that shows no velocities, at 200 Hz
 SLOW = pytest.mark.slow
 

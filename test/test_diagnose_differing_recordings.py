@@ -15,6 +15,8 @@ from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 MASS, CENTRE = 1.2, np.array([0.0, 0.02, 0.08])  # kg, m
 
 

@@ -18,7 +18,7 @@ from testing.world import COARSE, World
 KNOWN = World.draw(3, step=COARSE)
 MODEL = KNOWN.model()
 
-pytestmark = pytest.mark.usefixtures("four_folds")
+pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation")
 
 
 @cache

@@ -14,6 +14,8 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
 from testing.world import COARSE, World
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 KNOWN = World.draw(3, step=COARSE)
 MODEL = KNOWN.model()
 BETTER = "efforts of no joint are predicted better than by a constant"

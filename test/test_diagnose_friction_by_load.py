@@ -12,6 +12,8 @@ from dvrk_gravity.identification import identify
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 SEED, GROWS = 3419, 0.05  # of the torque that a joint transmits
 
 

@@ -17,6 +17,8 @@ from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 from testing.score import Outcome, compare
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 ARMS = {"mtmr": 5, "chain": 4}  # arm: seed
 # s, of the motion that is diagnosed: what is hidden soon shows; where nothing is, the longer the
 # harder it is to find nothing.

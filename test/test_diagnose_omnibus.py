@@ -10,6 +10,8 @@ import pytest
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from testing.world import COARSE, World
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 JOINT = 1
 DRAG = 0.3  # N·m·s/rad
 

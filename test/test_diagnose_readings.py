@@ -17,6 +17,8 @@ from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 from testing.plain_world import PlainWorld
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 ARM = Arm.load("ecm")
 TIME = np.arange(0.0, 20.0, 0.01)
 

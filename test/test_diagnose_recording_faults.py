@@ -16,6 +16,8 @@ from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
 from testing.hide import hide
 from testing.world import COARSE, World
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 KNOWN = World.draw(3, step=COARSE)
 MODEL = KNOWN.model()
 DEGREES = 180.0 / np.pi

@@ -21,6 +21,8 @@ from dvrk_gravity.recording import Recording
 from testing.lab_motion import Sines, draw_calibration
 from testing.plain_world import NOISE, PlainWorld
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 MASS, COM = 1.5, (0.03, 0.04, 0.06)
 
 

@@ -21,6 +21,8 @@ from dvrk_gravity.simulate import SimulatedArm, record_motion
 from testing.hide import hide
 from testing.world import COARSE, World
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 KNOWN = World.draw(5, step=COARSE)
 PERIOD = 10.0
 MOTION = "mtm_dynamic_30s_200hz.csv"

@@ -13,6 +13,8 @@ from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
 from dvrk_gravity.recording import Recording
 from testing.world import World
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 WORLD, JOINT = World.draw(3), 1
 BEGIN, END = 10.9, 12.0  # s: nothing is held out between
 LIMIT = 0.59  # N·m: the joint takes more then, and never else

@@ -12,7 +12,7 @@ from conftest import few_folds
 from test_identify import ARM, parameter, truth
 
 from dvrk_gravity.arms import BODIES as TREE_LINKS
-from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, build_tree, link_frames
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm, build_tree, link_frames
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
@@ -161,3 +161,28 @@ def test_slopes_between_knots_are_those_at_every_sample():
 def test_terms_that_are_found_elsewhere_say_where():
     with pytest.raises(ConfigError, match="parameters of links"):
         identify([truth(1, 2.0)], ARM, "joint", ["payload"])
+
+
+@pytest.mark.parametrize("name", ["mtmr", "psm"])
+def test_columns_by_motion_are_the_same_at_other_kinematics(name):
+    arm = Arm.load(name)
+    random = np.random.default_rng(0)
+    q, qd, qdd = np.cumsum(random.normal(size=(3, 60, arm.n)), axis=1) / 50.0
+    state = State(q, qd, qdd)
+    links = Columns(arm, arm.lower, arm.upper).base.sum(axis=1)
+    springs = np.zeros(0)
+    here = Columns(arm, arm.lower, arm.upper, KinematicCalibration(links=links, springs=springs))
+    offset = random.uniform(0.05, 0.1, arm.n) * arm.scale
+    there = here.at(KinematicCalibration(offset, np.array([0.1, -0.1]), links, springs))
+    numbers = {column.key: i for i, column in enumerate(there.columns)}
+    x, y = (columns.regressor(state, columns.history(state)) for columns in (here, there))
+    changed = {
+        i for i, c in enumerate(here.columns)
+        if np.abs(x[..., i] - y[..., numbers[c.key]]).max() > 1e-9
+    }  # fmt: skip
+    assert here.by_motion
+    assert changed
+    assert not changed & set(here.by_motion)
+    chosen = [*range(3), *here.by_motion[:2], x.shape[2] - 1]
+    few = here.regressor(state, here.history(state), chosen=chosen)
+    np.testing.assert_array_equal(few, x[..., chosen])

@@ -281,6 +281,17 @@ def test_the_plant_s_presliding_is_the_term_s_along_the_same_way():
     np.testing.assert_allclose(np.array(torque)[500:], expected[500:], atol=1e-9)
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-16, -1e-16])
+def test_presliding_is_relaxed_where_a_recording_begins_at_rest(rounding):
+    term = TorqueModel.from_parameters(PRESLIDING).term("presliding_hysteresis")
+    assert isinstance(term, PreslidingHysteresis)
+    q = POSE + np.linspace(0.0, 0.001, 50)[:, None] * np.ones(7)
+    qd = np.full_like(q, 0.1)
+    np.testing.assert_array_equal(term.elements(State(q, qd))[0], np.ones((2, 2, 7)))
+    qd[0] = rounding
+    np.testing.assert_array_equal(term.elements(State(q, qd))[0], np.zeros((2, 2, 7)))
+
+
 def test_presliding_shorter_than_a_step_s_way_is_calm():
     values = {
         "presliding_hysteresis.displacement": [1e-4],

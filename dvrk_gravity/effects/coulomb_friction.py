@@ -61,6 +61,7 @@ class CoulombFriction(Friction):
     """
 
     NAME = "coulomb_friction"
+    BY_MOTION = True
     LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
     REMEDY = "if it is new, look at {joint}'s cables, bearings and brake"
     TITLE = "Coulomb friction"

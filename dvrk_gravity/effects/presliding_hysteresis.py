@@ -38,6 +38,8 @@ from dvrk_gravity.parameters import Parameter, Value
 _MOST = 8
 _FAR = 1e6  # rad
 _MOMENT = 0.2  # s
+# Speed of an arm at rest, rad/s or m/s: what filtering leaves of it, 1e-12 by rounding, has a sign.
+_STILL = 1e-9
 DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements that are identified
 _DISPLACEMENTS = (1e-4, 10.0)  # rad
 _RESOLVED = 3.0  # encoder steps that a displacement must have to be seen
@@ -52,8 +54,8 @@ class PreslidingHysteresis(Friction):
     Element k pushes with levels[k] z_k against the motion of a joint or motor, where
     dz_k = (sign(dx) - z_k) |dx| / displacement[k]: after a reversal it takes that displacement, not
     a time, to build up. Samples of an (N, n) state are in order of time; before the first one the
-    arm is taken to have slid as it does there. A single sample has no past, and a velocity then
-    gives the final level.
+    arm is taken to have slid as it does there; at rest, the elements are relaxed. A single sample
+    has no past, and a velocity then gives the final level.
 
     Attributes:
         arm: The arm, for its transmission.
@@ -63,6 +65,7 @@ class PreslidingHysteresis(Friction):
     """
 
     NAME = "presliding_hysteresis"
+    BY_MOTION = True
     DIVIDED_WITH = (CoulombFriction,)
     REMEDY = "let the arm move a little before a reading counts"
     MEANINGS = meanings(
@@ -143,7 +146,8 @@ class PreslidingHysteresis(Friction):
             return np.clip(motion[..., None, :, :] * reach[:, None, None], -1.0, 1.0)
         position = np.stack([state.q, self.arm.actuator_position(state.q)], axis=-2)
         if before is None:
-            before = np.broadcast_to(np.sign(motion[0]), (count, 2, n))
+            slid = np.where(np.abs(motion[0]) > _STILL, np.sign(motion[0]), 0.0)
+            before = np.broadcast_to(slid, (count, 2, n))
         states = np.zeros((len(position), count, 2, n))
         used = np.ones((count, 2, n), dtype=bool) if used is None else used
         for kind, index in np.argwhere(used.any(axis=0)):

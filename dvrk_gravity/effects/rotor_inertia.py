@@ -46,6 +46,7 @@ class RotorInertia(LinearTerm):
     """
 
     NAME = "rotor_inertia"
+    BY_MOTION = True
     REMEDY = "check {joint}'s motor and gear ratio"
     MEANINGS = meanings(inertia=size("kg·m^2", MORE))
     EVERYWHERE = True

@@ -34,6 +34,7 @@ class ViscousFriction(Friction):
     """
 
     NAME = "viscous_friction"
+    BY_MOTION = True
     REMEDY = "if it is new, look at {joint}'s lubrication and gear"
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
     EVERYWHERE = True

@@ -74,7 +74,7 @@ def build_design(
         columns: The columns.
         motions: At least one.
         progress: Called with the share that is done, 0 to 1.
-        chosen: Numbers of the columns that ``x`` has; ``None``: all.
+        chosen: Numbers of the columns that ``x`` has, ascending; ``None``: all.
     """
     total = sum(len(motion) for motion in motions)
     kept: list[tuple[NDArray[Any], ...]] = []
@@ -93,8 +93,7 @@ def build_design(
             state = motion.state.rows(slice(first, last))
             history = columns.history(state, before)
             before = history[stop - low.edge - first].copy()
-            raw = columns.regressor(state, history, smooth)
-            raw = raw if chosen is None else raw[:, :, chosen]
+            raw = columns.regressor(state, history, smooth, chosen)
             # One grid over all chunks.
             offset = (-(start - low.edge)) % stride
             own = slice(start - first + offset, stop - first, stride)

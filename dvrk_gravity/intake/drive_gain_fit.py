@@ -231,9 +231,11 @@ class _Fixed(Columns):
         del before
         return np.zeros((len(state.q), 0))
 
-    def regressor(self, state: State, history: Array, stride: int = 1) -> Array:
+    def regressor(
+        self, state: State, history: Array, stride: int = 1, chosen: Sequence[int] | None = None
+    ) -> Array:
         """Return (N, n, k) torques at the motors."""
-        del history, stride
+        del history, stride, chosen
         arm = self.arm
         links = rigid_body.regressor(arm, state.q, state.qd, state.qdd, arm.gravity)
         return np.matmul(arm.actuator_to_joint.T, links @ self._directions)

@@ -6,8 +6,8 @@ They are those of the rigid body, of every effect that declares what a fit solve
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -134,23 +134,37 @@ class Columns:
         ]
         return np.concatenate(parts, axis=-1)
 
-    def regressor(self, state: State, history: Array, stride: int = 1) -> Array:
-        """Return (N, n, p) torques *at the motors* of all columns.
+    def regressor(
+        self, state: State, history: Array, stride: int = 1, chosen: Sequence[int] | None = None
+    ) -> Array:
+        """Return (N, n, k) torques *at the motors* of columns.
 
         Args:
             state: (N, n) arrays, part of a motion.
             history: (N, m), the same part of :meth:`history`.
             stride: Samples over which the motion is smooth: the calibration's slopes, expensive
                 and as smooth, are evaluated so far apart, with cubic splines between.
+            chosen: (k,) numbers of the columns, ascending; ``None``: all.
         """
         true = self.kinematics.true(state)
-        parts = [self.rigid.regressor(true)]
-        parts += [
-            unknowns.regressor(true, memory)
-            for unknowns, memory in zip(self.unknowns, self._split(history), strict=True)
+        sources: list[tuple[int, Callable[[], Array]]] = [
+            (len(self.rigid.columns), lambda: self.rigid.regressor(true)),
+            *(
+                (len(unknowns.columns), partial(unknowns.regressor, true, memory))
+                for unknowns, memory in zip(self.unknowns, self._split(history), strict=True)
+            ),
+            (
+                len(self.kinematics.columns(self.arm)),
+                lambda: self.kinematics.smooth_slopes(self.arm, state, stride),
+            ),
         ]
-        if self.kinematics.links is not None:
-            parts.append(self.kinematics.smooth_slopes(self.arm, state, stride))
+        ends = np.cumsum([count for count, _ in sources])
+        wanted = np.arange(ends[-1]) if chosen is None else np.asarray(chosen)
+        parts = []
+        for (count, source), end in zip(sources, ends.tolist(), strict=True):
+            own = wanted[(wanted >= end - count) & (wanted < end)] - (end - count)
+            if len(own):
+                parts.append(source() if len(own) == count else source()[..., own])
         torque = np.concatenate(parts, axis=-1)
         shares = self.arm.actuator_to_joint.T
         # Most motors turn one joint alone: a product for each sample takes six times as long.
@@ -177,6 +191,17 @@ class Columns:
     def _split(self, memory: Array) -> list[Array]:
         """Return each effect's part of (…, m) memory."""
         return np.split(memory, np.cumsum(self._memories)[:-1], axis=-1)
+
+    @property
+    def by_motion(self) -> list[int]:
+        """Numbers of the columns that other kinematics do not change."""
+        same = {term.NAME for term in self.terms_looked_for if term.BY_MOTION}
+        return [i for i, column in enumerate(self.columns) if column.effect in same]
+
+    def at(self, kinematics: KinematicCalibration) -> Columns:
+        """Return the columns of the same data at other kinematics."""
+        shift = self.kinematics.offset
+        return type(self)(self.arm, self.valid.lower + shift, self.valid.upper + shift, kinematics)
 
     def corrected(self, theta: Array) -> KinematicCalibration:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""

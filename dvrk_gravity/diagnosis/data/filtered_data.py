@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from dvrk_gravity.diagnosis.data.model_error import (
     model_columns,
 )
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.effects import Effect, Hypothesis, effects
 from dvrk_gravity.estimation import (
     Blocks,
     BlockSettings,
@@ -254,6 +254,16 @@ class FilteredData:
     def time(self) -> Array:
         """(T,) s."""
         return self.reduce_state(self.motion.time[:, None])[:, 0]
+
+    @cached_property
+    def search_bases(self) -> Mapping[type[Effect], Any]:
+        """What effects need to be searched for in a residual, by effect: large."""
+        return {effect: effect.search_basis(self) for effect in effects()}
+
+    def release(self) -> None:
+        """Drop what is large and can be computed again."""
+        self.__dict__.pop("search_bases", None)
+        self.motion.release()
 
     def reduce_state(self, values: Array) -> Array:
         """Decimate (N, …) values to (T, …) without filtering."""

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import (
     Candidate,
@@ -22,7 +20,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
-from dvrk_gravity.effects import Effect, Hypothesis, Residual
+from dvrk_gravity.effects import Hypothesis, Residual
 from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select
 
 Report = Callable[[str], None]
@@ -319,12 +317,6 @@ class Selection:
         """Return how some of the selected do beside all others."""
         return [self._trial(each, selected.without(each), selected) for each in looked_at]
 
-    @cached_property
-    def _search_bases(self) -> Mapping[type[Effect], Any]:
-        """What effects need to be searched for in a residual, by effect."""
-        data = self.validation.data
-        return {effect: effect.search_basis(data) for effect in effects.effects()}
-
     def _searched(self, selected: Beside) -> list[Candidate]:
         """Return the hypotheses that are found in what is not explained."""
         data, validation = self.validation.data, selected.validation
@@ -333,15 +325,14 @@ class Selection:
         residual = Residual(data, validation.residual(selected.candidates), weight, allowed)
         found = (
             hypothesis
-            for effect, basis in self._search_bases.items()
+            for effect, basis in data.search_bases.items()
             for hypothesis in effect.search(basis, residual)
         )
         return list(data.candidates(found))
 
     def release(self) -> None:
         """Drop what is large and can be computed again: named effects have been searched for."""
-        self.__dict__.pop("_search_bases", None)
-        self.validation.data.motion.release()
+        self.validation.data.release()
 
     def margin(self, trials: Sequence[EffectTrial]) -> float:
         """Return how much less than the best of some gains still counts as equal."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,11 +14,11 @@ from dvrk_gravity.identification.quality.identifiability import kinematic_name
 from dvrk_gravity.identification.trajectories.problem import (
     Problem,
     choose,
-    pose,
+    posed,
     solved,
     with_motor_weights,
 )
-from dvrk_gravity.intake import CalibrationMotion
+from dvrk_gravity.intake import CalibrationMotion, build_design
 from dvrk_gravity.model import (
     KINEMATIC,
     MISPLACED,
@@ -118,10 +119,18 @@ def _moved(
     problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[CalibrationMotion]
 ) -> tuple[Problem, list[int]]:
     """Return the problem at the kinematics that (k,) coefficients of a fit correct to."""
-    columns, selection = problem.design.columns, problem.selection
-    there = _calibration(problem, chosen, fitted)
-    around = pose(motions, columns.arm, selection.effects, kinematics=there)
-    same = columns.same(chosen, around.design.columns)
+    design, old = problem.design, problem.design.columns
+    columns = old.at(_calibration(problem, chosen, fitted))
+    # Before there were slopes, nothing has moved yet.
+    stays = range(len(old.columns)) if old.kinematics.links is None else old.by_motion
+    known = {old.columns[index].key: index for index in stays}
+    kept = {i: known[c.key] for i, c in enumerate(columns.columns) if c.key in known}
+    new = [i for i in range(len(columns.columns)) if i not in kept]
+    x = np.empty((*design.y.shape, len(columns.columns)))
+    x[..., list(kept)] = design.x[..., list(kept.values())]
+    x[..., new] = build_design(columns, motions, chosen=new).x
+    around = posed(replace(design, columns=columns, x=x), motions, problem.selection.effects)
+    same = old.same(chosen, columns)
     return with_motor_weights(around, same), same
 
 

@@ -28,7 +28,7 @@ from dvrk_gravity.estimation import (
 )
 from dvrk_gravity.identification.trajectories.selection import ColumnSelection, FoldSums
 from dvrk_gravity.intake import CalibrationMotion, Design, build_design
-from dvrk_gravity.model import Columns, KinematicCalibration
+from dvrk_gravity.model import Columns
 
 # Part of a motor's torque that a model leaves, at first. Chosen: the iteration forgets it.
 _FIRST_GUESS = 0.1
@@ -135,7 +135,6 @@ def pose(
     arm: Arm,
     effects: Sequence[str] | None = None,
     progress: Callable[[float], None] = lambda share: None,
-    kinematics: KinematicCalibration | None = None,
     form: type[Columns] = Columns,
 ) -> Problem:
     """Return the least-squares problem of some motions.
@@ -145,18 +144,23 @@ def pose(
         arm: The arm.
         effects: Effects that may be used besides the rigid body; ``None``: all.
         progress: Called with the share of the regressor that is done.
-        kinematics: Where joints and base are; with links, its slopes are columns too.
         form: Which columns there are.
     """
     q = np.concatenate([motion.state.q for motion in motions])
-    columns = form(arm, q.min(axis=0), q.max(axis=0), kinematics)
-    design = build_design(columns, motions, progress)
+    columns = form(arm, q.min(axis=0), q.max(axis=0))
+    return posed(build_design(columns, motions, progress), motions, effects)
+
+
+def posed(
+    design: Design, motions: Sequence[CalibrationMotion], effects: Sequence[str] | None
+) -> Problem:
+    """Return the least-squares problem of the regressor of some motions; see :func:`pose`."""
     clock = [motion.source for motion in motions]
     folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = _weigh(design)
     whole = NormalEquations.of(design.x, design.y, weighting.sample)
     sums = FoldSums(design, folds, weighting.sample, whole)
-    selection = ColumnSelection(columns, sums, weighting.motor, effects=effects)
+    selection = ColumnSelection(design.columns, sums, weighting.motor, effects=effects)
     return Problem(design, folds, weighting, whole, selection)
 
 
