@@ -16,6 +16,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.collecting import (
     Collected,
     CollectSettings,
+    EffortSettings,
+    EffortWatch,
     MotionStoppedError,
     SimulatedDriver,
     TaughtRoom,
@@ -410,6 +412,22 @@ def test_a_hand_on_a_simulated_arm_is_noticed_by_the_effort_that_its_model_does_
         return
     with pytest.raises(MotionStoppedError, match=r"pitch's motor has .* is a hand on the arm"):
         driven(ecm, tmp_path / "bag", hand, model=ecm.model)
+
+
+def test_an_undisturbed_arm_needs_half_of_the_margin(tmp_path: Path) -> None:
+    """An MTM needs the most; where its margin is too small, it is stopped."""
+    plant, plan = PlantFile.of(Arm.load("mtmr")), covering_plan(Arm.load("mtmr"), 8.0, 3)
+    half = EffortSettings(margin=0.5 * EffortSettings().margin)
+    watch = EffortWatch(plan.at, plan.arm, plan.limits.effort, plant.model, half)
+    none = EffortSettings(margin=1e-3)
+    strict = EffortWatch(plan.at, plan.arm, plan.limits.effort, plant.model, none)
+    with SimulatedDriver(plant, at=plan.at(0.0)[0]) as driver:
+        driver.connect()
+        driver.follow(plan.at, 6.0, watch=watch)
+    with SimulatedDriver(plant, at=plan.at(0.0)[0]) as driver:
+        driver.connect()
+        with pytest.raises(MotionError, match="expected by its model and its limits"):
+            driver.follow(plan.at, 6.0, watch=strict)
 
 
 def test_a_simulated_arm_that_vanishes_is_noticed(tmp_path: Path, ecm: PlantFile) -> None:
