@@ -312,18 +312,21 @@ def test_killed_in_its_motion_it_goes_on_there(tmp_path):
         process.send_signal(signal.SIGKILL)
         return process.communicate()[0]
 
-    state = out / "motion.unfinished" / "state.json"
+    state, book = out / "motion.unfinished" / "state.json", out / "calibration.json"
 
     def moving() -> bool:
-        return state.exists() and json.loads(state.read_text())["moment"] > 5.0
+        return state.exists() and json.loads(state.read_text())["moment"] > 1.0
 
-    first = run_until(moving)
+    def noted() -> bool:
+        return book.exists() and "collect motion" in book.read_text()
+
+    first = run_until(moving)  # a busy machine may kill it after its motion
     assert "plan motion" in first
-    assert "collect motion" not in first
-    assert moving()
-    second = run_until(lambda: (out / "motion").exists())
-    assert "plan motion" in second
+    assert not noted()
+    second = run_until(noted)
     assert "(done before)" in second
+    assert noted()
+    assert (out / "motion").exists()
     assert not state.exists()
 
 
