@@ -86,7 +86,7 @@ def test_an_mtm_is_moved_identified_and_written_for_its_console(tmp_path, capsys
 def test_every_tutorial_is_played_here():
     tests = Path(__file__).parent.glob("test_tutorial*.py")
     text = "".join(path.read_text(encoding="utf-8") for path in tests)
-    assert [page.stem for page in PAGES.glob("*.md") if f'"{page.stem}"' not in text] == []
+    assert [page.stem for page in PAGES.glob("*.md") if f'"{page.stem}' not in text] == []
 
 
 def test_a_command_that_fails_and_a_text_that_is_not_there_are_refused(tmp_path):
