@@ -34,8 +34,8 @@ def table() -> str:
         lines.append((name, *(cells[row][method].split(",")[0] for method in METHODS)))
     found = _table_of(page, "## Diagnosis")
     lines += [(name, *(found[m][row].split(",")[0] for m in METHODS)) for row, name in DIAGNOSIS]
-    count = _table_of(page, "## Lines")
-    lines.append(("lines that a user writes", *(count[method]["lines"] for method in METHODS)))
+    count = _table_of(page, "## At a glance")["lines of the user"]
+    lines.append(("lines that a user writes", *(count[method] for method in METHODS)))
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

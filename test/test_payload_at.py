@@ -24,6 +24,7 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.report import diagnosis_text
 from testing.world import COARSE, World
 
 MASTER = World.draw(3, step=COARSE)
@@ -157,3 +158,5 @@ def test_a_stated_load_is_a_finding_only_where_the_recording_shows_it(mass):
     if mass == 0.0:
         assert found.verdict == "nothing_to_explain"
         assert shown.sentence.endswith("its torque is not significant")
+        lines = list(diagnosis_text(found))
+        assert sum(line.startswith("stated: ") for line in lines) == 1

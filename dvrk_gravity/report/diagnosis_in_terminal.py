@@ -51,6 +51,9 @@ def diagnosis_text(
         yield laid_out(f"cannot be separated: {ambiguity.sentence}", width)
         if command := diagnosis.separating(ambiguity):
             yield f"{SEPARATE}: {command}"
+    for entry in diagnosis.known:
+        if entry.stated:
+            yield laid_out(f"stated: {entry.sentence}", width)
     if diagnosis.payload_check is not None:
         yield laid_out(f"known payload: {diagnosis.payload_check.sentence}", width)
     if diagnosis.outside and not verbose:
@@ -137,7 +140,7 @@ def _how_good(diagnosis: Diagnosis) -> str:
 
 def _details(diagnosis: Diagnosis) -> Iterator[str]:
     yield from _findings(diagnosis.findings)
-    known = [entry for entry in diagnosis.known if entry.effect != ERROR]
+    known = [entry for entry in diagnosis.known if entry.effect != ERROR and not entry.stated]
     if known:
         yield f"expected ({BETWEEN if diagnosis.against_reference else KNOWN}):"
         for entry in known:

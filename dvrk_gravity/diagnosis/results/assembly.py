@@ -199,7 +199,7 @@ def _not_significant(posterior: Posterior, named: Sequence[Candidate], stated: C
         posterior, both, len(named), theta[own], covariance[own, own], spreads[-1]
     )
     sentence = sentences.not_significant(hypothesis.claim(parameters))
-    return Known(hypothesis.effect, hypothesis.names, parameters, sentence)
+    return Known(hypothesis.effect, hypothesis.names, parameters, sentence, stated=True)
 
 
 def _differences(

@@ -242,6 +242,7 @@ class Known:
         sentence: In words, with figures.
         of_all_friction: Change of friction at all joints, in words; ``""`` for anything else.
         remedy: What to do about it; ``""``: nothing.
+        stated: It was said to be there.
     """
 
     effect: str
@@ -250,11 +251,12 @@ class Known:
     sentence: str
     of_all_friction: str = ""
     remedy: str = ""
+    stated: bool = False
 
     @property
     def of_effect(self) -> bool:
-        """Whether it is an effect."""
-        return self.effect not in (PARAMETERS, ERROR)
+        """Whether it is an effect that the recording shows."""
+        return self.effect not in (PARAMETERS, ERROR) and not self.stated
 
     def to_dict(self) -> dict[str, Any]:
         """Return its part of findings.json."""
