@@ -110,7 +110,7 @@ def stick(fake: FakeArm) -> None:
 
 
 def grab(fake: FakeArm) -> None:
-    fake.effort = [0.0, 1.7, 0.0, 0.0, 0.0, 0.0, 0.0]
+    fake.effort = [0.0, 1.8, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
 def command(fake: FakeArm) -> None:
@@ -122,7 +122,7 @@ def command(fake: FakeArm) -> None:
     [
         (vanish, "no valid measured_js for 0.3 s"),
         (stick, "wrist_roll is "),
-        (grab, "shoulder_pitch's motor has 1.7 N·m"),
+        (grab, "shoulder_pitch's motor has 1.8 N·m"),
         (command, f"another node ({PRIVATE}/fake_arm) commands {PRIVATE}/servo_jf"),
     ],
     ids=["the arm vanishes", "a joint sticks", "a hand holds it", "another node commands it"],
