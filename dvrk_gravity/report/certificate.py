@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import Certificate, JointCertificate
-from dvrk_gravity.identification import Evaluation
+from dvrk_gravity.identification import Evaluation, in_words
 from dvrk_gravity.report.html import data_url, png
 from dvrk_gravity.report.units import effort_in_picture, effort_in_table
 from dvrk_gravity.units import interval, quantity
@@ -130,7 +130,7 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> dict[str, str
         "range": f"{low} to {high}",
         "drift": "" if joint.drift is None else _position(joint.drift, joint, 2),
         "predicted": "" if joint.predicted is None else _position(joint.predicted, joint, 2),
-        "level": joint.level,
+        "level": in_words(joint.level),
     }
 
 
