@@ -11,7 +11,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import Certificate, JointCertificate, Moved
-from dvrk_gravity.identification import Evaluation
+from dvrk_gravity.identification import Evaluation, in_words
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
 from dvrk_gravity.report.fit_tables import level_of_verdict
@@ -75,7 +75,7 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
 
 def _remark(joint: JointCertificate) -> Remark:
     drift = "" if joint.drift is None else f", drifts {_position(joint.drift, joint, 2)}"
-    return Remark(joint.name, f"{joint.level}{drift}", level_of_verdict(joint.level))
+    return Remark(joint.name, f"{in_words(joint.level)}{drift}", level_of_verdict(joint.level))
 
 
 def _by_joint(certificate: Certificate, arm: Arm) -> str:
@@ -156,7 +156,7 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> list[str]:
         friction or "not determined",
         f"{low} to {high}",
         "" if joint.drift is None else _position(joint.drift, joint, 2),
-        joint.level,
+        in_words(joint.level),
     ]
 
 
