@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +16,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.collecting import (
     Collected,
     CollectSettings,
+    EffortSettings,
+    EffortWatch,
     MotionStoppedError,
     SimulatedDriver,
     TaughtRoom,
@@ -411,6 +414,22 @@ def test_a_hand_on_a_simulated_arm_is_noticed_by_the_effort_that_its_model_does_
         driven(ecm, tmp_path / "bag", hand, model=ecm.model)
 
 
+def test_an_undisturbed_arm_needs_half_of_the_margin(tmp_path: Path) -> None:
+    """An MTM needs the most; where its margin is too small, it is stopped."""
+    plant, plan = PlantFile.of(Arm.load("mtmr")), covering_plan(Arm.load("mtmr"), 8.0, 3)
+    half = EffortSettings(margin=0.5 * EffortSettings().margin)
+    watch = EffortWatch(plan.at, plan.arm, plan.limits.effort, plant.model, half)
+    none = EffortSettings(margin=1e-3)
+    strict = EffortWatch(plan.at, plan.arm, plan.limits.effort, plant.model, none)
+    with SimulatedDriver(plant, at=plan.at(0.0)[0]) as driver:
+        driver.connect()
+        driver.follow(plan.at, 6.0, watch=watch)
+    with SimulatedDriver(plant, at=plan.at(0.0)[0]) as driver:
+        driver.connect()
+        with pytest.raises(MotionError, match="expected by its model and its limits"):
+            driver.follow(plan.at, 6.0, watch=strict)
+
+
 def test_a_simulated_arm_that_vanishes_is_noticed(tmp_path: Path, ecm: PlantFile) -> None:
     plan = plan_of("ecm")
     with SimulatedDriver(ecm, at=plan.at(0.0)[0]) as driver:
@@ -492,6 +511,36 @@ def test_collect_and_teach_by_their_commands(
     limits = load_limits("limits.yaml", Arm.load("ecm"))
     shown = Recording.load("bag").position
     assert (limits.lower >= shown.min(axis=0) - 1e-3).all()
+
+
+@pytest.mark.parametrize(
+    ("answers", "status", "asked"),
+    [("n\n", 2, 1), ("\n", 2, 1), ("y\nn\n", 2, 2), ("y\nYES\n", 0, 2)],
+)
+def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    answers: str,
+    status: int,
+    asked: int,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = plan_of("ecm")
+    short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
+    replace(plan, motion=short).save("plan.yaml")
+    person, terminal = os.openpty()
+    os.write(person, answers.encode())
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        words = ["plan.yaml", "--out", "bag", "--simulated"]
+        assert run("dvrk_gravity.cli.collect", words) == status
+    os.close(person)
+    said = capsys.readouterr()
+    assert said.out.count("[y/N]") == asked
+    assert ("no consent" in said.err) == (status == 2)
+    assert ("rehearsal: 5 s" in said.out) == (asked == 2)
+    assert ("motion, recorded" in said.out) == (status == 0)
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,8 @@ class Collector:
 
     def __init__(self, folder: Path, *words: str, before: Callable[[], None] | None = None) -> None:
         command = [sys.executable, "-m", "dvrk_gravity", "collect", "plan.yaml", "--out", "bag"]
-        command += ["--namespace", PRIVATE, "--timeout", "0.3", "--yes", *words]
+        command += ["--namespace", PRIVATE, "--timeout", "0.3", "--rate", "50"]
+        command += ["--yes", *words]
         self.process = subprocess.Popen(
             command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE, text=True, preexec_fn=before,
@@ -109,7 +110,7 @@ def stick(fake: FakeArm) -> None:
 
 
 def grab(fake: FakeArm) -> None:
-    fake.effort = [0.0, 1.7, 0.0, 0.0, 0.0, 0.0, 0.0]
+    fake.effort = [0.0, 1.8, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
 def command(fake: FakeArm) -> None:
@@ -121,7 +122,7 @@ def command(fake: FakeArm) -> None:
     [
         (vanish, "no valid measured_js for 0.3 s"),
         (stick, "wrist_roll is "),
-        (grab, "shoulder_pitch's motor has 1.7 N·m"),
+        (grab, "shoulder_pitch's motor has 1.8 N·m"),
         (command, f"another node ({PRIVATE}/fake_arm) commands {PRIVATE}/servo_jf"),
     ],
     ids=["the arm vanishes", "a joint sticks", "a hand holds it", "another node commands it"],

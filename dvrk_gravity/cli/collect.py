@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import select
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -227,6 +228,8 @@ def asking(driver: object) -> Callable[[str], bool]:
         while not select.select([sys.stdin], [], [], _ASK_EVERY)[0]:
             if getattr(driver, "interrupted", False):
                 raise KeyboardInterrupt
-        return sys.stdin.readline().strip().lower() in ("y", "yes")
+        # One line of a terminal; a buffer would hide the next one from select.
+        answer = os.read(sys.stdin.fileno(), 1024).decode(errors="replace")
+        return answer.strip().lower() in ("y", "yes")
 
     return ask

@@ -2,6 +2,8 @@ from .driver import Driver as Driver
 from .driver import Path as Path
 from .driver import States as States
 from .driver import Watch as Watch
+from .effort_watch import EffortSettings as EffortSettings
+from .effort_watch import EffortWatch as EffortWatch
 from .journal import Journal as Journal
 from .pace import Paced as Paced
 from .run import Collected as Collected

@@ -204,7 +204,7 @@ class _Collection:
         path, goes_on = self._path(plan, where), journal.found and number == journal.motion
         if rehearse and not (goes_on and journal.phase == MOTION):
             at = [max(journal.moment - of.disturbed, 0.0)] if goes_on else []
-            paced = resumed(path, plan.duration, at, plan.limits, of.rehearsal)
+            paced = resumed(path, plan.duration, at, self._kept(number), of.rehearsal)
             self._phase(bag, number, REHEARSAL, paced, where)
             self._driver.hold()
             journal.enter(number, MOTION, 0.0, approaching=True)
@@ -214,7 +214,7 @@ class _Collection:
         begins: list[float] = []
         if goes_on and journal.phase == MOTION:
             begins = journal.begins(0.0 if journal.approaching else of.disturbed)
-        paced = resumed(path, plan.duration, begins, plan.limits)
+        paced = resumed(path, plan.duration, begins, self._kept(number))
         journal.cut_at(number, paced.begin)
         self.longer += self._phase(bag, number, MOTION, paced, where)
         if number + 1 < len(self._plans):
@@ -231,7 +231,7 @@ class _Collection:
         """Approach, and follow a motion; return its excess over the planned time, s."""
         plan, journal, driver = self._plans[number], self._journal, self._driver
         recorded = phase == MOTION
-        limits = self._checked[number] or plan.limits
+        limits = self._kept(number)
 
         def watch(path: Path) -> EffortWatch:
             return EffortWatch(path, plan.arm, limits.effort, self._model)
@@ -278,6 +278,10 @@ class _Collection:
             return position + turns, velocity, acceleration
 
         return turned
+
+    def _kept(self, number: int) -> PlanLimits:
+        """Return the limits that a plan was last checked to keep."""
+        return self._checked[number] or self._plans[number].limits
 
     def _require_kept(self, number: int) -> None:
         """Refuse a plan that does not keep the limits of now."""
