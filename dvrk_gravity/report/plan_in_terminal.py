@@ -9,6 +9,7 @@ from dvrk_gravity.planning import STRONG, MotionDesign, SeparationDesign, Slack
 from dvrk_gravity.units import quantity
 
 _COLUMN = 20  # characters
+_PAIRS = 12  # of causes that are shown, those that are separated worst
 _WORDS = {
     "position": "position", "velocity": "speed", "acceleration": "acceleration",
     "effort": "effort", "distance": "distance",
@@ -40,16 +41,19 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
 
 def separation_text(design: SeparationDesign) -> Iterator[str]:
     """Yield the log Bayes factors expected between rivals, and what is left of each limit."""
+    least = sorted(design.expected, key=lambda each: each.planned)
     head = "expected log Bayes factor of"
-    broad = 1 + max(len(head), *(len(each.words) for each in design.expected))
+    broad = 1 + max(len(head), *(len(each.words) for each in least[:_PAIRS]))
     yield f"{head:<{broad}}{'diagnosed':>12}{'planned':>10}"
-    for each in design.expected:
+    for each in least[:_PAIRS]:
         again = "" if each.again is None else f"{each.again:.1f}"
         enough = "" if each.separates else f"  below {STRONG:.1f}, odds of 20 to one"
         yield f"{each.words:<{broad}}{again:>12}{each.planned:>10.1f}{enough}"
+    if len(least) > _PAIRS:
+        yield f"and {len(least) - _PAIRS} more pairs, {least[_PAIRS].planned:.1f} or more planned"
     if not design.separates:
         yield "no motion was found within the limits that is expected to separate them:"
-    for each in design.expected:
+    for each in least[:_PAIRS]:
         if not each.separates:
             yield f"{each.words}: {each.why}"
     yield ""
