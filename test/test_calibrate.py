@@ -302,8 +302,8 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
     assert kept.seconds == 0.0
     slowly = Straight.within(where, where + 0.01 * ARM.scale, narrow, 0.5)
     kept.follow(slowly.at, slowly.duration)
-    assert kept.samples >= 1000.0 * slowly.duration
-    assert 0.0 < kept.used <= 1.0
+    assert kept.check.samples >= 1000.0 * slowly.duration
+    assert 0.0 < kept.check.used <= 1.0
 
 
 # Drawn arms.

@@ -18,7 +18,7 @@ from dvrk_gravity import __version__
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.certificate import Certificate, Moved, certify
-from dvrk_gravity.calibration.kept import KeptDriver
+from dvrk_gravity.calibration.kept import KeptDriver, LimitCheck
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.release import PART, holding, predicted_drift, release_poses
 from dvrk_gravity.calibration.rig import Rig
@@ -264,7 +264,9 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
     rehearsed = plan.duration / CollectSettings().rehearsal if of.rehearsal else 0.0
     if bag.exists():
-        motion = Moved(plan.duration, rehearsed, 0, 0.0, "")
+        check = LimitCheck(work.limits, work.arm)
+        check.look(plan.at, plan.duration)
+        motion = Moved(plan.duration, rehearsed, check.samples, check.used, check.most)
         return Outcome(f"{plan.duration:g} s, recorded before", (bag,), motion)
     with work.rig.driver() as moves:
         driver = KeptDriver(moves, work.limits, work.arm)
