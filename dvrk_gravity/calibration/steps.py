@@ -204,7 +204,8 @@ def _plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     of, model = work.settings, _trusted(work, book)
     if model is None or (book.motions(f"further_{k - 1}") is None and k > 1):
         return Outcome()
-    after = of.further + of.poses * (of.seconds + 3.0)
+    longest = Straight.within(work.limits.lower, work.limits.upper, work.limits, PART).duration
+    after = of.further + of.poses * (of.seconds + 0.5 * longest)
     if Moved.total(book.moved()).seconds + after > of.longest:
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
