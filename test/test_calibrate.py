@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,7 +42,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.identification import POOR
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import PlanLimits, Straight
+from dvrk_gravity.planning import Plan, PlanLimits, Straight
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import (
     certificate_page,
@@ -231,6 +233,36 @@ def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
         assert reason in said
 
 
+# Further motions.
+@pytest.mark.parametrize("separates", [True, False])
+def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
+    calibrated, separates, tmp_path, monkeypatch
+):
+    folder = tmp_path / "copy"
+    shutil.copytree(calibrated[0], folder)
+    findings = folder / "diagnosis_0.json"
+    found = json_file.load(findings)
+    findings.write_text(json.dumps({**found, "unseparated": {"pairs": [{}]}}))
+    planned = SimpleNamespace(
+        plan=Plan.load(folder / "motion.yaml"), separates=separates,
+        expected=[SimpleNamespace(words="a spring and a cable", separates=separates)],
+    )  # fmt: skip
+    steps = "dvrk_gravity.calibration.steps"
+    monkeypatch.setattr(f"{steps}.load_unseparated", lambda path, model: path)
+    monkeypatch.setattr(f"{steps}.design_separation", lambda of, *rest, **how: planned)
+    monkeypatch.setattr(f"{steps}.holding", lambda model, poses, part: np.zeros(poses.shape))
+    (step,) = (step for step in all_steps(BRIEF) if step.name == "plan further_1")
+    entries = Logbook.open(calibrated[0], ASKED).entries
+    known = [entry for entry in entries if not entry.step.endswith("_1")]
+    outcome = step.run(work_in(folder, []), Logbook(folder, ASKED, known), step.name)
+    if separates:
+        assert outcome.said.endswith("to separate a spring and a cable")
+        assert [path.name for path in outcome.paths] == ["further_1.yaml", "further_1.png"]
+    else:  # and what holds the arm is known
+        assert outcome.said == ""
+        assert outcome.paths == ()
+
+
 # Released.
 def test_poses_are_reached_within_limits_and_away_from_what_was_fitted(calibrated):
     folder, _ = calibrated
@@ -270,8 +302,8 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
     assert kept.seconds == 0.0
     slowly = Straight.within(where, where + 0.01 * ARM.scale, narrow, 0.5)
     kept.follow(slowly.at, slowly.duration)
-    assert kept.samples >= 1000.0 * slowly.duration
-    assert 0.0 < kept.used <= 1.0
+    assert kept.check.samples >= 1000.0 * slowly.duration
+    assert 0.0 < kept.check.used <= 1.0
 
 
 # Drawn arms.

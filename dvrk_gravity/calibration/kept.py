@@ -20,20 +20,77 @@ _ROUNDING = 1e-9
 _TURN = 2.0 * np.pi
 
 
-class KeptDriver:
-    """A driver that refuses to leave the limits.
+class LimitCheck:
+    """Compares commands with the limits.
 
     Attributes:
         samples: Commands looked at.
         used: Greatest part of a limit that they use; 1 is at the limit.
         most: Of which one.
+    """
+
+    def __init__(self, limits: PlanLimits, arm: Arm) -> None:
+        """Look at nothing yet."""
+        self._limits, self._arm = limits, arm
+        self._endless = ~np.isfinite(arm.upper - arm.lower)
+        self.samples, self.used, self.most = 0, 0.0, ""
+
+    def look(self, path: Path, duration: float) -> None:
+        """Compare a path with the limits.
+
+        Raises:
+            MotionError: It leaves them.
+        """
+        limits = self._limits
+        lower, upper = limits.range
+        begin = path(np.zeros(1))[0]
+        turns = self._turns(begin)
+        start = (begin - turns) @ limits.rows.T
+        # An arm that stands outside of a limit comes in.
+        lower, upper = np.minimum(lower, start[0]), np.maximum(upper, start[0])
+        moments = np.append(np.arange(0.0, duration, 1.0 / RATE), duration)
+        for first in range(0, len(moments), _BLOCK):
+            q, qd, qdd = path(moments[first : first + _BLOCK])
+            q = q - turns
+            along = [each @ limits.rows.T for each in (q, qd, qdd)]
+            half = 0.5 * (upper - lower)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                parts = {
+                    "position": np.abs(along[0] - 0.5 * (lower + upper)) / half,
+                    "velocity": np.abs(along[1]) / limits.rates[0],
+                    "acceleration": np.abs(along[2]) / limits.rates[1],
+                }
+            self.samples += len(q)
+            for kind, part in parts.items():
+                greatest = np.nan_to_num(part, nan=0.0).max(axis=0)
+                k = int(np.argmax(greatest))
+                if greatest[k] > 1.0 + _ROUNDING:
+                    raise MotionError(
+                        f"a command would use {100 * greatest[k]:.3g} % of the limit of {kind} of "
+                        f"{limits.names[k]}: not moved"
+                    )
+                if greatest[k] > self.used:
+                    self.used, self.most = float(greatest[k]), f"{kind} of {limits.names[k]}"
+            if limits.boxes and (near := float(distances(self._arm, limits.boxes, q).min())) < 0.0:
+                raise MotionError(f"a command would go {-1e3 * near:.3g} mm into a box: not moved")
+
+    def _turns(self, q: Array) -> Array:
+        """Return the whole turns by which endless joints are from their first one, rad."""
+        middle = 0.5 * (self._limits.lower + self._limits.upper)
+        return np.where(self._endless, _TURN * np.round((q - middle) / _TURN), 0.0)
+
+
+class KeptDriver:
+    """A driver that refuses to leave the limits.
+
+    Attributes:
+        check: What was compared.
         seconds: Of motion.
     """
 
     def __init__(self, driver: Driver, limits: PlanLimits, arm: Arm) -> None:
-        self._driver, self._limits, self._arm = driver, limits, arm
-        self._endless = ~np.isfinite(arm.upper - arm.lower)
-        self.samples, self.used, self.most, self.seconds = 0, 0.0, "", 0.0
+        """Look at nothing yet."""
+        self._driver, self.check, self.seconds = driver, LimitCheck(limits, arm), 0.0
 
     @property
     def topic(self) -> str:
@@ -69,48 +126,11 @@ class KeptDriver:
         Raises:
             MotionError: The path leaves the limits; nothing has moved.
         """
-        self._look(path, duration)
+        self.check.look(path, duration)
         self.seconds += duration
         return self._driver.follow(path, duration, record, progress, watch)
 
     def motion(self, released: float = 0.0, rehearsed: float = 0.0) -> Moved:
         """Return how the arm was moved, with the s for which it was released, and rehearsed."""
-        seconds = self.seconds - rehearsed + released
-        return Moved(seconds, rehearsed, self.samples, self.used, self.most)
-
-    def _look(self, path: Path, duration: float) -> None:
-        limits = self._limits
-        lower, upper = limits.range
-        start = self._present(path(np.zeros(1))[0]) @ limits.rows.T
-        # An arm that stands outside of a limit comes in.
-        lower, upper = np.minimum(lower, start[0]), np.maximum(upper, start[0])
-        moments = np.append(np.arange(0.0, duration, 1.0 / RATE), duration)
-        for first in range(0, len(moments), _BLOCK):
-            q, qd, qdd = path(moments[first : first + _BLOCK])
-            q = self._present(q)
-            along = [each @ limits.rows.T for each in (q, qd, qdd)]
-            half = 0.5 * (upper - lower)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                parts = {
-                    "position": np.abs(along[0] - 0.5 * (lower + upper)) / half,
-                    "velocity": np.abs(along[1]) / limits.rates[0],
-                    "acceleration": np.abs(along[2]) / limits.rates[1],
-                }
-            self.samples += len(q)
-            for kind, part in parts.items():
-                greatest = np.nan_to_num(part, nan=0.0).max(axis=0)
-                k = int(np.argmax(greatest))
-                if greatest[k] > 1.0 + _ROUNDING:
-                    raise MotionError(
-                        f"a command would use {100 * greatest[k]:.3g} % of the limit of {kind} of "
-                        f"{limits.names[k]}: not moved"
-                    )
-                if greatest[k] > self.used:
-                    self.used, self.most = float(greatest[k]), f"{kind} of {limits.names[k]}"
-            if limits.boxes and (near := float(distances(self._arm, limits.boxes, q).min())) < 0.0:
-                raise MotionError(f"a command would go {-1e3 * near:.3g} mm into a box: not moved")
-
-    def _present(self, q: Array) -> Array:
-        """Return positions with endless joints in their first turn."""
-        middle = 0.5 * (self._limits.lower + self._limits.upper)
-        return q - np.where(self._endless, _TURN * np.round((q[:1] - middle) / _TURN), 0.0)
+        seconds, of = self.seconds - rehearsed + released, self.check
+        return Moved(seconds, rehearsed, of.samples, of.used, of.most)

@@ -20,7 +20,7 @@ from dvrk_gravity.simulate import ModelArm
 
 PART = 0.5  # of the limits, on the way from pose to pose
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
-_DRAWS = 4000  # poses among which those are chosen
+_DRAWS = 1000  # poses among which those are chosen
 _SLOW = 0.05  # rad/s (Arm.scale): all of dry friction, and hardly any viscous one
 _ROUNDING = 1e-9
 
@@ -59,19 +59,26 @@ def release_poses(
         )
     found = resting_positions(limits, arm, model, random, _DRAWS)
     found = found[random.permutation(len(found))]
-    order: list[Array] = []
-    nearest, where = np.inf, start
-    for pose in found:
-        away = float((np.abs(fitted - pose) / arm.scale).max(axis=1).min(initial=np.inf))
-        if away < settings.apart or not _clear(where, pose, limits, arm, model):
+    away = np.array(
+        [np.abs((fitted - q) / arm.scale).max(axis=1).min(initial=np.inf) for q in found]
+    )
+    left = [k for k in range(len(found)) if away[k] >= settings.apart][: 2 * settings.poses]
+    order: list[int] = []
+    where = start
+    while left and len(order) < settings.poses:
+        # The nearest of so many as are still wanted: of all, poses would lie beside each other.
+        some = left[: settings.poses - len(order)]
+        some.sort(key=lambda k: Straight.within(where, found[k], limits, PART).duration)
+        near = next((k for k in some if _clear(where, found[k], limits, arm, model)), None)
+        if near is None:
+            left = left[len(some) :]
             continue
-        order.append(pose)
-        nearest, where = min(nearest, away), pose
-        if len(order) == settings.poses:
-            break
+        left.remove(near)
+        order.append(near)
+        where = found[near]
     if not order:
         raise PlanError("no pose within the identified range can be reached within the limits")
-    return np.array(order), nearest
+    return found[order], float(away[order].min())
 
 
 def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:

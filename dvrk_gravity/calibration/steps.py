@@ -18,7 +18,7 @@ from dvrk_gravity import __version__
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.certificate import Certificate, Moved, certify
-from dvrk_gravity.calibration.kept import KeptDriver
+from dvrk_gravity.calibration.kept import KeptDriver, LimitCheck
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.release import PART, holding, predicted_drift, release_poses
 from dvrk_gravity.calibration.rig import Rig
@@ -204,7 +204,8 @@ def _plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     of, model = work.settings, _trusted(work, book)
     if model is None or (book.motions(f"further_{k - 1}") is None and k > 1):
         return Outcome()
-    after = of.further + of.poses * (of.seconds + 3.0)
+    longest = Straight.within(work.limits.lower, work.limits.upper, work.limits, PART).duration
+    after = of.further + of.poses * (of.seconds + 0.5 * longest)
     if Moved.total(book.moved()).seconds + after > of.longest:
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
@@ -264,7 +265,9 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
     rehearsed = plan.duration / CollectSettings().rehearsal if of.rehearsal else 0.0
     if bag.exists():
-        motion = Moved(plan.duration, rehearsed, 0, 0.0, "")
+        check = LimitCheck(work.limits, work.arm)
+        check.look(plan.at, plan.duration)
+        motion = Moved(plan.duration, rehearsed, check.samples, check.used, check.most)
         return Outcome(f"{plan.duration:g} s, recorded before", (bag,), motion)
     with work.rig.driver() as moves:
         driver = KeptDriver(moves, work.limits, work.arm)
