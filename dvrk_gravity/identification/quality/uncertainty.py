@@ -274,8 +274,9 @@ def _deviations(
 
 def dry_friction(model: TorqueModel) -> Array:
     """Return (n,) torques that oppose each joint where it alone begins to move, N·m."""
-    one, middle = np.eye(model.arm.n), np.mean(model.arm.range, axis=0)
-    up, down = (model.torque(np.tile(middle, (len(one), 1)), direction=way) for way in (one, -one))
+    ways = np.eye(model.arm.n)
+    q = np.tile(np.mean(model.arm.range, axis=0), (len(ways), 1))
+    up, down = (model.torque(q, direction=way) for way in (ways, -ways))
     return np.asarray(0.5 * np.diag(up - down))
 
 
