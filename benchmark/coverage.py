@@ -9,7 +9,9 @@ on the terms; so the first count judges them, the second says what the choice co
 
 takes MuJoCo's arms in turn (testing/mujoco_world.py), whose friction and cables no term represents
 exactly, and counts the links' base parameters: weights (masses and first moments) and inertia.
-Springs are left out, since one that turns with a link is a weight.
+Springs are left out, since one that turns with a link is a weight. Counted apart are the torques
+that hold the arm at recorded poses, between minus and plus 1.96 times the standard error that the
+verdict judges; the truth is halfway between both ways of slow motion.
 
 Exit status 1 if a pooled coverage is not within 93 to 97 %, of MuJoCo's arms 90 to 99 %.
 """
@@ -32,6 +34,7 @@ from scipy.stats import binomtest
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm, rigid_body
 from dvrk_gravity.effects import LinkInertia, State
+from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification import (
     FittedParameter,
@@ -51,6 +54,8 @@ from testing.world import World
 
 LOW, HIGH = 0.93, 0.97
 OF_ARMS = 0.90, 0.99  # of MuJoCo's
+TINY = 1e-12  # N·m, instead of no standard error
+POSES = 50  # at which the holding torque is counted, of each recording
 FAMILIES = {
     "beta": "gravity (beta)",
     "elastic_cable": "elastic torque",
@@ -137,7 +142,8 @@ def family(name: str) -> str:
     """Return what kind of parameter a name is."""
     arm, _, parameter = name.rpartition(": ")
     if arm:
-        return f"{arm}, {'weights' if parameter.startswith('m') else 'inertia'}"
+        kinds = {"m": "weights", "h": "holding torque"}
+        return f"{arm}, {kinds.get(parameter[0], 'inertia')}"
     return FAMILIES.get(name.split("[")[0].split(".")[0], RIGID)
 
 
@@ -226,7 +232,10 @@ def repeated(
 def of_arm(
     name: str, seed: int, duration: float
 ) -> list[tuple[tuple[FittedParameter, ...], dict[str, float]]]:
-    """Return base parameters, and their true values, of one of MuJoCo's arms."""
+    """Return base parameters, and their true values, of one of MuJoCo's arms.
+
+    Then errors of the torque that holds it, whose true value is zero.
+    """
     world = MujocoWorld.draw(name, seed)
     world = replace(world, spring=replace(world.spring, torque=0.0))
     arm, engine = world.arm, world.engine
@@ -246,7 +255,18 @@ def of_arm(
             links += world.rotors[j] * as_links
     truth = {f"{name}: {found}": float(line @ links) for found, _, line in base_parameters(arm)}
     counted = [replace(p, name=f"{name}: {p.name}") for p in fit.parameters]
-    return [(tuple(p for p in counted if p.name in truth), truth)]
+    at = motion.at(np.random.default_rng(2).uniform(0.0, duration, POSES))[0]
+    errors = fit.model.torque(at) - world.at_rest(at)
+    held = tuple(
+        FittedParameter(
+            f"{name}: holding torque of {joint}", value, arm.effort_units[k],
+            (value - half, value + half), identifiable=True,
+        )
+        for k, joint in enumerate(arm.joint_names)
+        for half in [max(NORMAL_95 * fit.holding[joint].error, TINY)]
+        for value in errors[:, k].tolist()
+    )  # fmt: skip
+    return [(tuple(p for p in counted if p.name in truth), truth), (held, {})]
 
 
 def progress(repetitions: int, spent: float, counts: Mapping[str, Count]) -> None:
@@ -294,9 +314,10 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args()
-    counts = {"chosen terms": Count()}
+    counts = {"chosen terms": Count(), "holding torque": Count()}
     if not arguments.arms:
-        counts = {"true terms": Count()} | ({} if arguments.only_true else counts)
+        chosen = {} if arguments.only_true else {"chosen terms": Count()}
+        counts = {"true terms": Count()} | chosen
     start = time.perf_counter()
     seeds = range(arguments.first, arguments.first + arguments.repetitions)
     if arguments.arms:

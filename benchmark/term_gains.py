@@ -7,6 +7,9 @@ friction alone, and with links that need be no bodies; `evaluate` judges each mo
 Printed is the change of |e|/|tau| by joint when something is left out, mean and standard error over
 the windows: positive where it helps.
 Windows overlap, so the standard errors are somewhat too small.
+
+Printed first is by how much the windows' models differ in the torque that holds the arm at recorded
+poses (RMS of the standard deviation over windows), and the standard error that they state of it.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification import Fit, evaluate, identify
 from dvrk_gravity.model import RIGID, identified
 from dvrk_gravity.recording import Coordinates, Recording
 
@@ -27,6 +30,7 @@ PLAIN = ("coulomb_friction", "viscous_friction", "rotor_inertia")
 BODIES = "without physical consistency"
 GAP = 0.5  # s between what is fitted and what is judged
 SHORTEST = 4.0  # s that is judged at once
+POSES = 200  # at which holding torques are compared
 
 
 def part(recording: Recording, first: float, last: float) -> Recording:
@@ -45,15 +49,27 @@ def part(recording: Recording, first: float, last: float) -> Recording:
 def errors(
     recording: Recording, arm: Arm, coordinates: Coordinates, window: tuple[float, float],
     effects: Sequence[str] | None, physical: bool = True,
-) -> Array:  # fmt: skip
-    """Return (n,) |e|/|tau| outside a window of a model identified within it."""
+) -> tuple[Fit, Array]:  # fmt: skip
+    """Return a model identified within a window, and its (n,) |e|/|tau| outside."""
     assert recording.time is not None
     first, last = window
     rest = ((0.0, first - GAP), (last + GAP, float(np.ptp(recording.time))))
     fit = identify(part(recording, first, last), arm, coordinates, effects, physical=physical)
     unseen = [part(recording, *span) for span in rest if span[1] - span[0] > SHORTEST]
     judged = evaluate(fit.model, unseen, coordinates)
-    return np.array([error.nrmse for error in judged.joints.values()])
+    return fit, np.array([error.nrmse for error in judged.joints.values()])
+
+
+def differences(recording: Recording, fits: Sequence[Fit]) -> tuple[Array, Array]:
+    """Return (n,) standard deviations of holding torques over windows, and those stated, N·m."""
+    positions = recording.position
+    if fits[0].coordinates == "actuator":
+        positions = fits[0].model.arm.joint_position(positions)
+    q = positions[np.random.default_rng(0).integers(0, len(positions), POSES)]
+    torques = np.array([fit.model.torque(q) for fit in fits])
+    stated = [[held.error for held in fit.holding.values()] for fit in fits]
+    found = torques.var(axis=0, ddof=1).mean(axis=0)
+    return np.sqrt(found), np.sqrt(np.mean(np.square(stated), axis=0))
 
 
 def main() -> None:
@@ -78,12 +94,20 @@ def main() -> None:
     duration = float(np.ptp(recording.time))
     starts = np.linspace(0.0, (1.0 - given.part) * duration, given.windows)
     windows = [(first, first + given.part * duration) for first in starts.tolist()]
-    run = [errors(recording, arm, given.coordinates, window, None) for window in windows]
+    models = [errors(recording, arm, given.coordinates, window, None) for window in windows]
+    run = [error for _, error in models]
     print(f"{'':52s}" + " ".join(f"{name[:15]:>15s}" for name in arm.joint_names))
-    print(f"{'|e|/|tau| with all':52s}" + " ".join(f"{e:15.3f}" for e in np.mean(run, axis=0)))
+    titles = "holding torque, between windows, N·m", "as each states, N·m"
+    shown_first = differences(recording, [fit for fit, _ in models])
+    for title, values in zip(titles, shown_first, strict=True):
+        print(f"{title:52s}" + " ".join(f"{value:15.4f}" for value in values))
+    print(
+        f"{'|e|/|tau| with all':52s}" + " ".join(f"{e:15.3f}" for e in np.mean(run, axis=0)),
+        flush=True,
+    )
     for title, (effects, physical) in variants.items():
         change = [
-            errors(recording, arm, given.coordinates, window, effects, physical) - all_of_them
+            errors(recording, arm, given.coordinates, window, effects, physical)[1] - all_of_them
             for window, all_of_them in zip(windows, run, strict=True)
         ]
         mean, deviation = np.mean(change, axis=0), np.std(change, axis=0, ddof=1)

@@ -15,11 +15,13 @@ from test_static_fit import truth as posed
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.compensate import Settings
+from dvrk_gravity.effects import CoulombFriction
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import (
     Holding,
     JointError,
     Verdict,
+    dry_friction,
     identify,
     judge,
     level_of,
@@ -95,6 +97,24 @@ def test_gravity_that_the_data_leave_open_is_not_compensated():
     assert of("shoulder_pitch", error=0.2).level == "usable"
     assert of("shoulder_pitch", torque=0.0, error=0.001).level == "good"
     assert of("shoulder_pitch", torque=0.0, error=0.1).level == "do_not_compensate"
+
+
+def test_gravity_that_is_uncertain_by_less_than_dry_friction_costs_no_more_than_good():
+    held = of("outer_yaw", torque=0.06, error=0.04, friction=0.05)
+    assert held.level == "usable"
+    assert "60 mN·m ± 40 mN·m, less than its dry friction (50 mN·m)" in held.reason
+    assert of("outer_yaw", torque=0.06, error=0.06, friction=0.05).level == "do_not_compensate"
+    assert of("shoulder_pitch", error=0.1, friction=0.5).level == "good"
+
+
+def test_the_dry_friction_of_a_joint_is_that_of_all_that_moves_with_it():
+    at_joint, at_motor = np.zeros((2, 7))
+    at_joint[[0, 2]], at_motor[2] = 0.02, 0.03
+    uneven = CoulombFriction(ARM, at_joint, 2.0 * at_joint, at_motor, at_motor, np.full(7, 0.05))
+    expected = 1.5 * at_joint + 0.03 * np.abs(ARM.joint_to_actuator[2])
+    assert np.count_nonzero(expected) > 2  # the elbow's motor moves another joint, too
+    np.testing.assert_allclose(dry_friction(TorqueModel(ARM, (uneven,))), expected, atol=1e-12)
+    np.testing.assert_array_equal(dry_friction(TorqueModel(ARM, ())), 0.0)
 
 
 def test_friction_that_poses_do_not_tell_apart_costs_no_more_than_good():

@@ -110,6 +110,10 @@ class Friction:
             load=random.uniform(0.0, 0.02, n) * (random.random(n) < 0.5),
         )
 
+    def middle(self, load: Array) -> Array:
+        """Return (T, n) torque halfway between both ways of slow motion, N·m or N."""
+        return (self.level + self.load * np.abs(load)) * self.uneven
+
     def torque(self, q: Array, qd: Array, load: Array) -> Array:
         """Return (T, n) friction for positions, velocities and loads (T, n), N·m or N."""
         way = np.sign(qd)

@@ -190,6 +190,19 @@ class MujocoWorld:
         )
         return Truth(arm, time, q, qd, qdd, effort)
 
+    def at_rest(self, q: Array) -> Array:
+        """Return (T, n) efforts that hold the arm, halfway between both ways of slow motion."""
+        still = np.zeros_like(q)
+        rigid = self.engine.torque(q, still, still)
+        at_motor = self.motor_friction.middle(self.arm.actuator_effort(rigid))
+        return (
+            rigid
+            + self.cable.torque(q, still)
+            + self.spring.at(q)
+            + self.joint_friction.middle(rigid)
+            + self.arm.joint_effort(at_motor)
+        )
+
     def setting(self, truth: Truth, residual: Array) -> Setting:
         """Return where effects are hidden.
 

@@ -93,11 +93,12 @@ def omitted_columns(
     solution: Solution, gram: Array, score: Array, meat: Array, inside: NDArray[np.int64],
     outside: NDArray[np.int64], scale: Array,
 ) -> Array:  # fmt: skip
-    """Return the second moment of the errors that columns outside a fit cause.
+    """Return (q, q) second moment of all coefficients' errors from columns outside a fit.
 
     Columns X2 of amplitudes a shift the coefficients by D a, D = P^-1 X1' W X2 (omitted-variable
-    bias). The fit leaves R = X2 - X1 D of them. The scores R' W e have the second moment V + M S M:
-    V of the noise, M = R' W R, S of a. A sandwich does not see the shift, since the residual is
+    bias). Their own are off by -a, so that the torque is off by R a, R = X2 - X1 D: less than
+    either part where the fit reproduces X2. The scores R' W e have the second moment V + M S M: V
+    of the noise, M = R' W R, S of a. A sandwich does not see the shift, since the residual is
     orthogonal to the fit's own columns. Every column is taken to cause as much as any other,
     independently of it: S = lambda / diag(M). The mean square of the scores then gives lambda
     (method of moments, Henderson 1953): about zero for a model that lacks nothing.
@@ -120,14 +121,14 @@ def omitted_columns(
     least = REPRODUCED * own[outside]
     seen = np.diag(products) > least
     if not seen.any():
-        return np.zeros_like(solution.precision)
+        return np.zeros_like(gram)
     size = np.maximum(np.diag(products), least)
     noise = np.einsum("ik,ij,jk->k", left, meat, left, optimize=True)
     excess = ((left.T @ score) ** 2 - noise)[seen] / size[seen]
     shared = products[np.ix_(seen, seen)] ** 2 / np.outer(size[seen], size[seen])
     typical = max(0.0, float(excess.sum() / shared.sum()))
     variance = typical / (size + typical / scale[outside] ** 2)
-    return np.asarray((shift * variance) @ shift.T)
+    return np.asarray((left * variance) @ left.T)
 
 
 def autocorrelated_scores(

@@ -188,6 +188,7 @@ class Holding:
         error_anywhere: Its standard error, N·m.
         lower: Least recorded position, rad.
         upper: Greatest recorded position, rad.
+        friction: Dry friction that opposes this joint alone, N·m; zero if none was identified.
     """
 
     torque: float
@@ -196,6 +197,7 @@ class Holding:
     error_anywhere: float
     lower: float
     upper: float
+    friction: float = 0.0
 
 
 @dataclass(frozen=True)

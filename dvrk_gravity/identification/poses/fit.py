@@ -104,7 +104,7 @@ def fit_static(
 
     measured = shown(poses.effort)
     training = joint_errors(arm.joint_names, measured, shown(fitted))
-    held = holding(lambda q: solution.at_rest(table, q), solution.theta, spread, poses.q, arm)
+    held = holding(lambda q: solution.at_rest(table, q), solution.theta, spread.total, poses.q, arm)
     # Poses left out of the fit count in the errors that are printed, but are no fault of the model.
     used = np.all(weight > 0.0, axis=1)
     unseen = used[held_out]

@@ -120,7 +120,7 @@ def _others(gram: Array, index: NDArray[np.int64]) -> NDArray[np.int64]:
 def omitted_effects(
     problem: Problem, chosen: Sequence[int], solution: Solution, meat: Array
 ) -> Array:
-    """Return the second moment of coefficients' errors from effects that a model lacks.
+    """Return (p, p) second moment of all columns' errors from effects that a model lacks.
 
     Args:
         problem: The problem.
@@ -272,8 +272,21 @@ def _deviations(
     }
 
 
+def dry_friction(model: TorqueModel) -> Array:
+    """Return (n,) torques that oppose each joint where it alone begins to move, N·m."""
+    ways = np.eye(model.arm.n)
+    q = np.tile(np.mean(model.arm.range, axis=0), (len(ways), 1))
+    up, down = (model.torque(q, direction=way) for way in (ways, -ways))
+    return np.asarray(0.5 * np.diag(up - down))
+
+
 def holding(
-    rows: Callable[[Array], Array], theta: Array, spread: Uncertainty, visited: Array, arm: Arm
+    rows: Callable[[Array], Array],
+    theta: Array,
+    covariance: Array,
+    visited: Array,
+    arm: Arm,
+    friction: Array | float = 0.0,
 ) -> dict[str, Holding]:
     """Return the torque at rest and its standard error, by joint: what a compensator sends.
 
@@ -283,16 +296,16 @@ def holding(
     Args:
         rows: From (K, n) positions to (K, n, p) joint torques of each coefficient, at rest.
         theta: (p,) coefficients.
-        spread: Their covariance.
+        covariance: (p, p) second moment of their errors.
         visited: (N, n) recorded positions, rad or m.
         arm: The arm.
+        friction: (n,) dry friction of the joints, N·m.
     """
     random = np.random.default_rng(0)
     lower, upper = visited.min(axis=0), visited.max(axis=0)
     anywhere = random.uniform(*arm.range, (POSES, visited.shape[1]))
     recorded = visited[random.integers(0, len(visited), POSES)]
     recorded = np.where(upper - lower < NARROW * arm.scale, anywhere, recorded)
-    covariance = spread.total
     found = []
     for poses in (recorded, anywhere):
         columns = rows(poses)
@@ -302,7 +315,8 @@ def holding(
             np.sqrt(np.mean(torque**2, axis=0)),
             np.sqrt(np.maximum(variance, 0).mean(axis=0)),
         ]
+    rubbing = np.broadcast_to(friction, lower.shape)
     return {
-        joint: Holding(*(float(values[k]) for values in (*found, lower, upper)))
+        joint: Holding(*(float(values[k]) for values in (*found, lower, upper, rubbing)))
         for k, joint in enumerate(arm.joint_names)
     }

@@ -101,7 +101,9 @@ def judge(
     A joint's verdict is the worst of five: contradictions with the arm's masses
     (:mod:`~dvrk_gravity.identification.quality.weights`); the held-out error; the standard error of
     the gravity torque, where it was recorded; the same anywhere within the arm's limits, and
-    whether the joint moved at all, which cost no more than "good". Errors too small to move the
+    whether the joint moved at all, which cost no more than "good". An error of the gravity torque
+    that is less than the joint's own dry friction does not set it in motion: it costs no more than
+    "good" either. Errors too small to move the
     joint count as none, unless a constant's are as small: then nothing is predicted. Friction that
     poses do not separate costs no more than "good" either.
 
@@ -262,7 +264,11 @@ def _of_holding(
     )
     if here != GOOD:
         size, error = _milli(holding.torque, joint), _milli(holding.error, joint)
-        yield JointVerdict(here, f"gravity torque uncertain: {size} ± {error}", MORE[static])
+        reason = f"gravity torque uncertain: {size} ± {error}"
+        if here == POOR and holding.error <= holding.friction:
+            here = USABLE
+            reason += f", less than its dry friction ({_milli(holding.friction, joint)})"
+        yield JointVerdict(here, reason, MORE[static])
     elif anywhere == POOR:
         error, outside = _milli(holding.error_anywhere, joint), "outside the recorded poses"
         yield JointVerdict(

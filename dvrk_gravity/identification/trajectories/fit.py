@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from dvrk_gravity.identification.quality.physical import (
 from dvrk_gravity.identification.quality.uncertainty import (
     KnownError,
     confounded,
+    dry_friction,
     held_by_terms,
     holding,
     kept_samples,
@@ -224,15 +226,18 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
     predicted = design.x[:, :, index] @ solution.theta
     blind = _held_out(design, problem.folds, problem.selection, index, corrected)
     meat = _meat(problem, predicted, blind)
-    spread = replace(
-        sandwich(solution, meat[np.ix_(index, index)]),
-        omitted=omitted_effects(problem, index, solution, meat),
-    )
+    own = np.ix_(index, index)
+    omitted = omitted_effects(problem, index, solution, meat)
+    spread = replace(sandwich(solution, meat[own]), omitted=omitted[own])
     weight = weighting.sample * weighting.motor
     parameters, identifiability = describe(columns, index, solution, spread, design, weight)
+    # Effects that the model lacks hold the arm, too: the fit's columns replace part of them.
+    everything, errors = np.zeros(len(meat)), omitted.copy()
+    everything[index], errors[own] = solution.theta, spread.total
     held = holding(
-        lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
-    )
+        partial(_at_rest, columns), everything, errors, design.state.q, columns.arm,
+        dry_friction(_model(columns, everything, links)),
+    )  # fmt: skip
     return ColumnFit(
         solution, free, links, predicted, blind, parameters, identifiability, held, spread, meat
     )
@@ -264,10 +269,9 @@ def _posterior(
     return index, sandwich(solution, found.meat[np.ix_(index, index)])
 
 
-def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:
-    """Return (K, n, p) joint torques of the chosen columns at (K, n) positions at rest."""
-    at_motors = columns.at_rest(q)[:, :, chosen]
-    return np.matmul(columns.arm.joint_to_actuator.T, at_motors)
+def _at_rest(columns: Columns, q: Array) -> Array:
+    """Return (K, n, p) joint torques of all columns at (K, n) positions at rest."""
+    return np.matmul(columns.arm.joint_to_actuator.T, columns.at_rest(q))
 
 
 def _held_out(
