@@ -13,6 +13,7 @@ import pytest
 import yaml
 from test_collect import BRIEF, PathDriver, go, once, plan_of
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.collecting import EffortWatch, SimulatedDriver, collect
 from dvrk_gravity.command_line import run
 from dvrk_gravity.compensate import MotionError, Sample
@@ -145,6 +146,33 @@ def test_a_closed_standard_input_is_nobody_who_can_be_asked(
     plan_of("ecm").save("plan.yaml")
     assert run("dvrk_gravity.cli.collect", ["plan.yaml", "--out", "bag", "--simulated"]) == 2
     assert "--yes" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["plan.yaml", "--out", "bag", "--model", "mtml.yaml", "--simulated", "--yes"],
+         "mtml.yaml: --model: got 'mtml', expected a model of mtmr"),
+        (["--teach", "limits.yaml", "--arm", "mtmr", "--from", "ecm.csv"], "ecm.csv: lacks outer"),
+        (["plan.yaml", "--out", "link", "--simulated", "--yes"], "a new name, not a link"),
+    ],
+)  # fmt: skip
+def test_another_arm_and_a_link_are_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    says: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan_of("mtmr").save("plan.yaml")
+    PlantFile.of(Arm.load("mtml")).model.save("mtml.yaml")
+    Path("ecm.csv").write_text("time,yaw.position,yaw.effort\n0.0,0.1,0\n0.1,0.2,0\n")
+    Path("link").symlink_to("nowhere")
+    assert run("dvrk_gravity.cli.collect", words) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
 
 
 # --- efforts -----------------------------------------------------------------------------------
