@@ -40,6 +40,7 @@ from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
+from dvrk_gravity.files.lock import alone_in
 from dvrk_gravity.identification import POOR
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits, Straight
@@ -96,7 +97,7 @@ def calibrated(tmp_path_factory) -> tuple[Path, list[list[str]]]:
         entry = add(book, step, said, paths, motion)
         if step not in killed:
             killed.add(step)
-            (folder / ".model.yaml.x1y2").write_text("half")
+            (folder / ".model.yaml.x1y2z3_4").write_text("half")
             raise KilledError
         return entry
 
@@ -164,6 +165,40 @@ def test_a_file_that_was_changed_or_removed_is_named(calibrated, name):
         (folder / name).write_bytes(before)
 
 
+@pytest.mark.parametrize(
+    "name", [".pre-commit-config.yaml", ".zshrc.local", ".model.yaml.x1y2z3_4"]
+)
+def test_hidden_files_of_another_folder_stay(tmp_path, name):
+    (tmp_path / name).write_text("mine")
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ConfigError, match="a new folder"):
+        Logbook.open(tmp_path, ASKED)
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_two_at_once_in_one_folder_are_refused(tmp_path):
+    with alone_in(tmp_path, "--out"), pytest.raises(ConfigError, match="no other process"):
+        calibrate(work_in(tmp_path, []))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "plan motion", {"step": "plan motion"},
+        {"step": "plan motion", "said": "", "files": "x", "motion": {}},
+        {"step": "plan motion", "said": "", "files": {}, "motion": {"seconds": 1.0}},
+        {"step": "plan motion", "said": "", "files": {}, "motion": [1]},
+    ],
+)  # fmt: skip
+def test_a_damaged_logbook_is_one_line(tmp_path, step):
+    content = {"format": 1, "asked": ASKED, "steps": [step]}
+    (tmp_path / "calibration.json").write_text(json.dumps(content))
+    with pytest.raises(ConfigError, match=r"a file as `calibrate` writes it") as caught:
+        Logbook.open(tmp_path, ASKED)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_folder_of_something_else_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ConfigError, match=r"notes\.txt"):
@@ -219,6 +254,7 @@ def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
     }
     assert certified_with(folder, **good) == ()
     away = [[0.0, np.radians(3.0), 0.0, 0.0], *[[0.0] * ARM.n] * 2]
+    unknown = [[0.0, np.nan, 0.0, 0.0], *[[0.0] * ARM.n] * 2]
     for changed, reason in (
         (
             {"release": {"drift": away}},
@@ -228,6 +264,7 @@ def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
         ({"verdict": {"overall": POOR, "reason": "noise"}}, "unfit to compensate with"),
         ({"motion": Moved(700.0, 0.0, 1, 0.5, "")}, "it moved for 11.7 min"),
         ({"release": {"drift": [], "why": ""}}, "it was released at 0 of 3 poses"),
+        ({"release": {"drift": unknown}}, "1 of 3 poses it drifted by more than 0.5 deg"),
     ):
         (said,) = certified_with(folder, **{**good, **changed})
         assert reason in said
@@ -307,6 +344,22 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
 
 
 # Drawn arms.
+def test_a_command_that_is_no_number_is_refused_before_the_arm_moves():
+    driver = SimulatedDriver(PlantFile.of(ARM))
+    kept = KeptDriver(driver, PlanLimits.of(ARM), ARM)
+    where = kept.connect()
+
+    def lost(time):
+        states = np.zeros((3, *np.shape(time), ARM.n))
+        states[0] = where
+        states[0, ..., 2] = np.where(np.asarray(time) > 0.5, np.nan, where[2])
+        return tuple(states)
+
+    with pytest.raises(MotionError, match="not be a finite number: not moved"):
+        kept.follow(lost, 1.0)
+    assert kept.seconds == 0.0
+
+
 def test_arms_of_one_seed_are_the_same_and_of_two_are_not():
     plant = PlantFile.of(ARM)
     first, again, other = (drawn_arm(plant, seed) for seed in (3, 3, 4))

@@ -23,7 +23,7 @@ def rig(domain):
     """Return a simulated endoscope arm behind topics."""
     words = ("-p", "arm:=ecm", "-p", "rate:=200.0")
     with NodeProcess("simulator", *words, namespace=NAMESPACE):
-        yield RosRig(ARM, NAMESPACE, TIMEOUT, "a simulator")
+        yield RosRig(ARM, NAMESPACE, TIMEOUT)
 
 
 def test_an_arm_is_moved_released_and_held_and_early_if_it_drifts(rig, tmp_path):
@@ -39,6 +39,7 @@ def test_an_arm_is_moved_released_and_held_and_early_if_it_drifts(rig, tmp_path)
     replace(model, terms=weak).save(bad)
     with rig.driver() as driver:
         pose = driver.connect()
+    assert rig.simulated == f"the node {NAMESPACE}/simulator"
     assert (rig.release(good, pose, 1.0) < np.radians(0.5) * ARM.scale).all()
     begun = time.monotonic()
     assert (rig.release(bad, pose, 60.0) > np.radians(4.0) * ARM.scale).any()

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.effects import is_friction
@@ -220,10 +222,7 @@ def _friction(fit: Mapping[str, Any], joint: Joint) -> tuple[float, float, float
 
 def _worst(arm: Arm, release: Mapping[str, Any]) -> list[float]:
     """Return the largest drift at each pose, rad (``Arm.scale``)."""
-    return [
-        max(way / size for way, size in zip(pose, arm.scale.tolist(), strict=True))
-        for pose in release["drift"]
-    ]
+    return [float(np.max(np.array(pose) / arm.scale)) for pose in release["drift"]]
 
 
 def _reasons(
@@ -238,7 +237,7 @@ def _reasons(
     if poor:
         errors = ", ".join(f"{each.name} {100 * each.nrmse:.0f} %" for each in poor[:_MANY])
         found.append(f"errors on the held-out motion are too large: {errors}")
-    away = [k for k, each in enumerate(worst) if each > settings.allowed]
+    away = [k for k, each in enumerate(worst) if not each <= settings.allowed]
     if away:
         k = max(away, key=lambda pose: worst[pose])
         ways = [way / size for way, size in zip(release["drift"][k], arm.scale, strict=True)]

@@ -53,6 +53,8 @@ class LimitCheck:
             q, qd, qdd = path(moments[first : first + _BLOCK])
             q = q - turns
             along = [each @ limits.rows.T for each in (q, qd, qdd)]
+            if not np.isfinite(along).all():
+                raise MotionError("a command would not be a finite number: not moved")
             half = 0.5 * (upper - lower)
             with np.errstate(invalid="ignore", divide="ignore"):
                 parts = {

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dvrk_gravity import __version__
+from dvrk_gravity.calibration.certificate import Moved
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
 
 FORMAT = 1
 FILE = "calibration.json"
 _BLOCK = 1 << 20  # bytes that are hashed at a time
+_TEMPORARY = re.compile(r"\..+\.(html|json|npz|png|yaml)\.[a-z0-9_]{8}")
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,9 @@ class Logbook:
             ConfigError: What is asked for differs from what the folder was begun with; a file was
                 changed or removed since; or the folder holds something else.
         """
-        file = folder / FILE
-        _clear(folder)
+        file, left = folder / FILE, _half_written(folder)
         if not file.exists():
-            others = sorted(path.name for path in folder.iterdir())
+            others = sorted({path.name for path in folder.iterdir()} - {path.name for path in left})
             if others:
                 raise ConfigError(
                     "--out", f"a folder with {others[0]}",
@@ -78,8 +80,8 @@ class Logbook:
             if content["format"] != FORMAT:
                 raise ConfigError("format", content["format"], f"{FORMAT}", file)
             before = {str(name): str(value) for name, value in content["asked"].items()}
-            entries = [Entry(**entry) for entry in content["steps"]]
-        except (KeyError, TypeError, AttributeError) as error:
+            entries = [_entry(entry) for entry in content["steps"]]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ConfigError("", str(error), "a file as `calibrate` writes it", file) from None
         for name in {**before, **asked}:
             if before.get(name) != asked.get(name):
@@ -96,6 +98,8 @@ class Logbook:
                         "", what, f"it as the step {entry.step!r} left it; put it back, or begin "
                         "with another --out", folder / name,
                     )  # fmt: skip
+        for path in left:
+            path.unlink()
         return cls(folder, asked, entries)
 
     def entry(self, step: str) -> Entry | None:
@@ -136,6 +140,13 @@ class Logbook:
         text_file.write(self.folder / FILE, json.dumps(content, indent=1) + "\n")
 
 
+def _entry(content: Mapping[str, Any]) -> Entry:
+    """Return a step; raise TypeError or ValueError for what :meth:`Logbook.add` does not write."""
+    entry = Entry(**content)
+    Moved.total([entry.motion] if entry.motion else [])
+    return replace(entry, files=dict(entry.files))
+
+
 def file_hash(path: Path) -> str:
     """Return the SHA-256 of a file.
 
@@ -165,8 +176,6 @@ def _files(paths: Iterable[Path]) -> Iterator[Path]:
             yield path
 
 
-def _clear(folder: Path) -> None:
-    """Remove what a killed process has half written: ``text_file`` names it .NAME.RANDOM."""
-    for path in folder.glob(".*.*"):
-        if path.is_file():
-            path.unlink()
+def _half_written(folder: Path) -> list[Path]:
+    """Return what killed processes have half written: ``text_file`` names it .NAME.RANDOM."""
+    return [path for path in folder.iterdir() if path.is_file() and _TEMPORARY.fullmatch(path.name)]

@@ -66,7 +66,7 @@ class SimulatedRig:
         """
         self._plant, self._seed, self.friction = plant, seed, friction
         self._at: Array | None = None
-        self.simulated = plant.source
+        self.simulated = plant.source or "a plant"
 
     def driver(self) -> SimulatedDriver:
         """Return what moves it from where it was released last, or else from where it starts."""

@@ -27,6 +27,7 @@ from dvrk_gravity.collecting import CollectSettings, MotionStoppedError, collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import Diagnosis, Files, diagnose, load_unseparated
 from dvrk_gravity.files import json_file, text_file
+from dvrk_gravity.files.lock import alone_in
 from dvrk_gravity.identification import POOR, Evaluation, Fit, by_errors, evaluate, identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
 from dvrk_gravity.planning import (
@@ -139,16 +140,17 @@ def calibrate(work: Work) -> dict[str, Any]:
         MotionError: The arm was stopped or must not be moved; the next call goes on from there.
         RecordingError: A recording that serves no purpose.
     """
-    book = Logbook.open(work.folder, work.asked)
-    for step in all_steps(work.settings):
-        entry = book.entry(step.name)
-        before = " (done before)" if entry else ""
-        if entry is None:
-            outcome = step.run(work, book, step.name)
-            motion = {} if outcome.motion is None else asdict(outcome.motion)
-            entry = book.add(step.name, outcome.said, outcome.paths, motion)
-        if entry.said:
-            work.report(f"{step.name}: {entry.said}{before}")
+    with alone_in(work.folder, "--out"):
+        book = Logbook.open(work.folder, work.asked)
+        for step in all_steps(work.settings):
+            entry = book.entry(step.name)
+            before = " (done before)" if entry else ""
+            if entry is None:
+                outcome = step.run(work, book, step.name)
+                motion = {} if outcome.motion is None else asdict(outcome.motion)
+                entry = book.add(step.name, outcome.said, outcome.paths, motion)
+            if entry.said:
+                work.report(f"{step.name}: {entry.said}{before}")
     return json_file.load(work.at(CERTIFICATE))
 
 
@@ -335,7 +337,9 @@ def _check(work: Work, book: Logbook, step: str) -> Outcome:
     }
     values = work.write(CHECK, content)
     path = work.at(MODEL)
-    model.save(path, f"Calibrated by dvrk_gravity: {last}, see certificate.html.")
+    simulated = work.rig.simulated
+    note = f"\nSimulated: {simulated}. This is not the model of an arm." if simulated else ""
+    model.save(path, f"Calibrated by dvrk_gravity: {last}, see certificate.html.{note}")
     each = [100.0 * error.nrmse for error in found.joints.values()]
     return Outcome(
         f"error on the second motion {min(each):.1f} to {max(each):.0f} % by joint",
@@ -349,7 +353,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     model = TorqueModel.load(path)
     content: dict[str, Any] = {
         "seconds": of.seconds, "friction": rig.friction, "poses": [], "drift": [],
-        "predicted": [], "reduced": None, "apart": 0.0, "why": "",
+        "predicted": [], "reduced": None, "apart": 0.0, "why": "", "simulated": rig.simulated,
     }  # fmt: skip
     if model.verdict == POOR:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
@@ -379,6 +383,8 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
             driver.hold()
             where = driver.connect()
         drift.append(rig.release(path, where, of.seconds).tolist())
+        if not np.isfinite(drift[-1]).all():
+            raise MotionError(f"{step}: released, the arm measured no finite positions")
         moved.append(asdict(driver.motion(of.seconds)))
     predicted = None
     if rig.friction != of.friction:
@@ -386,7 +392,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     content |= {
         "poses": poses.tolist(), "drift": drift, "apart": apart,
         "predicted": [] if predicted is None else predicted.tolist(),
-        "reduced": None if predicted is None else of.friction,
+        "reduced": None if predicted is None else of.friction, "simulated": rig.simulated,
     }  # fmt: skip
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
     return Outcome(
@@ -406,7 +412,7 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     diagnosis = json_file.load(work.at(found[-1])) if found else {"findings": [], "ambiguities": []}
     certificate = certify(
         work.arm, work.settings, fit, check, release, diagnosis, Moved.total(book.moved()),
-        namespace=work.namespace, simulated=work.rig.simulated,
+        namespace=work.namespace, simulated=release["simulated"],
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(),
         files=book.files, model=MODEL,
     )  # fmt: skip

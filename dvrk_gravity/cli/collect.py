@@ -220,7 +220,7 @@ def finish(collected: Collected, arm: str, paused: float) -> None:
 
 def asking(driver: object) -> Callable[[str], bool]:
     """Return what asks on the terminal; Ctrl-C counts while it waits."""
-    if not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():  # None: it is closed
         raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")
 
     def ask(question: str) -> bool:

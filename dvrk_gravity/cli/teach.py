@@ -8,12 +8,14 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
+    from dvrk_gravity.arrays import Array
     from dvrk_gravity.collecting import TaughtRoom
+    from dvrk_gravity.recording import Recording
 
 MARGINS = (0.0, 20.0)  # deg
 EVERY = 1.0  # s, between two lines of the coverage
@@ -38,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     arm = Arm.load(arguments.arm)
     room = TaughtRoom(arm)
     if arguments.recording is not None:
-        room.show(Recording.load(arguments.recording, arm=arm).position)
+        room.show(_positions(Recording.load(arguments.recording), arm))
     else:
         _listen(arm, arguments.namespace, room)
     if not room.samples:
@@ -54,6 +56,15 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"written: {arguments.teach}. Next: plan --arm {arguments.arm} --limits "
           f"{arguments.teach} --out plan.yaml")  # fmt: skip
     return 0
+
+
+def _positions(recording: Recording, arm: Arm) -> Array:
+    """Return (N, n) positions of all joints of an arm, whatever else was recorded."""
+    missing = [joint for joint in arm.joint_names if joint not in recording.joints]
+    if missing:
+        raise RecordingError(recording.source, f"lacks {', '.join(missing)} of {arm.name}")
+    recording.require_held(arm)
+    return recording.position[:, [recording.joints.index(joint) for joint in arm.joint_names]]
 
 
 def _listen(arm: Arm, given: str | None, room: TaughtRoom) -> None:

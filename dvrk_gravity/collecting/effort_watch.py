@@ -80,9 +80,11 @@ class EffortWatch:
         Raises:
             MotionError: Naming the motor, its effort, and what was expected.
         """
-        if sample.effort is None:
-            return
         now = 1e-9 * sample.stamp
+        if sample.effort is None:
+            if self._model is not None and self._lasts(now):
+                raise MotionError("measured_js has no finite efforts, which the model expects")
+            return
         effort = self._arm.actuator_effort(sample.effort)
         lowest, highest = self._expected(moment)
         beyond = np.maximum(lowest - effort, effort - highest) / self._margin
@@ -90,17 +92,21 @@ class EffortWatch:
         if not beyond[worst] > 1.0:
             self._outside = None
             return
-        self._outside = now if self._outside is None else self._outside
-        if now - self._outside >= self._settings.lasts:
+        if self._lasts(now):
             low, high = (
                 end[worst] + way * self._margin[worst] for end, way in ((lowest, -1), (highest, 1))
             )
             by = "its limits" if self._model is None else "its model and its limits"
             raise MotionError(
                 f"{self._arm.joint_names[worst]}'s motor has {effort[worst]:.3g} "
-                f"{self._arm.effort_units[worst]} for {now - self._outside:.1f} s, {low:.3g} to "
+                f"{self._arm.effort_units[worst]} for {self._settings.lasts:g} s, {low:.3g} to "
                 f"{high:.3g} expected by {by}: is a hand on the arm, or something in its way?"
             )
+
+    def _lasts(self, now: float) -> bool:
+        """Note that an effort is wrong; return whether it has been for long enough."""
+        self._outside = now if self._outside is None else self._outside
+        return now - self._outside >= self._settings.lasts
 
     def _expected(self, moment: float) -> tuple[Array, Array]:
         """Return (n,) lowest and (n,) highest efforts of the motors within the arm's lag."""
@@ -108,11 +114,12 @@ class EffortWatch:
             return -self._greatest, self._greatest
         of = self._settings
         last = int(moment / of.every) + 1
-        if last >= len(self._lowest):
+        while last >= len(self._lowest):  # also after a pause of ours
             self._look_ahead(self._model)
         window = slice(max(last - int(np.ceil(of.window / of.every)) - 1, 0), last + 1)
         lowest, highest = self._lowest[window].min(axis=0), self._highest[window].max(axis=0)
-        return np.maximum(lowest, -self._greatest), np.minimum(highest, self._greatest)
+        # What a model does not know, its limits bound.
+        return np.fmax(lowest, -self._greatest), np.fmin(highest, self._greatest)
 
     def _look_ahead(self, model: TorqueModel) -> None:
         """Ask the model about the next part of the path."""

@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ import numpy as np
 
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import json_file, text_file
+from dvrk_gravity.files.lock import alone_in
 from dvrk_gravity.planning import Plan
 from dvrk_gravity.recording import JOINT_STATE, STAMP, BagReader, BagWriter
 
@@ -44,6 +48,11 @@ class RecordedPart:
     name: str
     keep: int | None = None
     marks: list[tuple[int, float, int]] = field(default_factory=list)
+
+    @property
+    def messages(self) -> int:
+        """How many of its messages are known to be on the disk, of those that count."""
+        return self.keep or (self.marks[-1][2] if self.marks else 0)
 
 
 @dataclass
@@ -75,19 +84,36 @@ class Journal:
     found: bool = False
 
     @classmethod
-    def open(cls, out: Path, plans: Sequence[Plan], topic: str, resume: bool) -> Journal:
-        """Return the state of a collection, a new one's or that of an earlier process.
+    @contextmanager
+    def begin(cls, out: Path, plans: Sequence[Plan], topic: str, resume: bool) -> Iterator[Journal]:
+        """Yield the state of a collection, a new one's or that of an earlier process.
+
+        No other process has it meanwhile.
 
         Raises:
-            RecordingError: The bag exists, or the state is there and is not to be resumed.
-            ConfigError: The state is of another plan or arm, or cannot be read.
+            RecordingError: The bag exists, or the state is there and is not to be resumed, or what
+                was recorded is not.
+            ConfigError: The state is of another plan or arm, or cannot be read, or another process
+                has it.
         """
         if out.exists():
             raise RecordingError(out, "exists already, expected a new name")
         journal = cls(out, fingerprint(plans), topic)
-        if not journal.file.exists():
-            return journal
-        found = cls._read(journal.file, out)
+        journal.folder.mkdir(exist_ok=True)
+        try:
+            with alone_in(journal.folder, "--out"):
+                if journal.file.exists():
+                    journal = cls._found(journal, len(plans), resume)
+                yield journal
+        finally:
+            with suppress(OSError):  # something was begun, or all is done
+                journal.folder.rmdir()
+
+    @classmethod
+    def _found(cls, journal: Journal, plans: int, resume: bool) -> Journal:
+        """Return the state of an earlier process in a new one's place."""
+        out, topic = journal.out, journal.topic
+        found = cls._read(journal.file, out, plans)
         if not resume:
             raise RecordingError(
                 out, f"an earlier collection {found.place()}: --resume goes on from there, or "
@@ -100,22 +126,44 @@ class Journal:
         return found
 
     @classmethod
-    def _read(cls, path: Path, out: Path) -> Journal:
+    def _read(cls, path: Path, out: Path, plans: int) -> Journal:
         content = json_file.load(path)
         if content.pop("format", None) != FORMAT:
             raise ConfigError("format", None, f"{FORMAT}, as `collect` writes it", path)
         try:
-            parts = [
-                RecordedPart(part["name"], part["keep"], [(int(m), float(s), int(c))
-                                                  for m, s, c in part["marks"]])
-                for part in content.pop("parts")
-            ]  # fmt: skip
+            parts = [RecordedPart(**part) for part in content.pop("parts")]
             found = cls(out, parts=parts, found=True, **content)
-            if found.phase not in PHASES:
-                raise ConfigError("phase", found.phase, f"one of {', '.join(PHASES)}", path)
+            found._require_possible(plans)
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError("", str(error), "a state as `collect` writes it", path) from error
+        for part in parts:
+            if part.messages and found._bag(part) is None:
+                bag = found.folder / part.name
+                raise RecordingError(bag, "is gone, expected what was recorded")
         return found
+
+    def _require_possible(self, plans: int) -> None:
+        """Raise ValueError, or TypeError, for what `collect` of so many plans does not write."""
+        for name in ("plan", "topic", "why"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name}: {getattr(self, name)!r}")
+        counts = [self.motion, *(part.keep or 0 for part in self.parts)]
+        moments = [self.moment]
+        for part in self.parts:
+            if not re.fullmatch("part_[0-9]+", part.name):
+                raise ValueError(f"parts: {part.name!r}")
+            part.marks = [(motion, moment, count) for motion, moment, count in part.marks]
+            counts += [number for motion, _, count in part.marks for number in (motion, count)]
+            moments += [moment for _, moment, _ in part.marks]
+        good = (
+            self.phase in PHASES
+            and isinstance(self.approaching, bool)
+            and all(type(each) is int and each >= 0 for each in counts)
+            and all(type(each) in (int, float) and 0.0 <= each < np.inf for each in moments)
+            and self.motion < plans
+        )
+        if not good:
+            raise ValueError(f"{self.phase!r} of motion {self.motion!r} at {self.moment!r} s")
 
     @property
     def folder(self) -> Path:
@@ -207,16 +255,22 @@ class Journal:
 
     def _messages(self, part: RecordedPart) -> Iterator[tuple[int, bytes]]:
         """Yield receive time, ns, and bytes of a part's messages, those that count."""
+        path, number = self._bag(part), 0
+        if path is not None and part.keep != 0:
+            with BagReader(path) as bag:
+                for _, received, data in islice(bag.raw(self.topic), part.keep):
+                    number += 1
+                    yield received, data
+        if number < part.messages:
+            raise RecordingError(
+                self.folder / part.name, f"has {number} messages, expected {part.messages}"
+            )
+
+    def _bag(self, part: RecordedPart) -> Path | None:
+        """Return where a part is, that of a process that was killed included."""
         complete = self.folder / part.name
         partial = sorted(self.folder.glob(f"{part.name}.partial-*/{part.name}"))
-        path = complete if complete.exists() else partial[-1] if partial else None
-        if path is None or part.keep == 0:
-            return
-        with BagReader(path) as bag:
-            for number, (_, received, data) in enumerate(bag.raw(self.topic)):
-                if part.keep is not None and number >= part.keep:
-                    return
-                yield received, data
+        return complete if complete.exists() else partial[-1] if partial else None
 
     def join(self) -> int:
         """Write the bag of all parts, whole or not at all; return the number of its messages.

@@ -122,20 +122,22 @@ def collect(
         MotionError: The arm must not be moved, or consent was not given.
     """
     plans = [plan] if isinstance(plan, Plan) else list(plan)
-    journal = Journal.open(FilePath(out), plans, driver.topic, resume)
-    seconds = sum(each.duration for each in plans)
-    _require_space(journal, seconds, settings)
-    work = _Collection(plans, driver, journal, model, settings, limits, consent, report, progress)
-    if journal.found:
-        report(f"going on with {journal.out}, which {journal.place()}")
-    elif resume:
-        report(f"nothing to resume at {journal.out}: from the beginning")
-    if journal.phase != JOINING:
-        work.move(rehearse)
-        journal.enter(journal.motion, JOINING, 0.0, approaching=False)
-    samples, parts = journal.join(), len(journal.parts)
-    journal.remove()
-    return Collected(journal.out, samples, seconds, work.longer, parts)
+    with Journal.begin(FilePath(out), plans, driver.topic, resume) as journal:
+        seconds = sum(each.duration for each in plans)
+        _require_space(journal, seconds, settings)
+        work = _Collection(
+            plans, driver, journal, model, settings, limits, consent, report, progress
+        )
+        if journal.found:
+            report(f"going on with {journal.out}, which {journal.place()}")
+        elif resume:
+            report(f"nothing to resume at {journal.out}: from the beginning")
+        if journal.phase != JOINING:
+            work.move(rehearse)
+            journal.enter(journal.motion, JOINING, 0.0, approaching=False)
+        samples, parts = journal.join(), len(journal.parts)
+        journal.remove()
+        return Collected(journal.out, samples, seconds, work.longer, parts)
 
 
 class _Collection:
@@ -290,7 +292,7 @@ class _Collection:
         if _same(limits, self._checked[number]):
             return
         beyond = [slack for slack in slacks(plan.motion, limits, plan.arm, self._model)
-                  if slack.left < -_ROUNDING]  # fmt: skip
+                  if not slack.left >= -_ROUNDING]  # fmt: skip
         if beyond:
             worst = max(beyond, key=lambda slack: slack.used)
             raise MotionError(
@@ -338,7 +340,7 @@ def _same(limits: PlanLimits, others: PlanLimits | None) -> bool:
 def _require_clear(approach: Straight, limits: PlanLimits, arm: Arm) -> None:
     """Refuse an approach through a box that links stay out of."""
     for slack in slacks(approach, limits, arm) if limits.boxes else ():
-        if slack.limit == "distance" and slack.left < 0.0:
+        if slack.limit == "distance" and not slack.left >= 0.0:
             raise MotionError(
                 f"the straight way to the plan's beginning takes {slack.of}, {-slack.left:.3g} m "
                 "inside: move the arm nearer to the beginning by hand"

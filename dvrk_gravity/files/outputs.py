@@ -124,7 +124,10 @@ def _check(
         before.append((option, path))
         if path.is_symlink():
             raise ConfigError(
-                option, f"a link to {os.readlink(path)}", f"a {kind}, not a link", path
+                option,
+                f"a link to {os.readlink(path)}",
+                f"a {'new name' if kind == 'new' else kind}, not a link",
+                path,
             )
         _check_kind(option, path, kind)
 

@@ -11,6 +11,7 @@ from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import base_directions
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files.resources import shipped
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.information import Knowledge, ModelKnowledge, PriorKnowledge
@@ -157,5 +158,7 @@ def require_arm(model: TorqueModel, arm: Arm, path: str) -> None:
     Raises:
         ConfigError: Naming it.
     """
-    if model.arm.joint_names != arm.joint_names:
+    names, kinds = {model.arm.name, arm.name}, shipped("arms")
+    another = len(names) == 2 and names <= set(kinds)  # their joints may have the same names
+    if another or model.arm.joint_names != arm.joint_names:
         raise ConfigError("--model", model.arm.name, f"a model of {arm.name}", path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,8 @@ from dvrk_gravity.planning.pose_path import PosePath
 FORMAT = 1
 MOTION, POSES = "motion", "poses"
 CSV_RATE = 1000.0  # Hz
+LONGEST = 10_000.0  # s; `plan` makes 7200 s at most
+_MOST = 1e6  # no position, time or frequency is greater, rad, m, s or Hz
 _POSES = ("stand", "approach", "part", "positions")
 _MOTION = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
 
@@ -129,9 +130,10 @@ class Plan:
                 raise ConfigError(name, content[name], "a mapping")
         arm = arm_of(arm_beside(flatten(content["arm"]), folder))
         limits = limits_from(content["limits"], arm)
-        if kind == POSES:
-            return cls(arm, _poses(content[kind], arm, limits), limits)
-        return cls(arm, _motion(content[kind], arm), limits)
+        read = _motion(content[kind], arm) if kind == MOTION else _poses(content[kind], arm, limits)
+        if not read.duration <= LONGEST:
+            raise ConfigError(kind, f"{read.duration:.3g} s", f"at most {LONGEST:g} s")
+        return cls(arm, read, limits)
 
     def write_csv(self, path: str | Path) -> None:
         """Write the motion at 1 kHz: ``time``, and position and velocity of each joint (SI).
@@ -151,11 +153,14 @@ class Plan:
 def _motion(entry: Any, arm: Arm) -> FourierMotion:
     _require_keys(MOTION, entry, _MOTION)
     duration, ramp = (_positive(f"{MOTION}.{name}", entry[name]) for name in _MOTION[:2])
-    if 2.0 * ramp > duration:
-        raise ConfigError(f"{MOTION}.ramp", ramp, "at most half of the duration")
+    if not 1.0 / CSV_RATE <= ramp <= 0.5 * duration:
+        expected = f"at least {1.0 / CSV_RATE:g} s, and at most half of the duration"
+        raise ConfigError(f"{MOTION}.ramp", ramp, expected)
     frequency = _numbers(f"{MOTION}.frequency", entry["frequency"], None)
-    if not len(frequency) or (frequency <= 0.0).any():
-        raise ConfigError(f"{MOTION}.frequency", frequency.tolist(), "frequencies above 0, Hz")
+    most = 0.5 * CSV_RATE  # of higher ones, commands at 1 kHz are another motion
+    if not len(frequency) or not ((frequency > 0.0) & (frequency <= most)).all():
+        expected = f"frequencies above 0 and up to {most:g} Hz"
+        raise ConfigError(f"{MOTION}.frequency", frequency.tolist(), expected)
     count = len(frequency)
     middle, cosine, sine = (
         _by_joint(f"{MOTION}.{name}", entry[name], arm, size)
@@ -211,10 +216,10 @@ def _numbers(where: str, value: Any, count: int | None) -> Array:
     """Return numbers in a list, or one alone."""
     listed = value if isinstance(value, list) else [value]
     good = all(
-        isinstance(each, int | float) and not isinstance(each, bool) and math.isfinite(each)
+        isinstance(each, int | float) and not isinstance(each, bool) and abs(each) <= _MOST
         for each in listed
     )
     if not good or (count is not None and len(listed) != count):
-        expected = "finite numbers" if count is None else f"{count} finite numbers"
+        expected = f"{'' if count is None else f'{count} '}finite numbers up to {_MOST:g}"
         raise ConfigError(where, value, expected)
     return np.array(listed, dtype=float)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
@@ -16,12 +17,14 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
+from dvrk_gravity.ros.others import node_names
 from dvrk_gravity.ros.presence import MEASURED
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
 
 # An arm that has gone so far, rad (Arm.scale), drifts: it is held. Chosen: ten times what a
 # certificate allows, and less than what a hand beside the arm would be hurt by.
 AWAY = float(np.radians(5.0))
+SIMULATOR = "simulator"  # the node's name
 _RATE = 200.0  # set points per second
 _STARTS = 30.0  # s, that a compensator may take until it commands
 
@@ -69,6 +72,7 @@ class RosRig:
         ):
             self._mover = mover
             yield mover
+            self._note_simulator(client.node)
 
     def release(self, model: Path, pose: Array, seconds: float) -> Array:
         """Release it where it is held: :meth:`dvrk_gravity.calibration.Rig.release`.
@@ -87,8 +91,10 @@ class RosRig:
         with Client(self._namespace, "calibrate_release") as client:
 
             def measured(message: JointState) -> None:
-                order = [list(message.name).index(name) for name in arm.joint_names]
-                found.append(np.array(message.position)[order])
+                at = dict(zip(message.name, message.position, strict=False))
+                position = np.array([at.get(name, np.nan) for name in arm.joint_names])
+                if np.isfinite(position).all():  # as the compensator, which drops others
+                    found.append(position)
 
             client.node.create_subscription(JointState, MEASURED, measured, 100)
             client.watch_state("compensator")
@@ -110,15 +116,23 @@ class RosRig:
                     client.wait(settled, "the compensator to command", _STARTS)
                 except ProcessError as error:
                     raise MotionError(f"{error}: {client.state('compensator')}") from None
-                start, begun = found[-1], time.monotonic()
-                way = np.zeros(arm.n)
+                # From where it was held: what it falls before it is known to be released counts.
+                begun, way = time.monotonic(), np.abs(np.array(found) - pose).max(axis=0)
                 while time.monotonic() < begun + seconds and (way < AWAY * arm.scale).all():
                     client.spin(0.05)
-                    way = np.maximum(way, np.abs(np.array(found[-40:]) - start).max(axis=0))
+                    way = np.maximum(way, np.abs(np.array(found[-40:]) - pose).max(axis=0))
                     if not commands():
                         why = client.state("compensator") or compensator.output[-300:]
                         raise MotionError(f"the compensator stopped: {why}")
+            self._note_simulator(client.node)
         return way
+
+    def _note_simulator(self, node: Node) -> None:
+        """Note that it is no arm if our simulator measures in its namespace."""
+        nodes = node_names(node.get_publishers_info_by_topic(node.resolve_topic_name(MEASURED)))
+        found = sorted(name for name in nodes if name.rsplit("/", 1)[-1] == SIMULATOR)
+        if found and not self.simulated:
+            self.simulated = f"the node {found[0]}"
 
 
 def _words(parameters: Mapping[str, Any]) -> list[str]:

@@ -22,6 +22,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PoseSettings, Rival, Rivalry, Unseparated, noise_of
 
+EXPECTED = "a cause as `diagnose` of this version writes it"
 _SLOW = 0.05  # rad/s, a tenth in m: a step at each reversal has no slope. As `plan` has it
 _NOISE_TIME = 0.1  # s, correlation time of noise where no model states one: as `plan` has it
 _AGAIN = 400  # samples of the diagnosed motion at which it is compared with a plan: a bound on time
@@ -135,10 +136,13 @@ class RivalCause:
             theta, covariance = (np.array(entry[name], float) for name in ("theta", "covariance"))
             if theta.ndim != 1 or covariance.shape != (len(theta),) * 2:
                 raise ValueError("covariance")
-            return cls(kind(arm=arm, site=site, **given), theta, covariance)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            expected = "a cause as `diagnose` of this version writes it"
-            raise ConfigError(where, str(error), expected) from error
+            if not (np.isfinite(theta).all() and np.isfinite(covariance).all()):
+                raise ValueError("theta or covariance is not finite")
+            found = cls(kind(arm=arm, site=site, **given), theta, covariance)
+            found.words  # noqa: B018  (fails where its joints or its place are not the arm's)
+            return found
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            raise ConfigError(where, str(error), EXPECTED) from error
 
 
 @dataclass(frozen=True, eq=False)

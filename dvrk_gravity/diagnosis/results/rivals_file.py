@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.diagnosis.results.rivals import Contest, RivalCause, RivalCauses
-from dvrk_gravity.effects import ReadingErrors
+from dvrk_gravity.diagnosis.results.rivals import EXPECTED, Contest, RivalCause, RivalCauses
+from dvrk_gravity.effects import ReadingErrors, State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import Unseparated
+from dvrk_gravity.planning import Rival, Unseparated
 
 ENTRY = "unseparated"
 
@@ -48,6 +48,8 @@ def _unseparated(
     if not isinstance(entry, Mapping):
         expected = "what could not be separated: findings.json of a diagnosis with this version"
         raise ConfigError(ENTRY, entry, expected)
+    if entry.get("pairs") and not isinstance(entry["pairs"], list):
+        raise ConfigError(f"{ENTRY}.pairs", entry["pairs"], "a list")
     if not entry.get("pairs"):
         expected = "at least two causes that could not be separated: this diagnosis is clear"
         raise ConfigError(f"{ENTRY}.pairs", [], expected)
@@ -70,9 +72,24 @@ def _unseparated(
         if not isinstance(between, list) or len(between) != 2:
             raise ConfigError(f"{where}.between", between, "two causes")
         pairs.append(RivalCauses(*(RivalCause.from_dict(each, arm, where) for each in between)))
-        again.append(float(pair.get("again") or 0.0))
+        again.append(float(_numbers([pair.get("again") or 0.0], f"pairs[{number}].again", 1)[0]))
     poses = bool(entry.get("poses"))
-    return Contest(tested, tuple(pairs), noise, coherent, poses, tuple(again)).unseparated()
+    found = Contest(tested, tuple(pairs), noise, coherent, poses, tuple(again)).unseparated()
+    for number, rivalry in enumerate(found.rivalries):
+        for rival in (rivalry.first, rivalry.second):
+            _require_columns(found, rival, f"{ENTRY}.pairs[{number}].between")
+    return found
+
+
+def _require_columns(found: Unseparated, rival: Rival, where: str) -> None:
+    """Refuse a cause whose entries do not make a torque: of a joint that is not there, say."""
+    at_rest = State(*np.zeros((3, 2, found.model.arm.n)))  # twice, so that nothing is repeated
+    try:
+        shape = rival.columns(found.passing(at_rest, np.arange(2.0))).shape
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise ConfigError(where, str(error), EXPECTED) from error
+    if shape[-1] != len(rival.theta):
+        raise ConfigError(where, f"{len(rival.theta)} factors of {shape[-1]} torques", EXPECTED)
 
 
 def _model_path(given: Any, folder: Path) -> Path:
@@ -87,7 +104,7 @@ def _model_path(given: Any, folder: Path) -> Path:
 def _numbers(value: Any, name: str, count: int) -> np.ndarray:
     try:
         found = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         found = np.zeros(0)
     if found.shape != (count,) or not np.isfinite(found).all():
         raise ConfigError(f"{ENTRY}.{name}", value, f"{count} finite numbers")
