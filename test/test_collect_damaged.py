@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from dvrk_gravity.command_line import run
 from dvrk_gravity.compensate import MotionError, Sample
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.files.lock import alone_in
-from dvrk_gravity.planning import Plan, load_limits
+from dvrk_gravity.planning import Box, Plan, load_limits
 from dvrk_gravity.simulate import PlantFile
 
 
@@ -130,6 +131,17 @@ def test_a_plan_edited_beyond_its_limits_is_one_line_and_nothing_moves(
     assert says in error
     assert error.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.yaml"]
+
+
+def test_a_plan_that_was_cut_anywhere_is_refused(tmp_path: Path) -> None:
+    plan, path = plan_of("ecm"), tmp_path / "plan.yaml"
+    box = Box("panel", (5.0, 5.0, 5.0), (6.0, 6.0, 6.0), plan.arm.body_names[-1:])
+    replace(plan, limits=replace(plan.limits, boxes=(box,))).save(path)
+    whole = path.read_bytes()
+    for cut in range(0, len(whole) - 1, 13):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(ConfigError):
+            Plan.load(path)
 
 
 def test_an_integer_beyond_every_double_is_no_limit(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from dvrk_gravity.planning.places import tip
 from dvrk_gravity.planning.plan_limits import Box, Combination, PlanLimits
 
 _RATES = ("velocity", "acceleration")
-_KEYS = ("joints", "combinations", "boxes")
+KEYS = ("joints", "combinations", "boxes")
 _ROUNDING = 1e-9  # of numbers that were written in degrees
 
 
@@ -50,7 +50,7 @@ def load_limits(path: str | Path, arm: Arm) -> PlanLimits:
 def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
     """Return an arm's limits with those of the content of such a file."""
     limits = PlanLimits.of(arm)
-    _require_known("", content, _KEYS)
+    _require_known("", content, KEYS)
     values = {name: getattr(limits, name).copy() for name in ("lower", "upper", *_RATES, "effort")}
     for name, entry in _mapping("joints", content.get("joints", {})).items():
         where = f"joints.{name}"
@@ -81,16 +81,13 @@ def limits_content(limits: PlanLimits, arm: Arm) -> dict[str, Any]:
             "acceleration": float(limits.acceleration[k] / size),
             "effort": float(limits.effort[k]),
         }
-    content: dict[str, Any] = {"joints": joints}
-    if limits.combinations:
-        content["combinations"] = [_written(each, arm) for each in limits.combinations]
-    if limits.boxes:
-        content["boxes"] = [
-            {"name": box.name, "lower": list(box.lower), "upper": list(box.upper),
-             "links": list(box.links)}
-            for box in limits.boxes
-        ]  # fmt: skip
-    return content
+    combinations = [_written(each, arm) for each in limits.combinations]
+    boxes = [
+        {"name": box.name, "lower": list(box.lower), "upper": list(box.upper),
+         "links": list(box.links)}
+        for box in limits.boxes
+    ]  # fmt: skip
+    return dict(zip(KEYS, (joints, combinations, boxes), strict=True))
 
 
 def save_limits(path: str | Path, limits: PlanLimits, arm: Arm, comment: str) -> None:

@@ -16,7 +16,7 @@ from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.model import arm_beside, arm_of, seen_from, values_of
 from dvrk_gravity.parameters import flatten, unflatten
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
-from dvrk_gravity.planning.limits_file import limits_content, limits_from
+from dvrk_gravity.planning.limits_file import KEYS, limits_content, limits_from
 from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 
@@ -128,6 +128,7 @@ class Plan:
         for name in ("arm", "limits"):
             if not isinstance(content[name], Mapping):
                 raise ConfigError(name, content[name], "a mapping")
+        _require_keys("limits", content["limits"], KEYS)  # a file that was cut lacks some
         arm = arm_of(arm_beside(flatten(content["arm"]), folder))
         limits = limits_from(content["limits"], arm)
         read = _motion(content[kind], arm) if kind == MOTION else _poses(content[kind], arm, limits)
