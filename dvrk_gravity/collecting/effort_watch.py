@@ -121,20 +121,20 @@ class EffortWatch:
         time: Array = np.asarray(of.every * steps, dtype=float)
         q, qd, qdd = (np.vstack([each, each]) for each in self._path(time))
         slow = np.repeat([self._slow, -self._slow], len(time), axis=0)
-        state = State(q, qd + slow, qdd)
-        torque, half = effort_band(model, state)
-        half += _beyond_range(model, state, torque)
+        qd = qd + slow
+        torque, half = effort_band(model, State(q, qd, qdd))
+        half += _beyond_range(model, q, qd, qdd, torque)
         low, high = (ends.reshape(2, len(time), -1) for ends in (torque - half, torque + half))
         self._lowest = np.vstack([self._lowest, low.min(axis=0)])
         self._highest = np.vstack([self._highest, high.max(axis=0)])
 
 
-def _beyond_range(model: TorqueModel, state: State, effort: Array) -> Array:
+def _beyond_range(model: TorqueModel, q: Array, qd: Array, qdd: Array, effort: Array) -> Array:
     """Return (N, n) by how much efforts are less certain outside of a model's identified range.
 
     It is the change of the model's effort from the nearest state within the range, since terms
-    that it could not tell apart there part outside; and of a joint that is itself outside, a part
-    of its greatest effort: all of it as far outside as its range is wide (chosen), since a cable's
+    that cannot be separated there differ outside; and of a joint that is itself outside, a part of
+    its greatest effort: all of it as far outside as its range is wide (chosen), since a cable's
     torque is held constant there, whatever the cable does. Of static poses the greatest speed is
     not known (NaN): none was measured.
     """
@@ -143,9 +143,9 @@ def _beyond_range(model: TorqueModel, state: State, effort: Array) -> Array:
         return np.zeros_like(effort)
     lower, upper = known.lower + model.joint_offset, known.upper + model.joint_offset
     fastest = np.nan_to_num(known.speed)
-    q = np.clip(state.q, lower, upper)
-    nearest = State(q, np.clip(state.qd, -fastest, fastest), state.qdd)
+    within = np.clip(q, lower, upper)
+    nearest = State(within, np.clip(qd, -fastest, fastest), qdd)
     change = np.abs(effort - arm.actuator_effort(model.torque_at(nearest)))
     width = np.maximum(upper - lower, np.finfo(float).tiny)
-    own = np.minimum(np.abs(state.q - q) / width, 1.0) * arm.effort_limit
+    own = np.minimum(np.abs(q - within) / width, 1.0) * arm.effort_limit
     return change + own @ np.abs(arm.actuator_to_joint)
