@@ -24,8 +24,10 @@ from dvrk_gravity.collecting import (
     collect,
 )
 from dvrk_gravity.command_line import run
-from dvrk_gravity.compensate import MotionError
+from dvrk_gravity.compensate import MotionError, Sample
+from dvrk_gravity.effects import State
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
+from dvrk_gravity.model import ModelUncertainty, TorqueModel, coefficients_of
 from dvrk_gravity.planning import (
     Basis,
     Box,
@@ -428,6 +430,52 @@ def test_an_undisturbed_arm_needs_half_of_the_margin(tmp_path: Path) -> None:
         driver.connect()
         with pytest.raises(MotionError, match="expected by its model and its limits"):
             driver.follow(plan.at, 6.0, watch=strict)
+
+
+@pytest.mark.parametrize("lacks", ["a weight", "a cable"])
+def test_an_undisturbed_arm_is_not_stopped_where_its_model_was_not_identified(
+    ecm: PlantFile, lacks: str
+) -> None:
+    """A weight taken for a cable, or a cable held constant, is right within the range alone."""
+    plan, arm, truth = covering_plan(ecm.model.arm, 8.0, 3), ecm.model.arm, ecm.model
+    start, near, values = plan.at(0.0)[0], 0.02 * arm.scale, truth.parameters()
+
+    def with_cables(offset: np.ndarray, stiffness: np.ndarray) -> TorqueModel:
+        cables = zip(arm.joint_names, offset.tolist(), stiffness.tolist(), strict=True)
+        return TorqueModel.from_parameters(
+            values | {f"elastic_cable.{name}": (a, k) for name, a, k in cables}, arm
+        )
+
+    none = np.zeros(arm.n)
+    if lacks == "a cable":
+        stiff = 6.0 * EffortSettings().margin * arm.effort_limit / arm.scale
+        truth = with_cables(-stiff * start, stiff)
+    else:
+        values |= {
+            name: tuple(8.0 * np.array(value))
+            for name, value in values.items()
+            if name.startswith("link_weight")
+        }
+    weak = with_cables(truth.torque(start) - with_cables(none, none).torque(start), none)
+    known = ModelUncertainty(
+        coefficients_of(weak.terms), {}, np.zeros((4, 0)), np.zeros((3, 0)),
+        0.01 * arm.effort_limit, 5.0, np.full(4, 0.1), start - near, start + near,
+        plan.limits.velocity,
+    )  # fmt: skip
+    everywhere = replace(known, lower=plan.limits.lower, upper=plan.limits.upper)
+
+    def go_along(model: TorqueModel, push: float = 0.0) -> None:
+        watch = EffortWatch(plan.at, arm, plan.limits.effort, model)
+        for moment in np.arange(0.0, plan.duration, 0.02).tolist():
+            q, qd, qdd = (each[None] for each in plan.at(moment))
+            effort = truth.torque_at(State(q, qd, qdd))[0] + push * arm.effort_limit
+            watch(Sample(round(1e9 * moment) + 1, q[0], qd[0], effort), moment)
+
+    go_along(replace(weak, uncertainty=known))
+    with pytest.raises(MotionError, match="expected by its model"):
+        go_along(replace(weak, uncertainty=everywhere))
+    with pytest.raises(MotionError, match="expected by its model"):  # within the range, at first
+        go_along(replace(weak, uncertainty=known), push=0.3)
 
 
 def test_a_simulated_arm_that_vanishes_is_noticed(tmp_path: Path, ecm: PlantFile) -> None:

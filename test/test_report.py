@@ -200,6 +200,13 @@ def test_names_of_files_and_parameters_are_escaped():
     assert "mcx(&lt;crank&gt;)" in text
 
 
+def test_a_command_in_the_advice_is_set_as_code():
+    fit = fit_of(TIME)
+    verdict = replace(fit.verdict, record="a motion (`diagnose` finds <more>)")
+    text = identification_page(replace(fit, verdict=verdict), "run.csv")
+    assert "Record instead: a motion (<code>diagnose</code> finds &lt;more&gt;)." in text
+
+
 def test_what_is_not_known_stands_beside_what_is():
     text = page_of("poses")
     assert "a and b cannot be separated" in text

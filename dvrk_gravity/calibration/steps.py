@@ -198,7 +198,7 @@ def _plan_second(work: Work, book: Logbook, step: str) -> Outcome:
         work.arm, work.limits, series_basis(of.check), model, work.seed + _OTHER,
         SolverSettings(seconds=0.5 * of.search), partial(work.progress, step),
     )  # fmt: skip
-    return _planned(work, "second", design.plan, f"{of.check:g} s, to be held out")
+    return _planned(work, "second", design.plan, f"{of.check:.3g} s, to be held out")
 
 
 def _plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
@@ -222,7 +222,7 @@ def _plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
         )  # fmt: skip
         if design.separates:
             apart = next(each.words for each in design.expected if each.separates)
-            return _planned(work, name, design.plan, f"{of.further:g} s, to separate {apart}")
+            return _planned(work, name, design.plan, f"{of.further:.3g} s, to separate {apart}")
     poses = resting_positions(work.limits, work.arm, model, np.random.default_rng(seed), _DRAWN)
     ratio = holding(model, _within(model, poses), of.friction)
     held = float(np.mean((ratio < 1.0).all(axis=1)))
@@ -235,7 +235,7 @@ def _plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     )  # fmt: skip
     return _planned(
         work, name, informative.plan,
-        f"{of.further:g} s, for what holds the arm: with {100 * of.friction:g} % of its friction "
+        f"{of.further:.3g} s, for what holds the arm: with {100 * of.friction:g} % of its friction "
         f"{worst} is not sure to stay",
     )  # fmt: skip
 

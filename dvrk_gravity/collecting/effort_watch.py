@@ -45,8 +45,8 @@ class EffortWatch:
     """Stops an arm whose efforts are beyond its model's band, or its limits, for a while.
 
     The band is that of the path within the arm's lag, with any friction that a joint so slow may
-    have: at rest it is anything between both directions'. Without a model only the limits are
-    watched.
+    have: at rest it is anything between both directions'. Outside of the range that the model was
+    identified on it is wider. Without a model only the limits are watched.
     """
 
     def __init__(
@@ -128,7 +128,31 @@ class EffortWatch:
         time: Array = np.asarray(of.every * steps, dtype=float)
         q, qd, qdd = (np.vstack([each, each]) for each in self._path(time))
         slow = np.repeat([self._slow, -self._slow], len(time), axis=0)
-        torque, half = effort_band(model, State(q, qd + slow, qdd))
+        qd = qd + slow
+        torque, half = effort_band(model, State(q, qd, qdd))
+        half += _beyond_range(model, q, qd, qdd, torque)
         low, high = (ends.reshape(2, len(time), -1) for ends in (torque - half, torque + half))
         self._lowest = np.vstack([self._lowest, low.min(axis=0)])
         self._highest = np.vstack([self._highest, high.max(axis=0)])
+
+
+def _beyond_range(model: TorqueModel, q: Array, qd: Array, qdd: Array, effort: Array) -> Array:
+    """Return (N, n) by how much efforts are less certain outside of a model's identified range.
+
+    It is the change of the model's effort from the nearest state within the range, since terms
+    that cannot be separated there differ outside; and of a joint that is itself outside, a part of
+    its greatest effort: all of it as far outside as its range is wide (chosen), since a cable's
+    torque is held constant there, whatever the cable does. Of static poses the greatest speed is
+    not known (NaN): none was measured.
+    """
+    known, arm = model.uncertainty, model.arm
+    if known is None:
+        return np.zeros_like(effort)
+    lower, upper = known.lower + model.joint_offset, known.upper + model.joint_offset
+    fastest = np.nan_to_num(known.speed)
+    within = np.clip(q, lower, upper)
+    nearest = State(within, np.clip(qd, -fastest, fastest), qdd)
+    change = np.abs(effort - arm.actuator_effort(model.torque_at(nearest)))
+    width = np.maximum(upper - lower, np.finfo(float).tiny)
+    own = np.minimum(np.abs(q - within) / width, 1.0) * arm.effort_limit
+    return change + own @ np.abs(arm.actuator_to_joint)

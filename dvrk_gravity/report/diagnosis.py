@@ -143,8 +143,9 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
             (effect_title(a.effect), ", ".join(a.joints) or "the arm", a.why)
             for a in finding.alternatives
         ]
+        causes = "cause" if len(rejoined) == 1 else "causes"
         yield html.folded(
-            f"This data cannot separate it from {len(rejoined)} other possible causes",
+            f"These data cannot separate it from {len(rejoined)} other possible {causes}",
             html.table(("effect", "joint", "numbers"), rejoined),
         )
         yield _separating(diagnosis.separating(finding))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from html import escape
 
@@ -47,7 +48,8 @@ def identification_page(fit: Fit, sources: str) -> str:
 def _parts(fit: Fit) -> Iterator[str]:
     arm = fit.model.arm
     if fit.verdict.record:
-        yield f"<p>Record instead: {escape(fit.verdict.record)}.</p>"
+        record = re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(fit.verdict.record))
+        yield f"<p>Record instead: {record}.</p>"
     if fit.verdict.level == POOR:
         yield (
             "<p>The compensator refuses this model unless <code>allow_poor_model</code> is true."
