@@ -19,10 +19,11 @@ from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
-from dvrk_gravity.planning.rivalry import STRONG, Passing, Rivalry, Separation
+from dvrk_gravity.planning.rivalry import Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
 
 _STATES = 500  # of a motion, at which torques are compared in words
+_SURE = 0.95  # probability from which a plan counts as one that separates. A convention
 
 
 @dataclass(frozen=True)
@@ -84,18 +85,20 @@ class ExpectedEvidence:
         again: Log Bayes factor that the diagnosed motion is expected to give if it is recorded
             again; ``None``: not known.
         planned: The lesser of those that are expected of the plan, if either is true.
+        chance: Probability that the evidence will be clear, likewise.
         why: Why the plan does not separate them; ``""`` if it does.
     """
 
     words: str
     again: float | None
     planned: float
+    chance: float
     why: str = ""
 
     @property
     def separates(self) -> bool:
-        """Whether the evidence is expected to be strong."""
-        return self.planned >= STRONG
+        """Whether that is all but certain."""
+        return self.chance >= _SURE
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +154,11 @@ def design_separation(
         search = MotionSearch(series_basis(lasts), limits, objective, model, seed, of.solver)
         motion = search.best(report)
         gram = search.gram(motion)
+    found = zip(unseparated.rivalries, objective.expected(gram), strict=True)
     expected = tuple(
-        ExpectedEvidence(rivalry.words, rivalry.again, value,
-                 "" if value >= STRONG else _why(unseparated, rivalry, motion))
-        for rivalry, value in zip(unseparated.rivalries, objective.expected(gram), strict=True)
+        ExpectedEvidence(rivalry.words, rivalry.again, value, chance,
+                         "" if chance >= _SURE else _why(unseparated, rivalry, motion))
+        for rivalry, (value, chance) in found
     )  # fmt: skip
     return SeparationDesign(
         Plan(model.arm, motion, limits), expected, tuple(slacks(motion, limits, model.arm, model))

@@ -157,9 +157,8 @@ def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> Sele
         )
         and overlap(validation, selected, trial.candidate, rest.candidates) > _OVERLAP
     ]
-    least = current.gain - selection.margin([current])
-    equal = tuple(trial for trial in alternatives if trial.gain > least)
-    worse = tuple(trial for trial in alternatives if trial.gain <= least)
+    equal = tuple(trial for trial in alternatives if selection.as_good(trial, current))
+    worse = tuple(trial for trial in alternatives if trial not in equal)
     return SelectedEffect(current, equal, worse[:_REJECTED])
 
 

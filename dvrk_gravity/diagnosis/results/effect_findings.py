@@ -16,7 +16,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.readings import poorly_stated
 from dvrk_gravity.diagnosis.inference.regression import estimates
-from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (
     NOT_AS_FOUND,
@@ -148,9 +148,8 @@ def _alternatives(
     chosen, gain = effect.trial.candidate, effect.trial.gain
     found = dict[tuple[str, tuple[int, ...]], Alternative]()
     for other in effect.alternatives:
-        hypothesis = other.candidate.hypothesis
-        key = (hypothesis.effect, hypothesis.joints)
-        if key in found or key == (chosen.hypothesis.effect, chosen.hypothesis.joints):
+        hypothesis, key = other.candidate.hypothesis, _name(other)
+        if key in found or key == _name(effect.trial):
             continue
         how = "as well"
         if other.gain > gain and other.candidate.parameters > chosen.parameters:
@@ -164,13 +163,21 @@ def _alternatives(
 def _rivals(
     validation: CrossValidation, rest: Sequence[Candidate], effect: SelectedEffect
 ) -> tuple[RivalCause, ...]:
-    """Return the selected cause and all that could stand in its place, if any could."""
+    """Return the selected cause and all that could stand in its place, if any could.
+
+    Also forms of these that fit worse here, for further data are explained by any of them.
+    """
     if not effect.alternatives:
         return ()
-    return tuple(
-        RivalCause.fitted(validation, rest, trial.candidate)
-        for trial in (effect.trial, *effect.alternatives)
-    )
+    equal = (effect.trial, *effect.alternatives)
+    names = {_name(trial) for trial in equal}
+    forms = (trial for trial in effect.rejected if _name(trial) in names)
+    return tuple(RivalCause.fitted(validation, rest, trial.candidate) for trial in (*equal, *forms))
+
+
+def _name(trial: EffectTrial) -> tuple[str, tuple[int, ...]]:
+    """Return effect and joints, as findings name them."""
+    return trial.candidate.hypothesis.effect, trial.candidate.hypothesis.joints
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:

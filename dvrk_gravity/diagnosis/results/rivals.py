@@ -215,7 +215,7 @@ class Contest:
         state = State(motion.q, motion.qd, motion.qdd, motion.direction).rows(some)
         weight = np.full(len(some), lasts / len(some))
         gram = objective.over(motion.time[some]).gram(state, weight)
-        return tuple(objective.expected(gram))
+        return tuple(value for value, _ in objective.expected(gram))
 
     def unseparated(self) -> Unseparated:
         """Return it as a plan needs it."""
