@@ -144,7 +144,8 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
             for a in finding.alternatives
         ]
         yield html.folded(
-            f"This data cannot separate it from {len(rejoined)} other possible causes",
+            f"This data cannot separate it from {len(rejoined)} other possible "
+            f"{'cause' if len(rejoined) == 1 else 'causes'}",
             html.table(("effect", "joint", "numbers"), rejoined),
         )
         yield _separating(diagnosis.separating(finding))
