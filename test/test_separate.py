@@ -29,7 +29,7 @@ from dvrk_gravity.diagnosis import (
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, State
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.planning import (
     STRONG,
     Plan,
@@ -192,6 +192,23 @@ def test_the_plan_is_expected_to_separate_what_the_diagnosed_motion_does_not(des
     assert expected.chance > 0.95
     assert not expected.why
     assert all(slack.left >= 0.0 for slack in design.slacks)
+
+
+def test_the_plan_stays_where_the_model_was_identified(unclear):
+    """Beyond, a diagnosis cannot tell a cause's torque from the model's own."""
+    limits, none = PlanLimits.of(unclear.model.arm), np.zeros((4, 0))
+    lower, upper = 0.7 * limits.lower + 0.3 * limits.upper, limits.upper - 0.1
+    lower[3] = upper[3] = 0.0  # was not moved
+    known = ModelUncertainty(
+        {}, {}, none, none[:3], 0.01 * limits.effort, 8.0, np.full(4, 0.1), lower, upper,
+        limits.velocity,
+    )  # fmt: skip
+    unseparated = replace(unclear, model=replace(unclear.model, uncertainty=known)).unseparated()
+    plan = design_separation(unseparated, limits, settings=BRIEF).plan
+    q, _, _ = plan.motion.at(np.linspace(0.0, plan.duration, 400))
+    assert ((q >= lower) & (q <= upper))[:, :3].all()
+    assert np.ptp(q[:, 3]) > 0.0
+    assert (plan.limits.lower == limits.lower).all()
 
 
 def test_poses_are_chosen_where_two_springs_differ_at_rest(unclear):

@@ -23,6 +23,7 @@ from dvrk_gravity.planning.rivalry import Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
 
 _STATES = 500  # of a motion, at which torques are compared in words
+_NARROW = 0.05  # of a joint's limits: it was hardly moved at identification. Chosen
 _SURE = 0.95  # probability from which a plan counts as one that separates. A convention
 
 
@@ -147,11 +148,12 @@ def design_separation(
     of = settings or SeparationSettings()
     lasts = of.duration if duration is None else duration
     model, objective = unseparated.model, unseparated.objective(lasts)
+    within = _as_identified(limits, model)
     motion: FourierMotion | PosePath
     if poses:
-        motion, gram = _poses(objective, limits, model, lasts, seed, of, report)
+        motion, gram = _poses(objective, within, model, lasts, seed, of, report)
     else:
-        search = MotionSearch(series_basis(lasts), limits, objective, model, seed, of.solver)
+        search = MotionSearch(series_basis(lasts), within, objective, model, seed, of.solver)
         motion = search.best(report)
         gram = search.gram(motion)
     found = zip(unseparated.rivalries, objective.expected(gram), strict=True)
@@ -163,6 +165,22 @@ def design_separation(
     return SeparationDesign(
         Plan(model.arm, motion, limits), expected, tuple(slacks(motion, limits, model.arm, model))
     )
+
+
+def _as_identified(limits: PlanLimits, model: TorqueModel) -> PlanLimits:
+    """Return limits within which the model was identified: beyond, any torque may be its own.
+
+    A joint that was hardly moved then, or never within its limits, keeps them.
+    """
+    known = model.uncertainty
+    if known is None:
+        return limits
+    lower, upper = np.maximum(limits.lower, known.lower), np.minimum(limits.upper, known.upper)
+    enough = upper - lower > _NARROW * (limits.upper - limits.lower)
+    return replace(
+        limits,
+        lower=np.where(enough, lower, limits.lower), upper=np.where(enough, upper, limits.upper),
+    )  # fmt: skip
 
 
 def _poses(

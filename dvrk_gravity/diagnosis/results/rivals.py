@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -198,7 +198,8 @@ class Contest:
         if known is None:
             noise, coherent = left**2 * _NOISE_TIME, np.zeros(motion.arm.n)
             noise = np.where(np.isfinite(noise) & (noise > 0.0), noise, noise_of(motion.arm))
-        else:
+        else:  # where findings leave more than that, nothing says that less would remain elsewhere
+            known = replace(known, error=np.fmax(known.error, left))
             noise = noise_of(motion.arm, known)
             coherent = SignificanceSettings().coherent * np.nan_to_num(known.error)
         contest = cls(motion.model, pairs, noise, coherent, motion.static)
