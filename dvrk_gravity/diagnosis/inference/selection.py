@@ -116,6 +116,11 @@ class EffectTrial(Trial[Candidate]):
         return self.move
 
     @property
+    def named(self) -> tuple[str, tuple[int, ...]]:
+        """Effect and joints, as findings name it."""
+        return self.candidate.hypothesis.effect, self.candidate.hypothesis.joints
+
+    @property
     def gain(self) -> float:
         """Log-likelihood over the set without it, its cost taken off."""
         return self.worth

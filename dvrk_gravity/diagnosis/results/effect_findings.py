@@ -16,7 +16,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.readings import poorly_stated
 from dvrk_gravity.diagnosis.inference.regression import estimates
-from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (
     NOT_AS_FOUND,
@@ -148,8 +148,8 @@ def _alternatives(
     chosen, gain = effect.trial.candidate, effect.trial.gain
     found = dict[tuple[str, tuple[int, ...]], Alternative]()
     for other in effect.alternatives:
-        hypothesis, key = other.candidate.hypothesis, _name(other)
-        if key in found or key == _name(effect.trial):
+        hypothesis, key = other.candidate.hypothesis, other.named
+        if key in found or key == effect.trial.named:
             continue
         how = "as well"
         if other.gain > gain and other.candidate.parameters > chosen.parameters:
@@ -170,14 +170,9 @@ def _rivals(
     if not effect.alternatives:
         return ()
     equal = (effect.trial, *effect.alternatives)
-    names = {_name(trial) for trial in equal}
-    forms = (trial for trial in effect.rejected if _name(trial) in names)
+    names = {trial.named for trial in equal}
+    forms = (trial for trial in effect.rejected if trial.named in names)
     return tuple(RivalCause.fitted(validation, rest, trial.candidate) for trial in (*equal, *forms))
-
-
-def _name(trial: EffectTrial) -> tuple[str, tuple[int, ...]]:
-    """Return effect and joints, as findings name them."""
-    return trial.candidate.hypothesis.effect, trial.candidate.hypothesis.joints
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
