@@ -217,7 +217,9 @@ def test_of_causes_with_as_few_parameters_the_best_is_told_or_a_commoner_one_har
         """Return which is taken of an offset, Coulomb friction and a payload's four parameters."""
         candidates = [*one_of_each()]
         pairs = list(zip(likelihoods, candidates, strict=True))
-        return most_parsimonious(pairs, tolerance=40.0, clearly=3.0).hypothesis.effect
+        best = max(likelihoods)
+        equal = [pair for pair in pairs if pair[0] >= best - 40.0]
+        return most_parsimonious(equal, clearly=3.0).hypothesis.effect
 
     def one_of_each() -> Iterator[Candidate]:
         at = {"arm": ARM, "site": Site.joint(0), "joints": (0,)}

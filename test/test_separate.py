@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import MODEL_FILE
+from scipy import stats
 
 from dvrk_gravity import effects
 from dvrk_gravity.__main__ import main
@@ -22,11 +24,12 @@ from dvrk_gravity.diagnosis import (
     Gain,
     PlannedMotion,
     RivalCause,
+    diagnosed_again,
     load_unseparated,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, State
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.planning import (
     STRONG,
     Plan,
@@ -36,6 +39,7 @@ from dvrk_gravity.planning import (
     SeparationSettings,
     SolverSettings,
     Unseparated,
+    chance,
     design_separation,
     divergence,
 )
@@ -153,14 +157,58 @@ def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(un
     assert np.sum(gradient[0] * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-3)
 
 
+def test_the_chance_of_clear_evidence_is_how_often_data_give_it():
+    """Of two shapes whose sizes are uncertain, one of which may also be an offset."""
+    random = np.random.default_rng(0)
+    columns = random.normal(size=(40, 3))
+    gram = columns.T @ columns
+    roots = np.diag([0.3, 0.0, 0.0]), np.diag([0.0, 0.5, 0.2])
+    means = np.array([0.6, 0.0, 0.0]), np.array([0.0, 0.6, 0.3])
+    here, there = (
+        stats.multivariate_normal(columns @ mean, np.eye(40) + columns @ root**2 @ columns.T)
+        for mean, root in zip(means, roots, strict=True)
+    )
+    factors = means[0] + random.normal(size=(20_000, 3)) @ roots[0]
+    drawn = factors @ columns.T + random.normal(size=(20_000, 40))
+    left = (factors - means[1]) @ columns.T
+    spread = np.sqrt(np.sum(left * np.linalg.solve(there.cov, left.T).T, axis=1))
+    clear = np.mean(here.logpdf(drawn) - there.logpdf(drawn) > np.maximum(STRONG, 1.64 * spread))
+    found = chance(gram, *(Prediction.of(gram, root) for root in roots), means[0] - means[1])
+    assert 0.2 < clear < 0.8
+    assert found == pytest.approx(clear, abs=0.03)
+
+
+def test_there_is_no_chance_to_separate_equal_torques():
+    gram, same = np.eye(2), Prediction.of(np.eye(2), np.eye(2))
+    assert chance(gram, same, same, np.zeros(2)) == pytest.approx(0.0, abs=0.01)
+
+
 # The plan.
 def test_the_plan_is_expected_to_separate_what_the_diagnosed_motion_does_not(design):
     (expected,) = design.expected
     assert expected.again < STRONG
     assert expected.planned > max(STRONG, 2.0 * expected.again)
     assert expected.separates
+    assert expected.chance > 0.95
     assert not expected.why
     assert all(slack.left >= 0.0 for slack in design.slacks)
+
+
+def test_the_plan_stays_where_the_model_was_identified(unclear):
+    """Beyond, a diagnosis cannot tell a cause's torque from the model's own."""
+    limits, none = PlanLimits.of(unclear.model.arm), np.zeros((4, 0))
+    lower, upper = 0.7 * limits.lower + 0.3 * limits.upper, limits.upper - 0.1
+    lower[3] = upper[3] = 0.0  # was not moved
+    known = ModelUncertainty(
+        {}, {}, none, none[:3], 0.01 * limits.effort, 8.0, np.full(4, 0.1), lower, upper,
+        limits.velocity,
+    )  # fmt: skip
+    unseparated = replace(unclear, model=replace(unclear.model, uncertainty=known)).unseparated()
+    plan = design_separation(unseparated, limits, settings=BRIEF).plan
+    q, _, _ = plan.motion.at(np.linspace(0.0, plan.duration, 400))
+    assert ((q >= lower) & (q <= upper))[:, :3].all()
+    assert np.ptp(q[:, 3]) > 0.0
+    assert (plan.limits.lower == limits.lower).all()
 
 
 def test_poses_are_chosen_where_two_springs_differ_at_rest(unclear):
@@ -182,6 +230,24 @@ def test_what_is_the_same_torque_everywhere_is_said_to_be(model):
     assert not design.separates
     assert expected.planned == pytest.approx(0.0, abs=1e-6)
     assert "the same torque within the limits" in expected.why
+
+
+def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
+    """Fitted on both recordings it will not be held where the first one ended."""
+    narrow, wide = passed(model), passed(model, part=0.2)
+    curve, held = (
+        next(
+            RivalCause(each, np.array([0.0, 0.0, 1.0]), np.eye(3))
+            for each in effects.named("elastic_cable").hypotheses(narrow)
+            if each.joints == (1,) and each.place == "degree 2"
+        )
+        for _ in range(2)
+    )
+    planned = curve.rival().columns(wide)[:, 1, 2]
+    assert np.ptp(planned) > 3.0 * np.ptp(held.hypothesis.regressor(wide)[:, 1, 2])
+    rows = np.array([0, 7])
+    seen = curve.rival(narrow, rows).columns(wide)
+    np.testing.assert_array_equal(seen, curve.hypothesis.regressor(narrow)[rows])
 
 
 def test_a_push_that_happened_once_is_not_expected_again(model):
@@ -278,6 +344,7 @@ def test_the_verb_plans_prints_the_evidence_and_writes_plan_and_picture(unclear,
     printed = capsys.readouterr().out
     assert "torque_offset at pitch or elastic_cable at pitch" in printed
     assert "diagnosed" in printed
+    assert re.search(r" 9[5-9] %$", printed, re.MULTILINE)
     assert "used" in printed
     assert Plan.load(out).duration == pytest.approx(12.0)
     assert out.with_suffix(".png").exists()
@@ -291,8 +358,29 @@ def test_what_no_motion_separates_ends_with_status_1_and_says_why(model, tmp_pat
     words = ["--separate", str(written(same, tmp_path)), "--duration", "8", "--time", "1"]
     assert main(["plan", *words, "--out", str(tmp_path / "separate.yaml")]) == 1
     printed = capsys.readouterr().out
-    assert "no motion was found within the limits that is expected to separate them" in printed
+    assert "no motion was found within the limits that is all but sure to separate" in printed
+    assert " 0 %" in printed
     assert "they are the same torque within the limits" in printed
+
+
+@pytest.mark.parametrize(
+    ("first", "poses", "words"),
+    [
+        (["../first bag"], False, "'{}/first bag' further --model {}/out/model.yaml"),
+        (["a.csv", "b.csv"], False, "{}/out/a.csv {}/out/b.csv further --model"),
+        (["a.csv"], True, "diagnose further --model"),  # poses beside a motion: by themselves
+        ([], False, "diagnose RECORDING further --model"),
+    ],
+)
+def test_the_further_recording_is_diagnosed_together_with_the_first(
+    unclear, tmp_path, first, poses, words
+):
+    out = tmp_path / "out"
+    out.mkdir()
+    path = written(unclear, out, recordings=first)
+    command = diagnosed_again(path, "further", poses)
+    assert words.replace("{}", str(tmp_path)) in command
+    assert command.endswith(f" --out {out}/both")
 
 
 @pytest.mark.parametrize("words", [(), ("--arm", "ecm", "--separate", "findings.json")])
@@ -313,7 +401,9 @@ def found(contest: Contest) -> Diagnosis:
     return Diagnosis(
         "ambiguous", (finding,), (), level, level, level, level, "nothing", 100, 30, (), (), (),
         contest.model, band=8.0, contest=contest,
-        files=Files.of(Path("out dir/findings.json"), Path("models/model.yaml")),
+        files=Files.of(
+            Path("out dir/findings.json"), Path("models/model.yaml"), [Path("bags/run 1")]
+        ),
     )  # fmt: skip
 
 
@@ -324,6 +414,7 @@ def test_terminal_file_and_page_name_the_command_that_plans_what_separates(uncle
     content = json.loads(diagnosis.to_json())
     assert content["next"] == content["findings"][0]["next"] == command
     assert content["unseparated"]["model"] == "../models/model.yaml"
+    assert content["unseparated"]["recordings"] == ["../bags/run 1"]
     assert "dvrk_gravity plan --separate" in diagnosis_page(diagnosis, ["run.csv"])
 
 

@@ -317,7 +317,7 @@ def _diagnose(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     bags = [work.at("second"), *_fitted(work, book, k)[1:]]
     path = work.at(f"diagnosis_{k}.json")
     found = diagnose([str(bag) for bag in bags], model, lambda line: work.progress(step, 0.5))
-    found = replace(found, files=Files.of(path, model))
+    found = replace(found, files=Files.of(path, model, bags))
     text_file.write(path, found.to_json())
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.diagnosis(found, [bag.name for bag in bags]))

@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
     except ConfigError as error:
         of_model = args.model is not None and not error.field.startswith("--")
         raise error.in_file(args.model) if of_model else error from None
-    diagnosis = replace(diagnosis, files=Files.of(out / FINDINGS, args.model))
+    diagnosis = replace(diagnosis, files=Files.of(out / FINDINGS, args.model, args.recordings))
     out.mkdir(parents=True, exist_ok=True)
     text_file.write(out / FINDINGS, diagnosis.to_json())
     base = f"Given model: {args.model}" if args.model else f"Changes against {args.reference}"

@@ -71,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         0, or 1 if no motion is expected to separate any of the causes.
     """
     from dvrk_gravity.arms import Arm
+    from dvrk_gravity.diagnosis import diagnosed_again
     from dvrk_gravity.planning import PlanLimits, load_limits
     from dvrk_gravity.report import plan_picture
 
@@ -111,7 +112,12 @@ def run(arguments: argparse.Namespace) -> int:
         written += f", {arguments.csv}"
     for line in lines:
         print(line)
-    print(f"written: {written}. Next: collect {arguments.out} --out my_bag")
+    bag = (
+        "my_bag" if separate is None else str(arguments.out.with_name(f"{arguments.out.stem}_bag"))
+    )
+    print(f"written: {written}. Next: collect {arguments.out} --out {bag}")
+    if separate is not None:
+        print(f"then: {diagnosed_again(separate, bag, arguments.poses, arguments.model)}")
     return 0 if enough else 1
 
 

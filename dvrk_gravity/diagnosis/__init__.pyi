@@ -62,6 +62,7 @@ from .results.rivals import Contest as Contest
 from .results.rivals import PlannedMotion as PlannedMotion
 from .results.rivals import RivalCause as RivalCause
 from .results.rivals import RivalCauses as RivalCauses
+from .results.rivals_file import diagnosed_again as diagnosed_again
 from .results.rivals_file import load_unseparated as load_unseparated
 from .results.sentences import FLOORS as FLOORS
 from .results.sentences import effect_found as effect_found

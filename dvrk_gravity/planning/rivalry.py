@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -26,6 +27,8 @@ N is a multiple of M: motions one after the other. Poses have a direction, and a
 """
 STRONG = float(np.log(20.0))
 """Log Bayes factor of odds of 20 to one: strong evidence (Kass and Raftery 1995)."""
+_CLEAR = 1.64  # standard errors of the log Bayes factor, as `diagnose` requires them (Vuong 1989)
+_DRAWN = 1000  # sizes of a cause, of which chances are known to two per cent
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +74,12 @@ class Prediction:
     """What is known of the columns' factors if one rival is true, and what a motion makes of it.
 
     Attributes:
-        covariance: (p, p) L L' of the factors.
+        root: (p, r) L, of whose product with L' the factors' covariance is.
         inside: (p, p) B = L (1 + L' G L)^-1 L'.
         log_determinant: Of what is inverted in B.
     """
 
-    covariance: Array
+    root: Array
     inside: Array
     log_determinant: float
 
@@ -87,7 +90,7 @@ class Prediction:
         values, vectors = np.linalg.eigh(np.eye(root.shape[1]) + root.T @ gram @ root)
         values = np.maximum(values, 1.0)
         half = (root @ vectors) / np.sqrt(values)
-        return cls(root @ root.T, half @ half.T, float(np.log(values).sum()))
+        return cls(root, half @ half.T, float(np.log(values).sum()))
 
 
 def divergence(
@@ -103,12 +106,34 @@ def divergence(
     """
     beyond = second.inside
     # What the first expects of squares of factors about the second's mean.
-    square = first.covariance + np.outer(apart, apart)
+    square = first.root @ first.root.T + np.outer(apart, apart)
     left = np.eye(len(gram)) - beyond @ gram
     expected = left @ square
     value = np.sum(gram * expected) - np.sum(beyond * gram)
     slope = expected @ left.T + beyond @ gram @ beyond - first.inside
     return 0.5 * float(value + second.log_determinant - first.log_determinant), 0.5 * slope
+
+
+def chance(gram: Array, first: Prediction, second: Prediction, apart: Array) -> float:
+    """Return the probability that evidence will be clear if the first is true.
+
+    Clear is what `diagnose` requires: odds of 20 to one, and 1.64 standard errors. For factors as
+    the first expects them the log Bayes factor is about normal, its variance that of the noise
+    along what the second cannot reproduce. Arguments as for :func:`divergence`.
+    """
+    from scipy.special import ndtr
+
+    random = np.random.default_rng(0)
+    off = first.root @ random.normal(size=(first.root.shape[1], _DRAWN))
+    near, far = (
+        np.sum(factors * ((gram - gram @ of.inside @ gram) @ factors), axis=0)
+        for factors, of in ((off, first), (off + apart[:, None], second))
+    )
+    freedom = second.log_determinant - first.log_determinant
+    freedom += float(np.sum(gram * (first.inside - second.inside)))
+    spread = np.sqrt(np.maximum(far, 1e-12))
+    beyond = 0.5 * (far - near + freedom) - np.maximum(STRONG, _CLEAR * spread)
+    return float(np.mean(ndtr(beyond / spread)))
 
 
 def _root(covariance: Array) -> Array:
@@ -177,22 +202,26 @@ class Separation(Objective):
     def score(self, gram: Array) -> tuple[float, Array]:
         """Return the sum of log(1 + K) over both senses of all rivalries, and its slope."""
         total, slope = 0.0, np.zeros_like(gram)
-        for senses in self._divergences(gram):
-            for value, by in senses:
-                total += float(np.log1p(max(value, 0.0)))
-                slope += by / (1.0 + max(value, 0.0))
+        for sense in chain.from_iterable(self._senses(gram)):
+            value, by = divergence(gram, *sense)
+            total += float(np.log1p(max(value, 0.0)))
+            slope += by / (1.0 + max(value, 0.0))
         return total, slope
 
-    def expected(self, gram: Array) -> list[float]:
-        """Return of each rivalry the lesser of both log Bayes factors that are expected."""
-        return [min(value for value, _ in senses) for senses in self._divergences(gram)]
+    def expected(self, gram: Array) -> list[tuple[float, float]]:
+        """Return of each rivalry the log Bayes factor expected, and the chance of clear evidence.
 
-    def _divergences(self, gram: Array) -> Iterator[list[tuple[float, Array]]]:
-        """Yield of each rivalry the divergence and its slope if the first is true, and if not."""
+        The lesser of each, whichever of the two is true.
+        """
+        result = []
+        for senses in self._senses(gram):
+            values = [divergence(gram, *sense)[0] for sense in senses]
+            result.append((min(values), min(chance(gram, *sense) for sense in senses)))
+        return result
+
+    def _senses(self, gram: Array) -> Iterator[list[tuple[Prediction, Prediction, Array]]]:
+        """Yield of each rivalry what is true, the other, and what is between, in both senses."""
         found = [Prediction.of(gram, root) for root in self._roots]
         for first, second in self._pairs:
             apart = self._means[first] - self._means[second]
-            yield [
-                divergence(gram, found[first], found[second], apart),
-                divergence(gram, found[second], found[first], apart),
-            ]
+            yield [(found[first], found[second], apart), (found[second], found[first], apart)]

@@ -19,10 +19,12 @@ from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
-from dvrk_gravity.planning.rivalry import STRONG, Passing, Rivalry, Separation
+from dvrk_gravity.planning.rivalry import Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
 
 _STATES = 500  # of a motion, at which torques are compared in words
+_NARROW = 0.05  # of a joint's limits: it was hardly moved at identification. Chosen
+_SURE = 0.95  # probability from which a plan counts as one that separates. A convention
 
 
 @dataclass(frozen=True)
@@ -84,18 +86,20 @@ class ExpectedEvidence:
         again: Log Bayes factor that the diagnosed motion is expected to give if it is recorded
             again; ``None``: not known.
         planned: The lesser of those that are expected of the plan, if either is true.
+        chance: Probability that the evidence will be clear, likewise.
         why: Why the plan does not separate them; ``""`` if it does.
     """
 
     words: str
     again: float | None
     planned: float
+    chance: float
     why: str = ""
 
     @property
     def separates(self) -> bool:
-        """Whether the evidence is expected to be strong."""
-        return self.planned >= STRONG
+        """Whether that is all but certain."""
+        return self.chance >= _SURE
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,21 +148,39 @@ def design_separation(
     of = settings or SeparationSettings()
     lasts = of.duration if duration is None else duration
     model, objective = unseparated.model, unseparated.objective(lasts)
+    within = _as_identified(limits, model)
     motion: FourierMotion | PosePath
     if poses:
-        motion, gram = _poses(objective, limits, model, lasts, seed, of, report)
+        motion, gram = _poses(objective, within, model, lasts, seed, of, report)
     else:
-        search = MotionSearch(series_basis(lasts), limits, objective, model, seed, of.solver)
+        search = MotionSearch(series_basis(lasts), within, objective, model, seed, of.solver)
         motion = search.best(report)
         gram = search.gram(motion)
+    found = zip(unseparated.rivalries, objective.expected(gram), strict=True)
     expected = tuple(
-        ExpectedEvidence(rivalry.words, rivalry.again, value,
-                 "" if value >= STRONG else _why(unseparated, rivalry, motion))
-        for rivalry, value in zip(unseparated.rivalries, objective.expected(gram), strict=True)
+        ExpectedEvidence(rivalry.words, rivalry.again, value, chance,
+                         "" if chance >= _SURE else _why(unseparated, rivalry, motion))
+        for rivalry, (value, chance) in found
     )  # fmt: skip
     return SeparationDesign(
         Plan(model.arm, motion, limits), expected, tuple(slacks(motion, limits, model.arm, model))
     )
+
+
+def _as_identified(limits: PlanLimits, model: TorqueModel) -> PlanLimits:
+    """Return limits within which the model was identified: beyond, any torque may be its own.
+
+    A joint that was hardly moved then, or never within its limits, keeps them.
+    """
+    known = model.uncertainty
+    if known is None:
+        return limits
+    lower, upper = np.maximum(limits.lower, known.lower), np.minimum(limits.upper, known.upper)
+    enough = upper - lower > _NARROW * (limits.upper - limits.lower)
+    return replace(
+        limits,
+        lower=np.where(enough, lower, limits.lower), upper=np.where(enough, upper, limits.upper),
+    )  # fmt: skip
 
 
 def _poses(

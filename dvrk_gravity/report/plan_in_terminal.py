@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from dvrk_gravity.planning import STRONG, MotionDesign, SeparationDesign, Slack
+from dvrk_gravity.planning import MotionDesign, SeparationDesign, Slack
 from dvrk_gravity.units import quantity
 
 _COLUMN = 20  # characters
@@ -44,15 +44,16 @@ def separation_text(design: SeparationDesign) -> Iterator[str]:
     least = sorted(design.expected, key=lambda each: each.planned)
     head = "expected log Bayes factor of"
     broad = 1 + max(len(head), *(len(each.words) for each in least[:_PAIRS]))
-    yield f"{head:<{broad}}{'diagnosed':>12}{'planned':>10}"
+    yield f"{head:<{broad}}{'diagnosed':>12}{'planned':>10}{'clear':>8}"
     for each in least[:_PAIRS]:
         again = "" if each.again is None else f"{each.again:.1f}"
-        enough = "" if each.separates else f"  below {STRONG:.1f}, odds of 20 to one"
-        yield f"{each.words:<{broad}}{again:>12}{each.planned:>10.1f}{enough}"
+        # Nothing is as certain as 100 %.
+        clear = f"{min(math.floor(100.0 * each.chance), 99)} %"
+        yield f"{each.words:<{broad}}{again:>12}{each.planned:>10.1f}{clear:>8}"
     if len(least) > _PAIRS:
         yield f"and {len(least) - _PAIRS} more pairs, {least[_PAIRS].planned:.1f} or more planned"
     if not design.separates:
-        yield "no motion was found within the limits that is expected to separate them:"
+        yield "no motion was found within the limits that is all but sure to separate any of them:"
     for each in least[:_PAIRS]:
         if not each.separates:
             yield f"{each.words}: {each.why}"

@@ -115,20 +115,15 @@ class Score:
     negative_log_prior: float
 
 
-def most_parsimonious(
-    candidates: Sequence[tuple[float, Candidate]], tolerance: float, clearly: float
-) -> Candidate:
-    """Return one with the fewest parameters of those as good as the best.
+def most_parsimonious(equal: Sequence[tuple[float, Candidate]], clearly: float) -> Candidate:
+    """Return one with the fewest parameters of those that are as good as each other.
 
     Of several with as few it is the best one, or the commonest of those hardly worse.
 
     Args:
-        candidates: (likelihood, candidate), any order.
-        tolerance: How much worse than the best still counts as equal.
+        equal: (likelihood, candidate), any order.
         clearly: How much better one must be than a commoner one.
     """
-    best = max(likelihood for likelihood, _ in candidates)
-    equal = [(value, candidate) for value, candidate in candidates if value >= best - tolerance]
     fewest = min(candidate.parameters for _, candidate in equal)
     simple = [(value, candidate) for value, candidate in equal if candidate.parameters == fewest]
     least = max(value for value, _ in simple) - clearly

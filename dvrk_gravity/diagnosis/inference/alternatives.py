@@ -29,7 +29,7 @@ class SelectedEffect:
     Attributes:
         trial: How it did beside all other selected ones.
         alternatives: Others in its place, best first, that the data cannot separate from it.
-        rejected: Others in its place, best first, that are worse.
+        rejected: Others in its place, best first, that are worse; with all forms of those above.
         doubt: Why it is not certain, and what to record instead; empty: nothing speaks against it.
     """
 
@@ -157,10 +157,11 @@ def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> Sele
         )
         and overlap(validation, selected, trial.candidate, rest.candidates) > _OVERLAP
     ]
-    least = current.gain - selection.margin([current])
-    equal = tuple(trial for trial in alternatives if trial.gain > least)
-    worse = tuple(trial for trial in alternatives if trial.gain <= least)
-    return SelectedEffect(current, equal, worse[:_REJECTED])
+    equal = tuple(trial for trial in alternatives if selection.as_good(trial, current))
+    worse = [trial for trial in alternatives if trial not in equal]
+    names = {trial.named for trial in (current, *equal)}
+    forms = [trial for trial in worse[_REJECTED:] if trial.named in names]
+    return SelectedEffect(current, equal, (*worse[:_REJECTED], *forms))
 
 
 def contains(

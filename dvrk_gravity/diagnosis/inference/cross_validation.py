@@ -209,6 +209,19 @@ class CrossValidation:
         loss = np.bincount(self.choice.block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood, negative_log_prior)
 
+    def spread(self, first: Score, second: Score) -> float:
+        """Return the standard error of the difference of two log-likelihoods (Vuong 1989).
+
+        From its variation over blocks, joined as in :meth:`fit`. A logarithm of a mean square falls
+        by about as much as that does over the geometric mean of both.
+        """
+        part = self.choice.block // self._clustered
+        rms, other = (np.maximum(each.rms, self.known_error) for each in (first, second))
+        square = np.maximum(rms * other * self.redundancy, 1e-300)
+        slope = np.where(self.weight > 0.0, 0.5 / square, 0.0)
+        by_block = np.bincount(part, (first.error**2 - second.error**2) @ slope)[np.unique(part)]
+        return float(np.sqrt(len(by_block)) * np.std(by_block, ddof=1))
+
     def _log_likelihood(self, mean: Array) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squared errors, but for a constant."""
         samples = np.where(self.weight > 0.0, self.samples, 0.0)

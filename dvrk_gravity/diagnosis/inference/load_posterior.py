@@ -183,8 +183,6 @@ class _Problem:
         load: The payload.
         sign: Whether it was put on or taken off.
         weight: (R n,) of the samples, so that a unit error is one standard deviation.
-        own: (R n, k) weighted columns of the payload as it was found.
-        spread: (k, k) covariance of its parameters that noise does not show.
         base: (R n, d) weighted columns of what may be off.
         gram: (d, d) their products, and what is known of them.
         target: (R n,) weighted residual.
@@ -194,8 +192,6 @@ class _Problem:
     load: Candidate
     sign: float
     weight: Array
-    own: Array
-    spread: Array
     base: Array
     gram: Array
     target: Array
@@ -216,14 +212,16 @@ class _Problem:
             torque = load.hypothesis.regressor(data.motion) @ theta
             columns = Candidate.of(load.hypothesis, data.reduce(load_columns(data.motion, torque)))
             base, size = np.hstack([base, validation.design([columns])]), columns.size
+        # Errors that look like the load that was found, as large as its parameters' spread.
+        size += len(theta)
+        base = np.hstack([base, validation.design([load]) @ _root(fitted.spread)])
         ridges = [np.ones(validation.model_size), *(other.ridge for other in rest), np.ones(size)]
         base = base * weight[:, None]
         target = (validation.of_choice(data.residual) * validation.weight).ravel() * weight
         gram = base.T @ base + np.diag(np.concatenate(ridges))
         target = target - base @ solve(gram, base.T @ target, _TRACE)
         sign = -1.0 if theta[0] < 0.0 and load.hypothesis.against_reference else 1.0
-        own = validation.design([load]) * weight[:, None]
-        return cls(validation, load, sign, weight, own, fitted.spread, base, gram, target)
+        return cls(validation, load, sign, weight, base, gram, target)
 
     def form(self, body: int) -> _Form:
         """Return the likelihood of a mass at a place of a body."""
@@ -233,13 +231,14 @@ class _Problem:
         own = self.validation.design([Candidate.of(here, data.reduce(columns))])
         own *= self.weight[:, None]
         products = own.T @ self.base
-        beside = solve(self.gram, products.T, _TRACE)
-        precision, score = own.T @ own - products @ beside, self.sign * own.T @ self.target
-        # An error that looks like the load that was found adds to the score what that load would.
-        like_load = own.T @ self.own - beside.T @ (self.base.T @ self.own)
-        variance = precision + like_load @ self.spread @ like_load.T
-        part = solve(variance, precision, _TRACE)
-        return _Form(precision @ part, part.T @ score, heaviest(hypothesis.arm))
+        precision = own.T @ own - products @ solve(self.gram, products.T, _TRACE)
+        return _Form(precision, self.sign * own.T @ self.target, heaviest(hypothesis.arm))
+
+
+def _root(covariance: Array) -> Array:
+    """Return (k, k) R, R R' = covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)

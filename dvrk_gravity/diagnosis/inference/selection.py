@@ -40,10 +40,12 @@ class SelectionSettings:
         screened: Hypotheses that are cross-validated at each step: a bound on time.
         refined: ... and whose settings are searched for.
         close: Part of the best gain by which those may miss it.
-        equal: Part of the best gain by which one that is as good may miss it. Chosen; see
-            `make sensitivity`.
+        equal: Standard errors of the difference by which one that is as good may gain less than the
+            best: one-sided 95 % of a normal one (Vuong 1989).
         equal_least: Log-likelihood likewise, at least: odds of 20 to one, "strong" in the scale of
             Kass and Raftery (1995).
+        equal_most: Part of the best gain likewise, at most: what differs in a single block has a
+            standard error as large as the difference. Chosen; see `make sensitivity`.
         consequence: Times a joint's known error that a finding's torque must be, RMS: as large
             as its error is in one motion of twenty where nothing is there. The square of
             that over the known one's is Fisher's F of 30 degrees of freedom each
@@ -61,8 +63,9 @@ class SelectionSettings:
     screened: int = 24
     refined: int = 6
     close: float = 0.15
-    equal: float = 0.02
+    equal: float = 1.64
     equal_least: float = 3.0
+    equal_most: float = 0.02
     consequence: float = 1.36
     day_to_day: float = 1.0
     share: float = 0.003
@@ -111,6 +114,11 @@ class EffectTrial(Trial[Candidate]):
     def candidate(self) -> Candidate:
         """The hypothesis with its columns."""
         return self.move
+
+    @property
+    def named(self) -> tuple[str, tuple[int, ...]]:
+        """Effect and joints, as findings name it."""
+        return self.candidate.hypothesis.effect, self.candidate.hypothesis.joints
 
     @property
     def gain(self) -> float:
@@ -334,10 +342,11 @@ class Selection:
         """Drop what is large and can be computed again: named effects have been searched for."""
         self.validation.data.release()
 
-    def margin(self, trials: Sequence[EffectTrial]) -> float:
-        """Return how much less than the best of some gains still counts as equal."""
-        best = max(trials, key=lambda trial: trial.gain)
-        return max(self.settings.equal_least * best.inflation, self.settings.equal * best.gain)
+    def as_good(self, trial: EffectTrial, best: EffectTrial) -> bool:
+        """Return whether the data cannot show that one hypothesis is worse than another."""
+        settings, spread = self.settings, self.validation.spread(best.score, trial.score)
+        margin = min(settings.equal * spread, settings.equal_most * best.gain)
+        return trial.gain > best.gain - max(margin, settings.equal_least * best.inflation)
 
     def eliminate_backward(self, selected: Sequence[Candidate]) -> Beside:
         """Return those that are still significant and worth having when all is known.
@@ -368,19 +377,17 @@ class Selection:
 
         What likely causes it (``Hypothesis.EXPLAINED_BY``) goes before that.
         """
-        margin = self.margin(trials)
-        least = max(trial.gain for trial in trials) - margin
-        expected = [trial for trial in trials if trial.day_to_day and trial.gain >= least]
+        best = max(trials, key=lambda trial: trial.gain)
+        equal = [trial for trial in trials if self.as_good(trial, best)]
+        expected = [trial for trial in equal if trial.day_to_day]
         if expected:
             return max(expected, key=lambda trial: trial.gain)
-        gains = [(trial.gain, trial.candidate) for trial in trials]
-        chosen = most_parsimonious(gains, margin, self.settings.equal_least)
+        gains = [(trial.gain, trial.candidate) for trial in equal]
+        chosen = most_parsimonious(gains, self.settings.equal_least)
         causes = [
             trial
-            for trial in trials
-            if trial.candidate.hypothesis.effect == chosen.hypothesis.EXPLAINED_BY
-            and trial.likely
-            and trial.gain >= least
+            for trial in equal
+            if trial.candidate.hypothesis.effect == chosen.hypothesis.EXPLAINED_BY and trial.likely
         ]
         if causes:
             return max(causes, key=lambda trial: trial.gain)

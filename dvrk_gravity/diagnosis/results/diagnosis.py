@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -28,24 +28,28 @@ Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambigu
 
 @dataclass(frozen=True)
 class Files:
-    """Where a diagnosis is written, and of which model it is.
+    """Where a diagnosis is written, and of which model and recordings it is.
 
     Attributes:
         findings: Path of findings.json.
         model: Path of the model's file, as seen from the folder of that; ``""``: none.
+        recordings: Those of the recordings, likewise.
     """
 
     findings: str = "findings.json"
     model: str = ""
+    recordings: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, findings: Path, model: Path | None) -> Files:
-        """Return them for a model's file as seen from the working directory."""
-        if model is None:
-            return cls(str(findings))
-        path, link = split_link(str(model))
-        seen = os.path.relpath(Path(path).resolve(), findings.parent.resolve())
-        return cls(str(findings), f"{seen}#{link}" if link else seen)
+    def of(cls, findings: Path, model: Path | None, recordings: Iterable[Path] = ()) -> Files:
+        """Return them for files as seen from the working directory."""
+
+        def seen(path: Path | str) -> str:
+            return os.path.relpath(Path(path).resolve(), findings.parent.resolve())
+
+        path, link = split_link("" if model is None else str(model))
+        its = f"{seen(path)}#{link}" if link else seen(path) if path else ""
+        return cls(str(findings), its, tuple(map(seen, recordings)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +196,11 @@ class Diagnosis(Tabular):
         """Return findings.json's content."""
         unseparated: dict[str, Any] = {"pairs": []}
         if self.contest is not None and self.contest.pairs:
-            unseparated = {"model": self.files.model or None, **self.contest.to_dict()}
+            unseparated = {
+                "model": self.files.model or None,
+                "recordings": list(self.files.recordings),
+                **self.contest.to_dict(),
+            }
         return {
             "format": 2,
             "verdict": self.verdict,

@@ -148,9 +148,8 @@ def _alternatives(
     chosen, gain = effect.trial.candidate, effect.trial.gain
     found = dict[tuple[str, tuple[int, ...]], Alternative]()
     for other in effect.alternatives:
-        hypothesis = other.candidate.hypothesis
-        key = (hypothesis.effect, hypothesis.joints)
-        if key in found or key == (chosen.hypothesis.effect, chosen.hypothesis.joints):
+        hypothesis, key = other.candidate.hypothesis, other.named
+        if key in found or key == effect.trial.named:
             continue
         how = "as well"
         if other.gain > gain and other.candidate.parameters > chosen.parameters:
@@ -164,13 +163,16 @@ def _alternatives(
 def _rivals(
     validation: CrossValidation, rest: Sequence[Candidate], effect: SelectedEffect
 ) -> tuple[RivalCause, ...]:
-    """Return the selected cause and all that could stand in its place, if any could."""
+    """Return the selected cause and all that could stand in its place, if any could.
+
+    Also forms of these that fit worse here, for further data are explained by any of them.
+    """
     if not effect.alternatives:
         return ()
-    return tuple(
-        RivalCause.fitted(validation, rest, trial.candidate)
-        for trial in (effect.trial, *effect.alternatives)
-    )
+    equal = (effect.trial, *effect.alternatives)
+    names = {trial.named for trial in equal}
+    forms = (trial for trial in effect.rejected if trial.named in names)
+    return tuple(RivalCause.fitted(validation, rest, trial.candidate) for trial in (*equal, *forms))
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -99,13 +99,16 @@ class RivalCause:
         plain = all(_is_plain(value) for _, value in _given(self.hypothesis))
         return bool(sized and plain and not self.hypothesis.refits_model)
 
-    def rival(self) -> Rival:
-        """Return it as a plan needs it."""
+    def rival(self, seen: Motion | None = None, rows: Array | slice = slice(None)) -> Rival:
+        """Return it as a plan needs it, or as it acts at some rows of a motion that was seen."""
 
         def columns(motion: Motion) -> Array:
             if self.hypothesis.transient:  # it happened once
                 return np.zeros((*motion.q.shape, len(self.theta)))
-            return self.hypothesis.regressor(motion)
+            # Friction depends on the path, and on which speeds exceed noise.
+            if seen is not None:
+                return self.hypothesis.regressor(seen)[rows]
+            return self.hypothesis.beyond.regressor(motion)
 
         return Rival(self.words, columns, self.theta, self.covariance)
 
@@ -202,7 +205,8 @@ class Contest:
         if known is None:
             noise, coherent = left**2 * _NOISE_TIME, np.zeros(motion.arm.n)
             noise = np.where(np.isfinite(noise) & (noise > 0.0), noise, noise_of(motion.arm))
-        else:
+        else:  # where findings leave more than that, nothing says that less would remain elsewhere
+            known = replace(known, error=np.fmax(known.error, left))
             noise = noise_of(motion.arm, known)
             coherent = SignificanceSettings().coherent * np.nan_to_num(known.error)
         contest = cls(motion.model, pairs, noise, coherent, motion.static)
@@ -215,17 +219,21 @@ class Contest:
         lasts = PoseSettings().reading * len(motion.q)
         if motion.rate is not None:
             lasts = len(motion.q) / motion.rate
-        objective = self.unseparated().objective(lasts)
+        objective = self.unseparated(motion, some).objective(lasts)
         state = State(motion.q, motion.qd, motion.qdd, motion.direction).rows(some)
         weight = np.full(len(some), lasts / len(some))
         gram = objective.over(motion.time[some]).gram(state, weight)
-        return tuple(objective.expected(gram))
+        return tuple(value for value, _ in objective.expected(gram))
 
-    def unseparated(self) -> Unseparated:
-        """Return it as a plan needs it."""
+    def unseparated(
+        self, seen: Motion | None = None, rows: Array | slice = slice(None)
+    ) -> Unseparated:
+        """Return it as a plan needs it, or at some rows of a motion that was seen."""
         again = self.again or (None,) * len(self.pairs)
         rivals = {
-            id(each): each.rival() for pair in self.pairs for each in (pair.first, pair.second)
+            id(each): each.rival(seen, rows)
+            for pair in self.pairs
+            for each in (pair.first, pair.second)
         }  # one that stands beside several has its columns once
         rivalries = tuple(
             Rivalry(rivals[id(pair.first)], rivals[id(pair.second)], value)

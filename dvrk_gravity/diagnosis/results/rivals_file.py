@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.diagnosis.results.rivals import EXPECTED, Contest, RivalCause, RivalCauses
+from dvrk_gravity.diagnosis.results.sentences import rejoining_command
 from dvrk_gravity.effects import ReadingErrors, State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
@@ -90,6 +92,25 @@ def _require_columns(found: Unseparated, rival: Rival, where: str) -> None:
         raise ConfigError(where, str(error), EXPECTED) from error
     if shape[-1] != len(rival.theta):
         raise ConfigError(where, f"{len(rival.theta)} factors of {shape[-1]} torques", EXPECTED)
+
+
+def diagnosed_again(
+    path: str | Path, further: str, poses: bool = False, model: str | Path | None = None
+) -> str:
+    """Return the command that diagnoses a further recording together with the first ones.
+
+    Args:
+        path: findings.json of the first ones.
+        further: The further recording, of poses or of a motion. Beside one of the other kind it is
+            diagnosed alone.
+        poses: Which of them.
+        model: As for :func:`load_unseparated`.
+    """
+    entry, folder = json_file.load(path)[ENTRY], Path(path).parent
+    first = [os.path.normpath(folder / each) for each in entry.get("recordings") or ()]
+    recordings = (first or ["RECORDING"]) if entry["poses"] == poses else []
+    its = os.path.normpath(folder / entry["model"] if model is None else model)
+    return rejoining_command([*recordings, further], its, str(folder / "both"))
 
 
 def _model_path(given: Any, folder: Path) -> Path:
