@@ -27,7 +27,14 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration import CalibrationSettings, Pages, SimulatedRig, Work, calibrate
+from dvrk_gravity.calibration import (
+    CalibrationSettings,
+    Pages,
+    SimulatedRig,
+    Work,
+    calibrate,
+    drawn_arm,
+)
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.planning import PlanLimits
@@ -38,7 +45,7 @@ from dvrk_gravity.report import (
     identification_page,
     plan_picture,
 )
-from dvrk_gravity.simulate import PlantFile, drawn_arm
+from dvrk_gravity.simulate import PlantFile
 from testing.mujoco_arms import FILES
 
 COUNTS = {"mtmr": 20, "psm": 5, "ur5": 1, "ur10": 1, "panda": 1, "kinova": 1, "chain": 1}

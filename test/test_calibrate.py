@@ -30,6 +30,7 @@ from dvrk_gravity.calibration import (
     all_steps,
     calibrate,
     certify,
+    drawn_arm,
     file_hash,
     holding,
     predicted_drift,
@@ -51,7 +52,7 @@ from dvrk_gravity.report import (
     identification_page,
     plan_picture,
 )
-from dvrk_gravity.simulate import PlantFile, drawn_arm
+from dvrk_gravity.simulate import PlantFile
 
 pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 

@@ -46,7 +46,7 @@ def of_the_readme() -> dict[str, list[str]]:
 
 def of_its_help(verb: str) -> str:
     """Return the words after the verb in the example that its help shows."""
-    return pkgutil.resolve_name(VERBS[verb][0]).EXAMPLE.split(f"{verb} ", 1)[1]
+    return pkgutil.resolve_name(VERBS[verb][0]).EXAMPLE.splitlines()[0].split(f"{verb} ", 1)[1]
 
 
 def examples(verbs: list[str]) -> list[tuple[str, str]]:

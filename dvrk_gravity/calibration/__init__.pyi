@@ -2,6 +2,7 @@ from .certificate import Certificate as Certificate
 from .certificate import JointCertificate as JointCertificate
 from .certificate import Moved as Moved
 from .certificate import certify as certify
+from .drawn import drawn_arm as drawn_arm
 from .kept import KeptDriver as KeptDriver
 from .logbook import Logbook as Logbook
 from .logbook import file_hash as file_hash

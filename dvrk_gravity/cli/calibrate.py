@@ -143,8 +143,8 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
 
 
 def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings) -> Rig:
-    from dvrk_gravity.calibration import SimulatedRig
-    from dvrk_gravity.simulate import PlantFile, drawn_arm
+    from dvrk_gravity.calibration import SimulatedRig, drawn_arm
+    from dvrk_gravity.simulate import PlantFile
 
     if arguments.simulated is None:
         # Here and not above: rclpy is slow to load, and bad arguments need none of it.

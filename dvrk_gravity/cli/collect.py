@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
-from dvrk_gravity.errors import ConfigError, DvrkGravityError
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:

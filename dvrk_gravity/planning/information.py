@@ -297,6 +297,8 @@ def _named(model: TorqueModel, known: ModelUncertainty) -> Iterator[tuple[str, s
         declared = {entry.name: entry for entry in term.schema(arm)}
         moved = [term.with_theta(term.theta + way).parameters() for way in change.T]
         for name, value in term.parameters().items():
+            if isinstance(value, str):  # of which form it is
+                continue
             entry, here = declared[name], np.atleast_1d(np.asarray(value, dtype=float))
             there = np.array([np.resize(each.get(name, here), here.shape) for each in moved])
             for k, row in enumerate((there - here).T.astype(float)):

@@ -1,4 +1,3 @@
-from .drawn import drawn_arm as drawn_arm
 from .friction import FrictionSolver as FrictionSolver
 from .model_plant import ModelArm as ModelArm
 from .plant import Plant as Plant

@@ -14,8 +14,7 @@ from dvrk_gravity.arms import Arm, build_tree, gravity_in_base
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import ElasticCable, LinearTerm, Range, State, Term
 from dvrk_gravity.effects import terms as effect_terms
-from dvrk_gravity.simulate.plant_file import PlantFile
-from dvrk_gravity.simulate.sensors import Sensors
+from dvrk_gravity.simulate import PlantFile, Sensors
 
 _SLOW = 0.05  # rad/s (Arm.scale): all of dry friction, and hardly any viscous one
 
