@@ -23,7 +23,7 @@ from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.release import PART, holding, predicted_drift, release_poses
 from dvrk_gravity.calibration.rig import Rig
 from dvrk_gravity.calibration.settings import CalibrationSettings
-from dvrk_gravity.collecting import CollectSettings, MotionStoppedError, collect
+from dvrk_gravity.collecting import CollectSettings, Journal, MotionStoppedError, collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import Diagnosis, Files, diagnose, load_unseparated
 from dvrk_gravity.files import json_file, text_file
@@ -267,6 +267,7 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
     rehearsed = plan.duration / CollectSettings().rehearsal if of.rehearsal else 0.0
     if bag.exists():
+        Journal(bag, "", "").remove()  # what a process that was killed just then has left
         check = LimitCheck(work.limits, work.arm)
         check.look(plan.at, plan.duration)
         motion = Moved(plan.duration, rehearsed, check.samples, check.used, check.most)
@@ -285,6 +286,8 @@ def _collect(name: str, work: Work, book: Logbook, step: str) -> Outcome:
                 f"{error.why}; the same command goes on from there"
             ) from error
     motion = driver.motion(rehearsed=min(rehearsed, driver.seconds))
+    # Earlier processes may have made a part of it.
+    motion = replace(motion, seconds=max(motion.seconds, plan.duration))
     return Outcome(f"{found.samples} samples in {name}", (bag,), motion)
 
 
