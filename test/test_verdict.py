@@ -249,8 +249,10 @@ def test_a_poor_model_is_written_and_told_everywhere_with_status_1(tmp_path, cap
     assert told["joints"]["outer_yaw"]["reason"] in told["reason"]
     assert told["record"]
     page = (tmp_path / "model.html").read_text()
-    assert "mtmr: do not compensate with this</h1>" in page
-    assert "R²" not in page.split("</h1>")[0]
+    headline = page.split("</h1>")[0]
+    assert "mtmr, do not compensate with this (outer_yaw): errs by" in headline
+    assert " to 100 % of the torque" in headline
+    assert "R²" not in headline
     assert TorqueModel.load(out).verdict == "do_not_compensate"
 
 

@@ -41,8 +41,13 @@ def errors_in_short(errors: Mapping[str, JointError], arm: Arm) -> str:
     unit = dict(zip(arm.joint_names, arm.effort_units, strict=True))[worst]
     size = f"{quantity(errors[worst].rmse, unit)} RMS"
     if len(errors) == 1:
-        return f"{100 * most:.2g} % of the torque at {worst} ({size})"
-    return f"{100 * least:.2g} to {100 * most:.2g} % of the torque, most at {worst} ({size})"
+        return f"{_percent(most)} % of the torque at {worst} ({size})"
+    return f"{_percent(least)} to {_percent(most)} % of the torque, most at {worst} ({size})"
+
+
+def _percent(part: float) -> str:
+    """Return two digits, and all of those before the point."""
+    return f"{100 * part:.2g}" if part < 0.995 else f"{100 * part:.0f}"
 
 
 def error_remarks(

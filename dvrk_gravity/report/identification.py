@@ -32,9 +32,10 @@ def identification_page(fit: Fit, sources: str) -> str:
     found = [error.r2 for error in fit.held_out.values()]
     headline = (
         f"{arm.name}, {verdict_in_short(verdict.level, verdict.joints)}: "
-        f"errs by {errors_in_short(fit.held_out, arm)}; "
-        f"R² {min(found):.2f} to {max(found):.2f} on torque that it had not seen"
+        f"errs by {errors_in_short(fit.held_out, arm)}"
     )
+    if verdict.level != POOR:  # a high R² would only mislead
+        headline += f"; R² {min(found):.2f} to {max(found):.2f} on torque that it had not seen"
     facts = (
         f"{sources}; {fit.samples} samples; errors and pictures in {fit.coordinates} coordinates. "
         f"Held out: {fit.validation}."
