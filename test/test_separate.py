@@ -232,6 +232,24 @@ def test_what_is_the_same_torque_everywhere_is_said_to_be(model):
     assert "the same torque within the limits" in expected.why
 
 
+def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
+    """Fitted on both recordings it will not be held where the first one ended."""
+    narrow, wide = passed(model), passed(model, part=0.2)
+    curve, held = (
+        next(
+            RivalCause(each, np.array([0.0, 0.0, 1.0]), np.eye(3))
+            for each in effects.named("elastic_cable").hypotheses(narrow)
+            if each.joints == (1,) and each.place == "degree 2"
+        )
+        for _ in range(2)
+    )
+    planned = curve.rival().columns(wide)[:, 1, 2]
+    assert np.ptp(planned) > 3.0 * np.ptp(held.hypothesis.regressor(wide)[:, 1, 2])
+    rows = np.array([0, 7])
+    seen = curve.rival(narrow, rows).columns(wide)
+    np.testing.assert_array_equal(seen, curve.hypothesis.regressor(narrow)[rows])
+
+
 def test_a_push_that_happened_once_is_not_expected_again(model):
     motion = passed(model)
     push = next(

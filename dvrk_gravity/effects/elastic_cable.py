@@ -186,6 +186,7 @@ class CableHypothesis(Hypothesis):
         degree: Of the polynomial.
         middle: Middle of the joint's way, rad.
         half: Half of it, rad.
+        reach: Times that, beyond which a curve is held.
     """
 
     EFFECT = ElasticCable
@@ -195,6 +196,12 @@ class CableHypothesis(Hypothesis):
     degree: int
     middle: float
     half: float
+    reach: float = _REACH
+
+    @property
+    def beyond(self) -> CableHypothesis:
+        """A curve, too, may go on."""
+        return replace(self, reach=np.inf)
 
     def regressor(self, motion: Motion) -> Array:
         """Chebyshev polynomials are the same space as powers, and well conditioned.
@@ -203,7 +210,7 @@ class CableHypothesis(Hypothesis):
         """
         x = (motion.q[:, self.site.index] - self.middle) / self.half
         if self.degree > 1:
-            x = np.clip(x, -_REACH, _REACH)
+            x = np.clip(x, -self.reach, self.reach)
         values = np.polynomial.chebyshev.chebvander(x, self.degree)
         return spread(self.site.row(self.arm), *values.T)
 

@@ -105,7 +105,9 @@ class RivalCause:
             if self.hypothesis.transient:  # it happened once
                 return np.zeros((*motion.q.shape, len(self.theta)))
             # Friction depends on the path, and on which speeds exceed noise.
-            return self.hypothesis.regressor(motion if seen is None else seen)[rows]
+            if seen is not None:
+                return self.hypothesis.regressor(seen)[rows]
+            return self.hypothesis.beyond.regressor(motion)
 
         return Rival(self.words, columns, self.theta, self.covariance)
 

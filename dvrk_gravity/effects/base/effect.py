@@ -272,6 +272,11 @@ class Hypothesis(ABC):
         return None
 
     @property
+    def beyond(self) -> Hypothesis:
+        """The same where nothing was recorded yet: what recordings bound is not bounded there."""
+        return self
+
+    @property
     def separated_by(self) -> str:
         """Which recording would separate it from others; ``""``: other poses would."""
         return ""
