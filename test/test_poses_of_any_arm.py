@@ -207,7 +207,7 @@ def test_from_a_file_of_three_joints_to_a_load_on_the_command_line(tmp_path, cap
 
     page = model.with_suffix(".html").read_text()
     assert Page(page).open == []
-    for said in ("held-out RMSE, N·m (insertion N)", "m(link3) +1 m(link4)", "N/m^2"):
+    for said in ("RMSE, N·m (insertion N)", "m(link3) +1 m(link4)", "N/m^2"):
         assert said in page
     assert "beta" not in page
 
