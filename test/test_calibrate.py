@@ -285,7 +285,7 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
         plan=Plan.load(folder / "motion.yaml"), separates=separates,
         expected=[SimpleNamespace(words="a spring and a cable", separates=separates)],
     )  # fmt: skip
-    steps = "dvrk_gravity.calibration.steps"
+    steps = "dvrk_gravity.calibration.motion_steps"
     monkeypatch.setattr(f"{steps}.load_unseparated", lambda path, model: path)
     monkeypatch.setattr(f"{steps}.design_separation", lambda of, *rest, **how: planned)
     monkeypatch.setattr(f"{steps}.holding", lambda model, poses, part: np.zeros(poses.shape))

@@ -13,7 +13,7 @@ from .rig import Rig as Rig
 from .rig import SimulatedRig as SimulatedRig
 from .settings import CalibrationSettings as CalibrationSettings
 from .steps import CERTIFICATE as CERTIFICATE
-from .steps import Pages as Pages
-from .steps import Work as Work
 from .steps import all_steps as all_steps
 from .steps import calibrate as calibrate
+from .work import Pages as Pages
+from .work import Work as Work
