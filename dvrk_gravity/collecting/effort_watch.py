@@ -145,9 +145,10 @@ def _beyond_range(model: TorqueModel, q: Array, qd: Array, qdd: Array, effort: A
     torque is held constant there, whatever the cable does. Of static poses the greatest speed is
     not known (NaN): none was measured.
     """
-    known, arm = model.uncertainty, model.arm
+    known = model.uncertainty
     if known is None:
         return np.zeros_like(effort)
+    arm = model.arm
     lower, upper = known.lower + model.joint_offset, known.upper + model.joint_offset
     fastest = np.nan_to_num(known.speed)
     within = np.clip(q, lower, upper)

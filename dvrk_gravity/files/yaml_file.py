@@ -46,10 +46,7 @@ def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
     if ":" in node.value:
         return str(node.value)
     if node.tag.endswith(":int"):
-        whole = int(loader.construct_yaml_int(node))
-        if abs(whole) > sys.float_info.max:
-            return math.inf if whole > 0 else -math.inf  # as 1e999 is
-        return whole
+        return int(loader.construct_yaml_int(node))
     return float(loader.construct_yaml_float(node))
 
 

@@ -15,6 +15,7 @@ last link out.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -204,7 +205,8 @@ def _positive(where: str, value: Any) -> float:
 
 
 def _number(where: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not abs(value) <= sys.float_info.max:  # an integer may be longer
         raise ConfigError(where, value, "a finite number")
     return float(value)
 
