@@ -73,7 +73,7 @@ def test_a_collection_that_another_process_makes_is_left_alone(tmp_path: Path) -
     before = state.read_bytes()
     with (
         alone_in(state.parent, "--out"),
-        pytest.raises(ConfigError, match="--out: got .* no other process"),
+        pytest.raises(ConfigError, match=r"--out: got .* no other process"),
     ):
         go(driver, out, resume=True)
     assert state.read_bytes() == before
