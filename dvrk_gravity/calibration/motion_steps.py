@@ -30,7 +30,9 @@ from dvrk_gravity.planning import (
 )
 
 _DRAWN = 100  # poses at which the holding torque's uncertainty is looked at
-_HELD = 0.95  # part of them at which friction is to hold the arm
+_HELD = 0.99  # part of them at which friction is to hold the arm: at all poses of a release, mostly
+# Way from a pose to the nearest next one, as a part of the longest: of 20 poses of a UR5, .36.
+_WAY = 0.4
 _OTHER = 1000  # seeds of other motions are so much further
 
 
@@ -61,7 +63,7 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     if model is None or (book.motions(f"further_{k - 1}") is None and k > 1):
         return Outcome()
     longest = Straight.within(work.limits.lower, work.limits.upper, work.limits, PART).duration
-    after = of.further + of.poses * (of.seconds + 0.5 * longest)
+    after = of.further + of.poses * (of.seconds + _WAY * longest)
     if Moved.total(book.moved()).seconds + after > of.longest:
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
