@@ -17,7 +17,6 @@ BY_ARM = (
     ("## Held-out error by joint", "UR10e_real", "error on a real UR10e, of the torque"),
     ("## Held-out error by joint", "MTM_real", "… on a real MTM"),
     ("## Held-out error by joint", "PSM_real", "… on a real PSM, recorded days later"),
-    ("## Processor time and memory", "UR10e_real", "processor time of that UR10e"),
 )
 DIAGNOSIS = (
     ("named first", "hidden effects that the first name got right"),

@@ -155,11 +155,17 @@ def _versions(peers: Path) -> str:
     ).stdout.strip()
 
 
-def described(versions: str, load: float) -> str:
-    """Return how the page came to be."""
+def described(versions: str, load: float, again: bool) -> str:
+    """Return how the page came to be; ``again``: the peers' figures are of an earlier run."""
+    apart = (
+        "The peers' are from an earlier run on the same recordings, at another load, which may "
+        "have cost them up to a third more."
+        if again
+        else "Compare their ratios."
+    )
     return (
         f"Written by `make peers` (seed {SEED}); peers: {versions}. Processor times are from a "
-        f"machine of {os.cpu_count()} cores at a mean load of {load:.0f}: compare their ratios."
+        f"machine of {os.cpu_count()} cores at a mean load of {load:.0f}. {apart}"
     )
 
 
@@ -203,7 +209,7 @@ def main() -> int:
                       file=sys.stderr, flush=True)  # fmt: skip
             hidden = [(h.effect, h.joints[0] if h.joints else "") for h in case.hidden]
             rows.append(Row(case.name, case.what, case.case.joints, hidden, outcomes))
-    how = described(_versions(arguments.peers), float(np.mean(loads)))
+    how = described(_versions(arguments.peers), float(np.mean(loads)), bool(kept))
     if arguments.json is not None:
         figures = {
             "rows": [asdict(row) for row in rows],
