@@ -54,8 +54,8 @@ export ARM
 # Anew each time; without `rm`, it would go on with the last one.
 calibrate-demo: install/.done
 	@rm -rf out/calibrate; mkdir -p out
-	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity calibrate --arm mtmr --simulated --out out/calibrate \
-	  --time 15 --duration 30 --no-rehearsal
+	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity calibrate --arm psm --simulated --out out/calibrate \
+	  --time 10 --no-rehearsal
 
 # Hundreds of processes are started: bytecode that is kept spares each of them the compiler.
 test: install/.done
