@@ -111,9 +111,9 @@ class KeptDriver:
         """Wait for the arm, and return its (n,) rest position, rad or m."""
         return self._driver.connect()
 
-    def hold(self) -> None:
-        """Hold the arm if it was moved."""
-        self._driver.hold()
+    def hold(self) -> bool:
+        """Hold the arm if it was moved; return whether hold was sent."""
+        return self._driver.hold()
 
     def follow(
         self,

@@ -2,6 +2,7 @@ from .driver import Driver as Driver
 from .driver import Path as Path
 from .driver import States as States
 from .driver import Watch as Watch
+from .driver import held_on_error as held_on_error
 from .effort_watch import EffortSettings as EffortSettings
 from .effort_watch import EffortWatch as EffortWatch
 from .journal import Journal as Journal

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Protocol, Self
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import Sample
+from dvrk_gravity.compensate import MotionError, Sample
 
 States = tuple[Array, Array, Array]  # positions, velocities, accelerations, rad or m and s
 
@@ -63,9 +64,32 @@ class Driver(Protocol):
             MotionError: The arm does not follow, is not heard, or must not be moved any more.
         """
 
-    def hold(self) -> None:
-        """Hold the arm where it comes to rest, if it was moved.
+    def hold(self) -> bool:
+        """Hold the arm where it comes to rest, if it was moved; return whether hold was sent.
 
         Raises:
             MotionError: The arm has not acknowledged it.
         """
+
+
+@contextmanager
+def held_on_error(hold: Callable[[], bool]) -> Iterator[None]:
+    """Hold the arm if anything ends the block early, and say so where the arm is the reason.
+
+    Args:
+        hold: Holds it if it was moved, and returns whether hold was sent.
+
+    Raises:
+        MotionError: What ended the block, and whether the arm was held; or, whatever ended it, that
+            the arm has not acknowledged the hold.
+    """
+    try:
+        yield
+    except BaseException as error:
+        try:
+            held = hold()
+        except MotionError as unheld:
+            raise MotionError(f"{str(error) or 'interrupted'}; {unheld}") from error
+        if held and isinstance(error, MotionError):
+            raise MotionError(f"{error}; sent hold") from error
+        raise

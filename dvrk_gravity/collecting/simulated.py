@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting.driver import Path, Watch
+from dvrk_gravity.collecting.driver import Path, Watch, held_on_error
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     Following,
@@ -121,7 +121,7 @@ class SimulatedDriver:
     ) -> float:
         """Drive the arm along a path: :meth:`Driver.follow`."""
         moments = np.append(np.arange(0.0, duration, 1.0 / self._rate), duration)
-        try:
+        with held_on_error(self.hold):
             for start in range(0, len(moments), _BLOCK):
                 block = moments[start : start + _BLOCK]
                 position, velocity, _ = path(block)
@@ -132,24 +132,18 @@ class SimulatedDriver:
                         progress(moment / duration if duration else 1.0)
                     if moment < duration:
                         self._listen(record, watch)
-        except MotionError as error:
-            held = "; sent hold" if self._commanded is not None else ""
-            self.hold()
-            raise MotionError(f"{error}{held}") from error
-        except BaseException:
-            self.hold()
-            raise
         return (len(moments) - 1) / self._rate - duration
 
-    def hold(self) -> None:
-        """Hold the arm where it comes to rest, if it was moved."""
+    def hold(self) -> bool:
+        """Hold the arm where it comes to rest, if it was moved: :meth:`Driver.hold`."""
         if self._commanded is None:
-            return
+            return False
         self.arm.servo_jp(self._following.resting_place(*self._commanded, self._gate.velocity))
         self._commanded = None
         for _ in range(round(LISTEN * self._rate)):  # until it rests
             self._listen(None, None)
         self.arm.hold()
+        return True
 
     def _command(self, position: Array, velocity: Array) -> None:
         """Send a set point, unless anything forbids it."""

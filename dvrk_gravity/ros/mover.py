@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting import Path, Watch
+from dvrk_gravity.collecting import Path, Watch, held_on_error
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     Following,
@@ -174,17 +174,11 @@ class Mover:
             KeyboardInterrupt: A signal asked for the end.
         """
         try:
-            self._catch_up()
-            self._begin(path, duration)
-            self._sink, self._watch = record, watch
-            return self._stream(path, duration, progress)
-        except MotionError as error:
-            held = "; sent hold" if self._commanded is not None else ""
-            self.hold()
-            raise MotionError(f"{error}{held}") from error
-        except BaseException:
-            self.hold()
-            raise
+            with held_on_error(self.hold):
+                self._catch_up()
+                self._begin(path, duration)
+                self._sink, self._watch = record, watch
+                return self._stream(path, duration, progress)
         finally:
             self._sink = self._watch = None
 
@@ -217,8 +211,8 @@ class Mover:
     def _finish(self) -> None:
         """Wait for what ends later than the set points."""
 
-    def hold(self) -> None:
-        """Hold the arm where it comes to rest, if it was moved.
+    def hold(self) -> bool:
+        """Hold the arm where it comes to rest, if it was moved; return whether hold was sent.
 
         A console's hold keeps the set point: an arm that did not follow would press on for ever.
         Where the last readings contradict each other, the set point is safer: it is no further from
@@ -228,10 +222,10 @@ class Mover:
             MotionError: The arm has not acknowledged it.
         """
         if self._commanded is None:
-            return
+            return False
         if self._link.others.heard_lately() and self._link.others.command == "free":
             self._commanded = None  # the person who freed the arm may have a hand in it
-            return
+            return False
         if not any(self._against.values()) and time.monotonic() - self._awake < ASLEEP:
             stop = self._following.resting_place(*self._commanded, self._gate.velocity)
             self._publish(stop)
@@ -239,6 +233,7 @@ class Mover:
         self._link.hold.send()
         if not self._link.hold.settle():
             raise MotionError("hold was not acknowledged: check that the arm holds")
+        return True
 
     def _command(self, position: Array, velocity: Array) -> None:
         """Send a set point, unless anything forbids it."""
