@@ -18,7 +18,7 @@ from pathlib import Path
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.files import text_file
-from dvrk_gravity.planning import MotionLimits, exciting_motion
+from dvrk_gravity.planning import PlanLimits, exciting_motion
 from dvrk_gravity.ros import PRIVATE, NodeProcess, private_domain
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
 
@@ -54,7 +54,7 @@ def in_library(folder: Path, rate: float, durations: Sequence[float]) -> None:
     """Record the same motions without ROS."""
     truth = PlantFile.load("mtmr_28002")
     for seed, duration in zip(SEEDS, durations, strict=True):
-        motion = exciting_motion(MotionLimits.of(truth.model.arm), duration, seed)
+        motion = exciting_motion(PlanLimits.of(truth.model.arm), duration, seed)
         arm = SimulatedArm(truth.plant(), truth.sensors, seed)
         recording = record_motion(arm, motion, duration - motion.ramp, rate)
         recording.save(folder / f"motion_{seed}")

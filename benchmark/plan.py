@@ -40,7 +40,6 @@ from dvrk_gravity.planning import (
     Basis,
     FourierMotion,
     Knowledge,
-    MotionLimits,
     Multisine,
     PlanLimits,
     PriorKnowledge,
@@ -101,14 +100,14 @@ def condition(name: str, settings: SolverSettings) -> dict[str, float]:
 def random_motions(name: str, count: int, settings: SolverSettings) -> dict[str, float]:
     """Return the variances of a plan over those of random motions."""
     arm = Arm.load(name)
-    limits, known = PlanLimits.of(arm), MotionLimits.of(arm)
+    limits = PlanLimits.of(arm)
     prior, begin = PriorKnowledge(arm, limits.lower, limits.upper), time.process_time()
     design = design_motion(arm, limits, series_basis(DURATION), settings=settings)
     seconds = time.process_time() - begin
     own = errors(prior, *sampled(design.plan.motion))
     others = []
     for seed in range(1, count + 1):
-        motion, h = covering_motion(known, DURATION, seed), 1e-4
+        motion, h = covering_motion(limits, DURATION, seed), 1e-4
         moments, _ = instants()
         (q, qd), (_, ahead), (_, behind) = (motion.at(moments + k * h) for k in (0, 1, -1))
         others.append(errors(prior, q, qd, (ahead - behind) / (2.0 * h)))
@@ -193,7 +192,7 @@ def held_out(name: str, seed: int, settings: SolverSettings) -> dict[str, float]
     world = MujocoWorld.draw(name, HELD_OUT_SEED + seed)
     arm = world.arm
     design = design_motion(arm, PlanLimits.of(arm), series_basis(DURATION), settings=settings)
-    random = covering_motion(MotionLimits.of(arm), DURATION, HELD_OUT_SEED + seed)
+    random = covering_motion(PlanLimits.of(arm), DURATION, HELD_OUT_SEED + seed)
     unseen = world.record(world.truth(draw_other(arm, HELD_OUT_SEED + seed)), seed)
     errors = []
     for motion in (design.plan.motion, random):

@@ -47,7 +47,7 @@ from dvrk_gravity.identification import (
     evaluate,
     identify,
 )
-from dvrk_gravity.planning import MotionLimits
+from dvrk_gravity.planning import PlanLimits
 from dvrk_gravity.recording import (
     Recording,
     TimingSettings,
@@ -107,7 +107,7 @@ class Lab:
             setting = world.setting(truth, residual)
             hidden[effect] = world.record(hide(setting, effect, random, sizes=SIZES).truth, noise)
         # This one repeats, as a laboratory's exciting motions do.
-        again = fourier(MotionLimits.of(world.arm), BASE, np.random.default_rng(seed))
+        again = fourier(PlanLimits.of(world.arm), BASE, np.random.default_rng(seed))
         bare = world.truth(again)
         added = world.engine.added(bare.motion, world.arm.n - 1, LOAD, np.array([0.0, 0.05, 0.05]))
         loaded = replace(bare, effort=bare.effort + added)

@@ -20,7 +20,7 @@ from dvrk_gravity.compensate import (
 )
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import node_parameters
-from dvrk_gravity.planning import MotionLimits, Multisine, exciting_motion
+from dvrk_gravity.planning import Multisine, PlanLimits, exciting_motion
 from dvrk_gravity.recording import Recording, check
 from dvrk_gravity.report import effort_in_table, milli_effort, milli_position
 
@@ -38,7 +38,7 @@ def arm(request, made_up) -> Arm:
 
 
 def test_an_exciting_motion_of_any_arm_keeps_its_limits_and_reaches_some(arm):
-    limits = MotionLimits.of(arm)
+    limits = PlanLimits.of(arm)
     time = np.arange(0.0, 20.0, 2e-3)
     position, velocity = exciting_motion(limits, 20.0, 1).at(time)
     acceleration = np.diff(velocity, axis=0) / 2e-3

@@ -19,9 +19,9 @@ from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.cli import excite
 from dvrk_gravity.command_line import run
 from dvrk_gravity.planning import (
-    MotionLimits,
     Move,
     Multisine,
+    PlanLimits,
     careful,
     covering_motion,
     exciting_motion,
@@ -36,7 +36,7 @@ POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
 @pytest.mark.parametrize(("seed", "duration"), [(0, 60.0), (1, 60.0), (2, 8.0), (3, 20.0)])
 def test_an_exciting_motion_keeps_all_limits(name: str, seed: int, duration: float) -> None:
     arm = Arm.load(name)
-    limits = MotionLimits.of(arm)
+    limits = PlanLimits.of(arm)
     step = 1e-3
     position, velocity = exciting_motion(limits, duration, seed).at(np.arange(0, duration, step))
     acceleration = np.diff(velocity, axis=0) / step
@@ -53,7 +53,7 @@ def test_an_exciting_motion_keeps_all_limits(name: str, seed: int, duration: flo
 
 
 def test_it_goes_as_far_or_as_hard_as_the_limits_let_it() -> None:
-    limits = MotionLimits.of(Arm.load("mtmr"))
+    limits = PlanLimits.of(Arm.load("mtmr"))
     position, velocity = exciting_motion(limits, 60.0, 1).at(np.arange(0, 60.0, 5e-3))
     far = np.ptp(position, axis=0) / (limits.upper - limits.lower)
     hard = np.abs(np.diff(velocity, axis=0) / 5e-3).max(axis=0) / limits.acceleration
@@ -66,7 +66,7 @@ def test_it_goes_as_far_or_as_hard_as_the_limits_let_it() -> None:
 def test_a_covering_motion_keeps_all_limits_and_another_one_stays_within_what_it_has_shown(
     name: str,
 ) -> None:
-    limits = MotionLimits.of(Arm.load(name))
+    limits = PlanLimits.of(Arm.load(name))
     step, time = 1e-3, np.arange(0.0, 60.0, 1e-3)
     shown, again = (covering_motion(limits, 60.0, seed).at(time) for seed in (1, 2))
     slack = 1e-4  # rad, rad/s: limits are kept on a grid of 5 ms
@@ -90,7 +90,7 @@ def test_a_covering_motion_keeps_all_limits_and_another_one_stays_within_what_it
 
 
 def test_it_begins_and_ends_at_rest_in_the_same_place() -> None:
-    motion = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 20.0, 5)
+    motion = exciting_motion(PlanLimits.of(Arm.load("mtmr")), 20.0, 5)
     for moment in (0.0, 20.0, 30.0):
         position, velocity = motion.at(moment)
         np.testing.assert_allclose(position, motion.middle, atol=1e-12)
@@ -98,7 +98,7 @@ def test_it_begins_and_ends_at_rest_in_the_same_place() -> None:
 
 
 def test_the_velocity_of_a_multisine_is_its_derivative() -> None:
-    motion = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 20.0, 5)
+    motion = exciting_motion(PlanLimits.of(Arm.load("mtmr")), 20.0, 5)
     time = np.arange(0.0, 20.0, 1e-3)
     position, velocity = motion.at(time)
     np.testing.assert_allclose(np.gradient(position, 1e-3, axis=0)[1:-1], velocity[1:-1], atol=2e-3)
@@ -130,7 +130,7 @@ def test_a_velocity_limit_that_the_arm_s_file_states_binds(tmp_path: Path) -> No
         f'<robot name="two">{"".join(map(link.format, "abc"))}'
         f"{joint.format('slow', 'a', 'b', 0.1)}{joint.format('fast', 'b', 'c', 5.0)}</robot>"
     )
-    limits = MotionLimits.of(Arm.load(urdf))
+    limits = PlanLimits.of(Arm.load(urdf))
     np.testing.assert_allclose(limits.velocity, [0.1, np.radians(60.0)])
     _, velocity = exciting_motion(limits, 30.0, 1).at(np.arange(0.0, 30.0, 1e-3))
     assert np.abs(velocity[:, 0]).max() < 0.1 + 1e-4
@@ -138,14 +138,14 @@ def test_a_velocity_limit_that_the_arm_s_file_states_binds(tmp_path: Path) -> No
 
 
 def test_one_seed_is_one_motion() -> None:
-    limits = MotionLimits.of(Arm.load("mtmr"))
+    limits = PlanLimits.of(Arm.load("mtmr"))
     first, again, other = (exciting_motion(limits, 20.0, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.at(7.0)[0], again.at(7.0)[0])
     assert np.abs(first.at(7.0)[0] - other.at(7.0)[0]).max() > 0.1
 
 
 def test_a_move_keeps_the_limits_that_it_is_given() -> None:
-    limits = MotionLimits.of(Arm.load("mtmr"))
+    limits = PlanLimits.of(Arm.load("mtmr"))
     move = Move(POSE, POSE + 0.4, limits.velocity, limits.acceleration)
     time = np.linspace(0.0, move.duration, 2000)
     velocity = np.array([move.at(moment)[1] for moment in time])
@@ -712,7 +712,7 @@ def test_the_simulator_is_driven_recorded_and_held(
 
     out = tmp_path / "bag"
     monkeypatch.setattr(excite, "PAUSED", -1.0)  # as if it had been kept waiting
-    start = covering_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 4).middle
+    start = covering_motion(PlanLimits.of(Arm.load("mtmr")), 8.0, 4).middle
     where = f"initial_position:={start.tolist()}"
     with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
         words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
@@ -741,7 +741,7 @@ def test_however_the_process_is_ended_the_arm_is_held(
 
     from dvrk_gravity.ros import Client, NodeProcess
 
-    begin = covering_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 1).middle + 0.01
+    begin = covering_motion(PlanLimits.of(Arm.load("mtmr")), 8.0, 1).middle + 0.01
     words = ["--arm", "mtmr", "--out", str(tmp_path / "bag"), "--duration", "8", "--timeout", "1"]
     words += ["--namespace", PRIVATE]
     told: list[float] = []

@@ -10,7 +10,7 @@ import pytest
 
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
 from dvrk_gravity.effects import Meaning, effects, links_of_joints, named
-from dvrk_gravity.planning import MotionLimits
+from dvrk_gravity.planning import PlanLimits
 from testing import lab_effects, mujoco_arms
 from testing.hidden_parts import Hidden
 from testing.lab_effects import Setting, hide
@@ -89,7 +89,7 @@ def test_friction_takes_energy_and_cables_give_it_back_but_for_their_lag(world, 
 )
 def test_motions_keep_the_limits_that_a_program_has(name, seed):
     arm = mujoco_arms.arm_of(name)
-    limits = MotionLimits.of(arm)
+    limits = PlanLimits.of(arm)
     time = np.arange(0.0, 30.0, 0.01)
     calibration = draw_calibration(arm, seed)
     for motion in (calibration, draw_other(arm, seed), draw_other(arm, seed, calibration)):

@@ -27,7 +27,7 @@ from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.intake import KnownPayload, drive_gains, in_their_unit
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import MotionLimits, exciting_motion
+from dvrk_gravity.planning import PlanLimits, exciting_motion
 from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.simulate import record_motion
 from testing.plain_world import PlainWorld
@@ -40,7 +40,7 @@ MASS, COM = 2.0, (0.02, 0.05, 0.08)  # kg, m in the last link's frame
 
 def record(world: PlainWorld, motion: int, noise: int, duration: float = 20.0) -> Recording:
     """Record a motion by its seed, with noise of another."""
-    planned = exciting_motion(MotionLimits.of(world.arm), duration + 10.0, motion)
+    planned = exciting_motion(PlanLimits.of(world.arm), duration + 10.0, motion)
     return record_motion(world.simulated(noise), planned, duration, 100.0)
 
 

@@ -22,7 +22,6 @@ from dvrk_gravity.planning import (
     Combination,
     FourierMotion,
     ModelKnowledge,
-    MotionLimits,
     MotionSearch,
     Plan,
     PlanLimits,
@@ -169,7 +168,7 @@ def test_a_plan_teaches_more_than_the_best_of_twenty_random_motions(ecm, planned
 
     random = []
     for seed in range(20):
-        motion = covering_motion(MotionLimits.of(ecm), DURATION, seed)
+        motion = covering_motion(PlanLimits.of(ecm), DURATION, seed)
         ahead, behind = motion.at(time + h)[1], motion.at(time - h)[1]
         random.append(variance(*motion.at(time), (ahead - behind) / (2 * h)))
     own = variance(*planned.plan.at(time))

@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import MotionLimits
+from dvrk_gravity.planning import PlanLimits
 from dvrk_gravity.simulate import PlantFile
 from testing.plain_world import PlainWorld
 
@@ -216,7 +216,7 @@ def test_no_motion_is_planned_within_limits_that_no_joint_has(case, tmp_path):
     inner, kind, said = PLANNED[case]
     arm = Arm.load(urdf(tmp_path, a_joint("one", "a", "b", kind, inner), links="ab"))
     with pytest.raises(ConfigError) as caught:
-        MotionLimits.of(arm)
+        PlanLimits.of(arm)
     assert str(caught.value).startswith(f"{arm.source}: joint one: limit")
     assert f"got {said}" in str(caught.value)
 

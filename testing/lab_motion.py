@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.planning import MotionLimits, exciting_motion
+from dvrk_gravity.planning import PlanLimits, exciting_motion
 
 Random = np.random.Generator
 
@@ -71,7 +71,7 @@ def draw_other(arm: Arm, seed: int, calibration: Sines | None = None) -> Sines:
 def _draw(
     arm: Arm, random: Random, part: float, speed: float, about: Sines | None = None
 ) -> Sines:  # fmt: skip
-    limits = MotionLimits.of(arm)
+    limits = PlanLimits.of(arm)
     limits = replace(
         limits if about is None else _around(limits, about),
         velocity=speed * limits.velocity,
@@ -85,7 +85,7 @@ def _draw(
     return Sines(drawn.middle, drawn.amplitude, drawn.frequency, phase)
 
 
-def _around(limits: MotionLimits, about: Sines) -> MotionLimits:
+def _around(limits: PlanLimits, about: Sines) -> PlanLimits:
     """Return limits within which another motion went, and a little beyond.
 
     Those of a pair's joints are as they were: they are narrow.
@@ -102,7 +102,7 @@ def _around(limits: MotionLimits, about: Sines) -> MotionLimits:
     return replace(limits, lower=lower, upper=upper, used=used)
 
 
-def fourier(limits: MotionLimits, base: float, random: Random) -> Sines:
+def fourier(limits: PlanLimits, base: float, random: Random) -> Sines:
     """Draw a series of six harmonics that keeps the limits.
 
     Args:

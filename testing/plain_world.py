@@ -12,7 +12,7 @@ from dvrk_gravity.arms import Arm, build_tree
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import PlantPart
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import MotionLimits, exciting_motion
+from dvrk_gravity.planning import PlanLimits, exciting_motion
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import Sensors, SimulatedArm, record_motion
 from testing import physics
@@ -84,5 +84,5 @@ class PlainWorld:
             duration: s.
             rate: Hz.
         """
-        motion = exciting_motion(MotionLimits.of(self.arm), duration + 10.0, seed)
+        motion = exciting_motion(PlanLimits.of(self.arm), duration + 10.0, seed)
         return record_motion(self.simulated(seed), motion, duration, rate)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dvrk_gravity import Recording
-from dvrk_gravity.planning import MotionLimits, covering_motion
+from dvrk_gravity.planning import PlanLimits, covering_motion
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
 
 
@@ -19,5 +19,5 @@ def record(plant: PlantFile | str | Path, seed: int, duration: float = 40.0) -> 
     """
     file = plant if isinstance(plant, PlantFile) else PlantFile.load(plant)
     arm = SimulatedArm(file.plant(), file.sensors, seed, builtin_compensation=False)
-    motion = covering_motion(MotionLimits.of(file.model.arm), duration, seed)
+    motion = covering_motion(PlanLimits.of(file.model.arm), duration, seed)
     return record_motion(arm, motion, duration)

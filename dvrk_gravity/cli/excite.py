@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Plan motions through the whole range, and collect them: who calls it consents."""
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.planning import MotionLimits, coverage, covering_plan
+    from dvrk_gravity.planning import coverage, covering_plan
 
     if arguments.ros_args:
         raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     with driver_of(arm, arguments, NAME) as driver:
         seeds = range(arguments.seed, arguments.seed + arguments.motions)
         plans = [covering_plan(arm, arguments.duration, seed) for seed in seeds]
-        part = coverage([plan.motion for plan in plans], MotionLimits.of(arm))
+        part = coverage([plan.motion for plan in plans], plans[0].limits)
         least_covered = int(np.argmin(part))
         if part[least_covered] < COVERED:
             print(

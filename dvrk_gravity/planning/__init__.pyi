@@ -21,8 +21,10 @@ from .keeping import Slack as Slack
 from .keeping import distances as distances
 from .keeping import effort_band as effort_band
 from .keeping import slacks as slacks
-from .limits import MotionLimits as MotionLimits
+from .limits import Box as Box
+from .limits import Combination as Combination
 from .limits import PairLimit as PairLimit
+from .limits import PlanLimits as PlanLimits
 from .limits import careful as careful
 from .limits_file import load_limits as load_limits
 from .limits_file import save_limits as save_limits
@@ -34,9 +36,6 @@ from .optimal import SolverSettings as SolverSettings
 from .places import link_origins as link_origins
 from .places import tip as tip
 from .plan import Plan as Plan
-from .plan_limits import Box as Box
-from .plan_limits import Combination as Combination
-from .plan_limits import PlanLimits as PlanLimits
 from .pose_path import PosePath as PosePath
 from .pose_path import Straight as Straight
 from .poses import PoseSettings as PoseSettings

@@ -16,9 +16,9 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.information import Knowledge, ModelKnowledge, PriorKnowledge
 from dvrk_gravity.planning.keeping import Slack, slacks
+from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
 from dvrk_gravity.planning.plan import Plan
-from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.tabular import Columns, Tabular
 
 

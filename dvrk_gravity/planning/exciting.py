@@ -11,10 +11,9 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning.fourier import FourierMotion
 from dvrk_gravity.planning.keeping import slacks
-from dvrk_gravity.planning.limits import MotionLimits, PairLimit
+from dvrk_gravity.planning.limits import PairLimit, PlanLimits
 from dvrk_gravity.planning.motions import Multisine
 from dvrk_gravity.planning.plan import Plan
-from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 
 ROUNDING = 1e-6  # of a limit
@@ -62,7 +61,7 @@ class SweepSettings:
     draws: int = 12
 
 
-def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
+def exciting_motion(limits: PlanLimits, duration: float, seed: int) -> Multisine:
     """Draw a motion from rest to rest that goes as far, fast and hard as the limits allow.
 
     The sines of a pair's second joint (an MTM's elbow) drive the sum, whose range is the narrowest:
@@ -78,7 +77,7 @@ def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
     return _placed(drives, limits, random.uniform(0.0, 1.0, len(limits.lower)))
 
 
-def covering_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
+def covering_motion(limits: PlanLimits, duration: float, seed: int) -> Multisine:
     """Draw a motion like :func:`exciting_motion` that also goes through the whole of the range.
 
     Accelerations keep the sines to about half of it; a slow sine of every joint, which takes hardly
@@ -106,7 +105,8 @@ def covering_plan(arm: Arm, duration: float, seed: int) -> Plan:
         duration: s, at least two ramps.
         seed: Seed of frequencies, phases and amplitudes.
     """
-    drawn, limits = covering_motion(MotionLimits.of(arm), duration, seed), PlanLimits.of(arm)
+    limits = PlanLimits.of(arm)
+    drawn = covering_motion(limits, duration, seed)
     motion = FourierMotion.of_sines(
         drawn.middle, drawn.amplitude, drawn.frequency, drawn.phase, drawn.ramp, duration
     )
@@ -116,7 +116,7 @@ def covering_plan(arm: Arm, duration: float, seed: int) -> Plan:
     return Plan(arm, motion, limits)
 
 
-def _with_sweep(sines: Multisine, limits: MotionLimits, random: np.random.Generator) -> Multisine:
+def _with_sweep(sines: Multisine, limits: PlanLimits, random: np.random.Generator) -> Multisine:
     """Return a motion of the joints with a slow sine of each beside its own."""
     settings = SweepSettings()
     lower, upper = _of_drives(limits)
@@ -146,9 +146,7 @@ def _with_sweep(sines: Multisine, limits: MotionLimits, random: np.random.Genera
     return _placed(motion, limits, np.full(n, 0.5))
 
 
-def coverage(
-    motions: Sequence[Multisine | FourierMotion | PosePath], limits: MotionLimits
-) -> Array:
+def coverage(motions: Sequence[Multisine | FourierMotion | PosePath], limits: PlanLimits) -> Array:
     """Return the (n,) parts of what motions may use of each joint's range that they go through.
 
     Args:
@@ -160,7 +158,7 @@ def coverage(
     return part
 
 
-def _of_drives(limits: MotionLimits) -> tuple[Array, Array]:
+def _of_drives(limits: PlanLimits) -> tuple[Array, Array]:
     """Return (n,) lowest and highest positions of what drives the joints.
 
     A pair's second drive is the sum of the two joints.
@@ -171,7 +169,7 @@ def _of_drives(limits: MotionLimits) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _sines(limits: MotionLimits, duration: float, random: np.random.Generator) -> Multisine:
+def _sines(limits: PlanLimits, duration: float, random: np.random.Generator) -> Multisine:
     """Draw the sines of what drives the joints."""
     (lower, upper), pair = _of_drives(limits), limits.pair
     n = len(lower)
@@ -197,7 +195,7 @@ def _sines(limits: MotionLimits, duration: float, random: np.random.Generator) -
     return replace(drives, amplitude=amplitude * scale)
 
 
-def _placed(drives: Multisine, limits: MotionLimits, place: Array) -> Multisine:
+def _placed(drives: Multisine, limits: PlanLimits, place: Array) -> Multisine:
     """Return the motion of the joints around middles at (n,) places, 0 to 1, of where they fit."""
     time = np.arange(0.0, drives.duration + GRID, GRID)
     if limits.pair is None:
@@ -211,7 +209,7 @@ def _placed(drives: Multisine, limits: MotionLimits, place: Array) -> Multisine:
 
 
 def _largest(
-    fast: Sequence[Array], slow: Sequence[Array], span: Array | float, limits: MotionLimits,
+    fast: Sequence[Array], slow: Sequence[Array], span: Array | float, limits: PlanLimits,
     joints: slice,
 ) -> Array:  # fmt: skip
     """Return the largest part, 0 to 1, of slow signals that fits beside fast ones."""
@@ -230,7 +228,7 @@ def _signals(motion: Multisine, time: Array) -> tuple[Array, Array, Array]:
 
 
 def _most(
-    signals: Sequence[Array], span: Array | float, limits: MotionLimits,
+    signals: Sequence[Array], span: Array | float, limits: PlanLimits,
     joints: slice = slice(None),
 ) -> Array:  # fmt: skip
     """Return the greatest factor with which signals keep a span and the limits of the joints."""
@@ -261,7 +259,7 @@ def _of_joints(drives: Multisine, pair: PairLimit) -> Multisine:
     )
 
 
-def _middle(way: Array, motor: Array, limits: MotionLimits, pair: PairLimit, place: Array) -> Array:
+def _middle(way: Array, motor: Array, limits: PlanLimits, pair: PairLimit, place: Array) -> Array:
     """Return (n,) middles for a way (N, n) of the joints and one (N,) of the pair's sum."""
     i, j = pair.first, pair.second
     lowest, highest = limits.lower - way.min(axis=0), limits.upper - way.max(axis=0)

@@ -19,8 +19,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning.limits import Box, PlanLimits
 from dvrk_gravity.planning.places import link_origins
-from dvrk_gravity.planning.plan_limits import Box, PlanLimits
 
 STEP = 0.005  # s, of the grid: of .6 Hz the proof adds 5e-5 of an acceleration
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution

@@ -1,8 +1,9 @@
-"""How far, how fast and how hard an arm may be driven by a program."""
+"""What a planned motion keeps: limits of joints, of their combinations, and keep-out boxes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,50 +50,150 @@ class PairLimit:
     upper: float
 
 
-@dataclass(frozen=True, eq=False)
-class MotionLimits:
-    """Limits of a planned motion.
+@dataclass(frozen=True)
+class Combination:
+    """A sum of joints, each times a factor, that is limited like a joint: q2 + q3 of an MTM.
 
     Attributes:
-        lower: (n,) lowest joint positions, rad or m.
-        upper: (n,) highest joint positions, rad or m.
-        velocity: (n,) of the joints, per s; that of a pair's second one holds for its sum, too.
-        acceleration: (n,) likewise, per s^2.
-        used: (n,) part of the range that a motion goes through.
-        pair: Two joints whose sum is limited, too; ``None``: there are none.
+        factors: By joint name, in the joints' order.
+        lower: Lowest value; ``-inf``: none.
+        upper: Highest; ``inf``: none.
+        velocity: Greatest speed; ``inf``: none.
+        acceleration: Greatest acceleration; ``inf``: none.
     """
 
+    factors: tuple[tuple[str, float], ...]
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity: float = np.inf
+    acceleration: float = np.inf
+
+    @property
+    def name(self) -> str:
+        """As a sum: ``shoulder_pitch + elbow_pitch``."""
+        text = ""
+        for joint, factor in self.factors:
+            size = "" if abs(factor) == 1.0 else f"{abs(factor):g} "
+            sign = "-" if factor < 0.0 else "+" if text else ""
+            text += f" {sign} {size}{joint}" if text else f"{sign}{size}{joint}"
+        return text
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box, its sides along the base frame's axes, which the origins of links stay out of.
+
+    Attributes:
+        name: Its name.
+        lower: Corner with the least coordinates in the base frame, m.
+        upper: The opposite one.
+        links: Names of the links that stay out.
+    """
+
+    name: str
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    links: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanLimits:
+    """Limits of a planned motion, of the n joints and then of the combinations.
+
+    Attributes:
+        joints: Their names.
+        lower: (n,) lowest positions, rad or m.
+        upper: (n,) highest ones.
+        velocity: (n,) greatest speeds.
+        acceleration: (n,) greatest accelerations.
+        effort: (n,) greatest *actuator* efforts, N·m or N.
+        used: (n,) part of the range that an exciting motion goes through.
+        combinations: Of joints.
+        boxes: To stay out of.
+    """
+
+    joints: tuple[str, ...]
     lower: Array
     upper: Array
     velocity: Array
     acceleration: Array
+    effort: Array
     used: Array
-    pair: PairLimit | None = None
+    combinations: tuple[Combination, ...] = ()
+    boxes: tuple[Box, ...] = ()
 
     @classmethod
-    def of(cls, arm: Arm) -> MotionLimits:
-        """Return the limits of an arm.
+    def of(cls, arm: Arm) -> PlanLimits:
+        """Return the limits of an arm of which no file says more.
 
         Raises:
             ConfigError: Limits in its file that no joint has, or none where a joint stops.
         """
         require_drivable(arm)
-        if mtm.is_mtm(arm):
-            known = mtm.defaults
-            lower, upper = arm.lower + known.MARGIN, arm.upper - known.MARGIN
-            lower[2], upper[2] = max(lower[2], known.ELBOW[0]), min(upper[2], known.ELBOW[1])
-            pair = PairLimit(1, 2, *known.ELBOW_MOTOR.tolist())
-            used = np.array(known.EXCITED_RANGE)
-            velocity = np.minimum(known.VELOCITY, arm.velocity_limit)
-            return cls(lower, upper, velocity, known.ACCELERATION, used, pair)
+        settings, known = LimitSettings(), mtm.defaults
         lower, upper = arm.range
-        settings = LimitSettings()
-        margin = np.minimum(settings.margin * arm.scale, settings.most_margin * (upper - lower))
-        lower, upper = lower + margin, upper - margin
-        used = settings.used * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
-        velocity = np.minimum(settings.velocity * arm.scale, arm.velocity_limit)
-        acceleration = settings.acceleration * arm.scale
-        return cls(lower, upper, velocity, acceleration, used)
+        if not mtm.is_mtm(arm):
+            margin = np.minimum(settings.margin * arm.scale, settings.most_margin * (upper - lower))
+            lower, upper = lower + margin, upper - margin
+            used = settings.used * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
+            velocity = np.minimum(settings.velocity * arm.scale, arm.velocity_limit)
+            acceleration = settings.acceleration * arm.scale
+            return cls(
+                arm.joint_names, lower, upper, velocity, acceleration, arm.actuator_effort_limit,
+                used,
+            )  # fmt: skip
+        lower, upper = lower + known.MARGIN, upper - known.MARGIN
+        lower[2], upper[2] = max(lower[2], known.ELBOW[0]), min(upper[2], known.ELBOW[1])
+        velocity, acceleration = np.minimum(known.VELOCITY, arm.velocity_limit), known.ACCELERATION
+        low, high = known.ELBOW_MOTOR.tolist()
+        motor = Combination(
+            tuple((name, 1.0) for name in arm.joint_names[1:3]), low, high, float(velocity[2]),
+            float(acceleration[2]),
+        )  # fmt: skip
+        return cls(
+            arm.joint_names, lower, upper, velocity, acceleration, arm.actuator_effort_limit,
+            np.array(known.EXCITED_RANGE), (motor,),
+        )  # fmt: skip
+
+    @property
+    def pair(self) -> PairLimit | None:
+        """The first two joints whose sum has a range; ``None``: there are none."""
+        for each in self.combinations:
+            plain = [factor for _, factor in each.factors] == [1.0, 1.0]
+            if plain and np.isfinite([each.lower, each.upper]).all():
+                first, second = (self.joints.index(name) for name, _ in each.factors)
+                return PairLimit(first, second, each.lower, each.upper)
+        return None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(r,) names of joints and combinations."""
+        return (*self.joints, *(each.name for each in self.combinations))
+
+    @cached_property
+    def rows(self) -> Array:
+        """(r, n) factors of the joints: of each joint, then of each combination."""
+        found = [dict(each.factors) for each in self.combinations]
+        return np.vstack(
+            [np.eye(len(self.joints))]
+            + [[[factors.get(joint, 0.0) for joint in self.joints]] for factors in found]
+        )
+
+    @cached_property
+    def range(self) -> tuple[Array, Array]:
+        """(r,) lowest and (r,) highest positions of joints and combinations."""
+        return (
+            np.array([*self.lower, *(each.lower for each in self.combinations)]),
+            np.array([*self.upper, *(each.upper for each in self.combinations)]),
+        )
+
+    @cached_property
+    def rates(self) -> tuple[Array, Array]:
+        """(r,) greatest speeds and (r,) accelerations of joints and combinations."""
+        return (
+            np.array([*self.velocity, *(each.velocity for each in self.combinations)]),
+            np.array([*self.acceleration, *(each.acceleration for each in self.combinations)]),
+        )
 
 
 def careful(arm: Arm) -> tuple[Array, Array]:

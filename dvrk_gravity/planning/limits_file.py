@@ -27,8 +27,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
+from dvrk_gravity.planning.limits import Box, Combination, PlanLimits
 from dvrk_gravity.planning.places import tip
-from dvrk_gravity.planning.plan_limits import Box, Combination, PlanLimits
 
 _RATES = ("velocity", "acceleration")
 KEYS = ("joints", "combinations", "boxes")

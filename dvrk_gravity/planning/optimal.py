@@ -23,8 +23,8 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.information import Objective
 from dvrk_gravity.planning.keeping import efforts, outside, slacks
+from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.places import levers
-from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.resting import resting_positions
 from dvrk_gravity.units import quantity
 

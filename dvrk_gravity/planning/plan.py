@@ -16,8 +16,8 @@ from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.model import arm_beside, arm_of, seen_from, values_of
 from dvrk_gravity.parameters import flatten, unflatten
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
+from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.limits_file import KEYS, limits_content, limits_from
-from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 
 FORMAT = 1

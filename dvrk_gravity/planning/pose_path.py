@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning.fourier import RISE, RISE_BOUNDS
-from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.planning.limits import PlanLimits
 
 SHORTEST = 1e-3  # s, of a move, however short
 

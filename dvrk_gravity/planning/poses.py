@@ -15,8 +15,8 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.design import MotionDesign, condition, knowledge_of
 from dvrk_gravity.planning.information import Knowledge
 from dvrk_gravity.planning.keeping import slacks
+from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.plan import Plan
-from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.resting import resting_positions
 

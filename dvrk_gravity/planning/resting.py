@@ -10,7 +10,7 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import PlanError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.keeping import box_links, distances, efforts
-from dvrk_gravity.planning.plan_limits import PlanLimits
+from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.units import quantity
 
 _DRAWS = 4000  # random positions that are looked at

@@ -14,9 +14,9 @@ from dvrk_gravity.planning.design import series_basis
 from dvrk_gravity.planning.fourier import FourierMotion
 from dvrk_gravity.planning.information import ModelKnowledge
 from dvrk_gravity.planning.keeping import Slack, slacks
+from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
 from dvrk_gravity.planning.plan import Plan
-from dvrk_gravity.planning.plan_limits import PlanLimits
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
 from dvrk_gravity.planning.rivalry import Passing, Rivalry, Separation
