@@ -17,7 +17,6 @@ from dvrk_gravity.planning import PlanLimits, distances
 RATE = 1000.0  # Hz
 _BLOCK = 20_000  # moments looked at at a time
 _ROUNDING = 1e-9
-_TURN = 2.0 * np.pi
 
 
 class LimitCheck:
@@ -32,7 +31,6 @@ class LimitCheck:
     def __init__(self, limits: PlanLimits, arm: Arm) -> None:
         """Look at nothing yet."""
         self._limits, self._arm = limits, arm
-        self._endless = ~np.isfinite(arm.upper - arm.lower)
         self.samples, self.used, self.most = 0, 0.0, ""
 
     def look(self, path: Path, duration: float) -> None:
@@ -44,7 +42,7 @@ class LimitCheck:
         limits = self._limits
         lower, upper = limits.range
         begin = path(np.zeros(1))[0]
-        turns = self._turns(begin)
+        turns = limits.turns(self._arm, begin[0])
         start = (begin - turns) @ limits.rows.T
         # An arm that stands outside of a limit comes in.
         lower, upper = np.minimum(lower, start[0]), np.maximum(upper, start[0])
@@ -75,11 +73,6 @@ class LimitCheck:
                     self.used, self.most = float(greatest[k]), f"{kind} of {limits.names[k]}"
             if limits.boxes and (near := float(distances(self._arm, limits.boxes, q).min())) < 0.0:
                 raise MotionError(f"a command would go {-1e3 * near:.3g} mm into a box: not moved")
-
-    def _turns(self, q: Array) -> Array:
-        """Return the whole turns by which endless joints are from their first one, rad."""
-        middle = 0.5 * (self._limits.lower + self._limits.upper)
-        return np.where(self._endless, _TURN * np.round((q - middle) / _TURN), 0.0)
 
 
 class KeptDriver:

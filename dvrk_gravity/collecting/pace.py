@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting.driver import Path, States
-from dvrk_gravity.planning import RISE, PlanLimits
+from dvrk_gravity.collecting.driver import States
+from dvrk_gravity.planning import RISE, RISE_BOUNDS, FourierMotion, PlanLimits, PosePath, exceeded
 
 # Covered within a ramp of length 1: the integral of 10 s^3 - 15 s^4 + 6 s^5, half of it in the end.
 _WAY = RISE.integ()
 
 
 RAMPS = (1.0, 2.0, 4.0, 8.0)  # s, the shortest one first: longer ones accelerate less
-STEP = 1e-3  # s, at which accelerations are looked at: what an arm may be commanded at
+_STEP = 1e-3  # s, of the grid within a ramp
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +29,13 @@ class Paced:
     than the motion's, and accelerations q'' s'^2 + q' s'' only within the ramp.
 
     Attributes:
-        motion: Of it, a path.
-        length: Of it, s.
+        motion: The motion.
         speed: Rate of s.
         begin: Where the speed is reached, s of the motion.
         ramp: Duration of the ramp, s; 0: none.
     """
 
-    motion: Path
-    length: float
+    motion: FourierMotion | PosePath
     speed: float = 1.0
     begin: float = 0.0
     ramp: float = 0.0
@@ -44,7 +43,7 @@ class Paced:
     @property
     def duration(self) -> float:
         """From its beginning to the motion's end, s."""
-        return self.ramp + (self.length - self.begin) / self.speed
+        return self.ramp + (self.motion.duration - self.begin) / self.speed
 
     def _pace(self, time: Array) -> tuple[Array, Array, Array]:
         if not self.ramp:
@@ -60,16 +59,60 @@ class Paced:
         """Return how many seconds of the motion have passed after a time, s."""
         return float(self._pace(np.asarray(time, dtype=float))[0])
 
-    def __call__(self, time: float | Array) -> States:
+    @property
+    def whole(self) -> bool:
+        """Whether it is nothing but the motion."""
+        return self.speed == 1.0 and not self.ramp and not self.begin
+
+    def at(self, time: float | Array) -> States:
         """Return position, velocity, acceleration: (n,) each, or (N, n) for (N,) times, s."""
         moment, rate, slope = self._pace(np.asarray(time, dtype=float))
-        q, qd, qdd = self.motion(moment if np.ndim(time) else float(moment))
+        q, qd, qdd = self.motion.at(moment if np.ndim(time) else float(moment))
         rate, slope = rate[..., None], slope[..., None]
         return q, qd * rate, qdd * rate**2 + qd * slope
 
+    def grid(self, step: float, rows: Array) -> tuple[Array, Array]:
+        """Return times and how much may be exceeded beside each: :meth:`FourierMotion.grid`.
+
+        Within the ramp bounds of the derivatives of q(s(t)) are those of q and of s, by the chain
+        rule; after it, those of q times powers of the speed.
+        """
+        moments, extra = self.motion.grid(step, rows)
+        first = int(np.searchsorted(moments, self.begin))
+        after = np.concatenate([[self.begin], moments[first:]])
+        beside = np.concatenate([extra[:, first : first + 1], extra[:, first:]], axis=1)
+        beside = beside * self.speed ** np.arange(3.0)[:, None, None]
+        times = self.ramp + (after - self.begin) / self.speed
+        if not self.ramp:
+            return times, beside
+        second, third, fourth = extra.max(axis=1) * 8.0 / step**2
+        speeds = np.abs(self.motion.at(moments)[1] @ rows.T) + extra[1]
+        rate, slope, curve, change = (  # of s by time, and of its derivatives
+            self.speed * bound / self.ramp**order for order, bound in enumerate(RISE_BOUNDS[:4])
+        )
+        fastest = speeds.max(axis=0)
+        bounds = [
+            second * rate**2 + fastest * slope,
+            third * rate**3 + 3.0 * second * rate * slope + fastest * curve,
+            fourth * rate**4
+            + 6.0 * third * rate**2 * slope
+            + second * (3.0 * slope**2 + 4.0 * rate * curve)
+            + fastest * change,
+        ]
+        count = int(np.ceil(self.ramp / _STEP))
+        within = np.tile(np.array(bounds)[:, None], (1, count, 1)) * _STEP**2 / 8.0
+        # The point at the end of the ramp has an interval on either side.
+        beside[:, 0] = np.maximum(beside[:, 0], within[:, 0])
+        ramp = self.ramp * np.arange(count) / count
+        return np.concatenate([ramp, times]), np.concatenate([within, beside], axis=1)
+
 
 def resumed(
-    motion: Path, length: float, begins: list[float], limits: PlanLimits, speed: float = 1.0
+    motion: FourierMotion | PosePath,
+    begins: list[float],
+    limits: PlanLimits,
+    arm: Arm,
+    speed: float = 1.0,
 ) -> Paced:
     """Return the rest of a motion from rest, within limits of acceleration.
 
@@ -77,19 +120,18 @@ def resumed(
     the whole motion.
 
     Args:
-        motion: A path that keeps the limits.
-        length: Its duration, s.
+        motion: A motion that keeps the limits.
         begins: Where its speed may be reached, s of the motion, ascending.
         limits: What to keep.
+        arm: The arm.
         speed: Rate of the motion.
     """
-    greatest = limits.rates[1]
+    of_joints = replace(limits, boxes=())  # places are the motion's
     for begin in reversed(begins):
         for ramp in RAMPS:
             if begin - 0.5 * speed * ramp < 0.0:
                 break
-            paced = Paced(motion, length, speed, begin, ramp)
-            acceleration = paced(np.arange(0.0, ramp + STEP, STEP))[2]
-            if (np.abs(acceleration @ limits.rows.T) <= greatest).all():
+            paced = Paced(motion, speed, begin, ramp)
+            if exceeded(paced, of_joints, arm) is None:
                 return paced
-    return Paced(motion, length, speed)
+    return Paced(motion, speed)

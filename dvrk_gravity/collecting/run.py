@@ -6,21 +6,20 @@ import contextlib
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting.driver import Driver, Path, States
+from dvrk_gravity.collecting.driver import Driver, States
 from dvrk_gravity.collecting.effort_watch import EffortWatch
 from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal
 from dvrk_gravity.collecting.pace import Paced, resumed
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import Plan, PlanLimits, Straight, slacks
+from dvrk_gravity.planning import UNSEEN, Plan, PlanLimits, Slack, Straight, exceeded
 from dvrk_gravity.recording import JOINT_STATE, BagWriter
 
 
@@ -159,19 +158,20 @@ class _Collection:
         self._model, self._settings, self._limits = model, settings, limits
         self._consent, self._report, self._progress = consent, report, progress
         self._checked: list[PlanLimits | None] = [None] * len(plans)
+        self._turns = np.zeros(plans[0].arm.n)  # of endless joints, rad
         self.longer = 0.0
 
     def move(self, rehearse: bool) -> None:
         """Carry out what is left of the plans."""
         journal, first = self._journal, self._journal.motion
         for number in range(first, len(self._plans)):
-            self._require_kept(number)
+            self._limits_now(number)
         rehearsing = rehearse and journal.phase == REHEARSAL
         self._ask(
             f"the arm is about to move{' slowly, in rehearsal' if rehearsing else ''}: is its room "
             "free, and a hand at the emergency stop?"
         )
-        where = self._driver.connect()
+        where = self._connect(first)
         stopped: BaseException | None = None
         try:
             with journal.new_part() as bag:
@@ -202,53 +202,54 @@ class _Collection:
 
     def _motion(self, bag: BagWriter, number: int, where: Array, rehearse: bool) -> Array:
         """Rehearse a motion, and go through it recorded, from where the arm is or stopped."""
-        plan, journal, of = self._plans[number], self._journal, self._settings
-        path, goes_on = self._path(plan, where), journal.found and number == journal.motion
+        journal, of = self._journal, self._settings
+        goes_on = journal.found and number == journal.motion
         if rehearse and not (goes_on and journal.phase == MOTION):
             at = [max(journal.moment - of.disturbed, 0.0)] if goes_on else []
-            paced = resumed(path, plan.duration, at, self._kept(number), of.rehearsal)
-            self._phase(bag, number, REHEARSAL, paced, where)
+            self._phase(bag, number, REHEARSAL, self._rest(number, at, of.rehearsal), where)
             self._driver.hold()
             journal.enter(number, MOTION, 0.0, approaching=True)
             self._ask(f"rehearsed: now at {1.0 / of.rehearsal:g} times that speed?")
-            where = self._again(number)
+            where = self._connect(number)
             goes_on = False
         begins: list[float] = []
         if goes_on and journal.phase == MOTION:
             begins = journal.begins(0.0 if journal.approaching else of.disturbed)
-        paced = resumed(path, plan.duration, begins, self._kept(number))
+        paced = self._rest(number, begins)
         journal.cut_at(number, paced.begin)
         self.longer += self._phase(bag, number, MOTION, paced, where)
         if number + 1 < len(self._plans):
             self._driver.hold()
-            where = self._again(number + 1)
+            where = self._connect(number + 1)
         return where
 
-    def _again(self, number: int) -> Array:
-        """Return where the arm rests, after limits that may have been tightened meanwhile."""
-        self._require_kept(number)
-        return self._driver.connect()
+    def _rest(self, number: int, begins: list[float], speed: float = 1.0) -> Paced:
+        """Return what is left of a motion from one of these moments on, s."""
+        plan = self._plans[number]
+        return resumed(plan.motion, begins, self._limits_now(number), plan.arm, speed)
+
+    def _connect(self, number: int) -> Array:
+        """Return where the arm rests, an endless joint as if it were in its limits' turn."""
+        where = self._driver.connect()
+        self._turns = self._limits_now(number).turns(self._plans[number].arm, where)
+        return where - self._turns
 
     def _phase(self, bag: BagWriter, number: int, phase: str, paced: Paced, where: Array) -> float:
         """Approach, and follow a motion; return its excess over the planned time, s."""
         plan, journal, driver = self._plans[number], self._journal, self._driver
         recorded = phase == MOTION
-        limits = self._kept(number)
-
-        def watch(path: Path) -> EffortWatch:
-            return EffortWatch(path, plan.arm, limits.effort, self._model)
-
-        journal.enter(number, phase, paced.begin, approaching=True)
         of = f" {number + 1} of {len(self._plans)}" if len(self._plans) > 1 else ""
-        approach = Straight.within(where, paced(0.0)[0], limits, self._settings.approach)
-        _require_clear(approach, limits, plan.arm)
-        name = f"approach{of}"
-        self._say(name, approach.duration)
-        driver.follow(approach.at, approach.duration, None, self._shown(name), watch(approach.at))
+        journal.enter(number, phase, paced.begin, approaching=True)
+        limits = self._require_paced(number, paced)
+        approach = Straight.within(where, paced.at(0.0)[0], limits, self._settings.approach)
+        if beyond := exceeded(approach, limits, plan.arm, self._model, UNSEEN):
+            raise MotionError(
+                f"the straight way to the plan's beginning {_excess(beyond)}: move the arm nearer "
+                "to the beginning by hand"
+            )
+        self._follow(number, f"approach{of}", approach, limits)
         journal.enter(number, phase, paced.begin, approaching=False)
-        name = f"{phase}{of}{', recorded' if recorded else ''}"
-        self._say(name, paced.duration)
-        show, due = self._shown(name), paced.begin
+        due = paced.begin
 
         def progress(part: float) -> None:
             nonlocal due
@@ -256,60 +257,61 @@ class _Collection:
             if journal.moment >= due:
                 journal.mark(journal.moment, bag)
                 due = journal.moment + self._settings.mark
-            show(part)
 
         def record(data: bytes) -> None:
             if journal.moment >= paced.begin:  # not while it takes up a motion's speed
                 bag.write(driver.topic, JOINT_STATE, data, time.time_ns())
 
-        longer = driver.follow(
-            paced, paced.duration, record if recorded else None, progress, watch(paced)
-        )
+        name = f"{phase}{of}{', recorded' if recorded else ''}"
+        longer = self._follow(number, name, paced, limits, record if recorded else None, progress)
         journal.mark(plan.duration, bag)
         return longer
 
-    def _path(self, plan: Plan, where: Array) -> Path:
-        """Return a plan's path; a continuous joint stays within its present turn."""
-        endless = ~np.isfinite(plan.arm.upper - plan.arm.lower)
-        turns = np.where(endless, 2.0 * np.pi * np.round(where / (2.0 * np.pi)), 0.0)
-        if not turns.any():
-            return plan.at
+    def _follow(
+        self, number: int, name: str, way: Straight | Paced, limits: PlanLimits,
+        record: Callable[[bytes], None] | None = None,
+        progress: Callable[[float], None] = lambda part: None,
+    ) -> float:  # fmt: skip
+        """Drive the arm along a way, watched; return its excess over the planned time, s."""
+        plan, turns = self._plans[number], self._turns
 
         def turned(time: float | Array) -> States:
-            position, velocity, acceleration = plan.at(time)
+            position, velocity, acceleration = way.at(time)
             return position + turns, velocity, acceleration
 
-        return turned
+        def shown(part: float) -> None:
+            progress(part)
+            self._progress(name, part)
 
-    def _kept(self, number: int) -> PlanLimits:
-        """Return the limits that a plan was last checked to keep."""
-        return self._checked[number] or self._plans[number].limits
+        self._report(f"{name}: {way.duration:.0f} s; Ctrl-C holds the arm")
+        watch = EffortWatch(way.at, plan.arm, limits.effort, self._model)
+        return self._driver.follow(turned, way.duration, record, shown, watch)
 
-    def _require_kept(self, number: int) -> None:
-        """Refuse a plan that does not keep the limits of now."""
+    def _require_paced(self, number: int, paced: Paced) -> PlanLimits:
+        """Return the limits of now, which a motion keeps at its pace, too."""
+        limits, plan = self._limits_now(number), self._plans[number]
+        if not paced.whole:  # its places are the plan's
+            of_joints = replace(limits, boxes=())
+            if beyond := exceeded(paced, of_joints, plan.arm, self._model):
+                raise MotionError(f"the plan at this pace {_excess(beyond)}: plan again")
+        return limits
+
+    def _limits_now(self, number: int) -> PlanLimits:
+        """Return the plan's limits and those of now, which it keeps.
+
+        Limits that were raised since the plan was made raise nothing.
+        """
         plan = self._plans[number]
-        limits = plan.limits if self._limits is None else self._limits()
-        if _same(limits, self._checked[number]):
-            return
-        beyond = [slack for slack in slacks(plan.motion, limits, plan.arm, self._model)
-                  if not slack.left >= -_ROUNDING]  # fmt: skip
-        if beyond:
-            worst = max(beyond, key=lambda slack: slack.used)
-            raise MotionError(
-                f"the plan exceeds the limit of {worst.limit} of {worst.of} by "
-                f"{-worst.left:.3g} {worst.unit}: plan again within these limits"
-            )
-        self._checked[number] = limits
+        limits = plan.limits if self._limits is None else plan.limits.and_those(self._limits())
+        if not _same(limits, self._checked[number]):
+            if beyond := exceeded(plan.motion, limits, plan.arm, self._model):
+                raise MotionError(f"the plan {_excess(beyond)}: plan again within these limits")
+            self._checked[number] = limits
+        return limits
 
     def _ask(self, question: str) -> None:
         if not self._consent(question):
             raise MotionError("not moved: no consent was given")
-
-    def _say(self, name: str, duration: float) -> None:
-        self._report(f"{name}: {duration:.0f} s; Ctrl-C holds the arm")
-
-    def _shown(self, name: str) -> Callable[[float], None]:
-        return lambda part: self._progress(name, part)
 
     def _note(self, error: BaseException) -> BaseException:
         """Save where and why it stopped; a full disk keeps the state of a second before."""
@@ -323,9 +325,6 @@ class _Collection:
         return f"{journal.out}: {journal.place()}. Kept in {journal.folder}; --resume goes on"
 
 
-_ROUNDING = 1e-9  # of limits in a file
-
-
 def _same(limits: PlanLimits, others: PlanLimits | None) -> bool:
     """Return whether two limits are equal."""
     return others is not None and (
@@ -337,14 +336,11 @@ def _same(limits: PlanLimits, others: PlanLimits | None) -> bool:
     )
 
 
-def _require_clear(approach: Straight, limits: PlanLimits, arm: Arm) -> None:
-    """Refuse an approach through a box that links stay out of."""
-    for slack in slacks(approach, limits, arm) if limits.boxes else ():
-        if slack.limit == "distance" and not slack.left >= 0.0:
-            raise MotionError(
-                f"the straight way to the plan's beginning takes {slack.of}, {-slack.left:.3g} m "
-                "inside: move the arm nearer to the beginning by hand"
-            )
+def _excess(beyond: Slack) -> str:
+    """Return in words that a limit is exceeded, and by how much."""
+    if beyond.limit == "distance":
+        return f"takes {beyond.of}, {-beyond.left:.3g} m inside"
+    return f"exceeds the limit of {beyond.limit} of {beyond.of} by {-beyond.left:.3g} {beyond.unit}"
 
 
 def _require_space(journal: Journal, seconds: float, settings: CollectSettings) -> None:

@@ -10,6 +10,7 @@ from .exciting import covering_motion as covering_motion
 from .exciting import covering_plan as covering_plan
 from .exciting import exciting_motion as exciting_motion
 from .fourier import RISE as RISE
+from .fourier import RISE_BOUNDS as RISE_BOUNDS
 from .fourier import Basis as Basis
 from .fourier import FourierMotion as FourierMotion
 from .information import Knowledge as Knowledge
@@ -17,9 +18,11 @@ from .information import ModelKnowledge as ModelKnowledge
 from .information import Objective as Objective
 from .information import PriorKnowledge as PriorKnowledge
 from .information import noise_of as noise_of
+from .keeping import UNSEEN as UNSEEN
 from .keeping import Slack as Slack
 from .keeping import distances as distances
 from .keeping import effort_band as effort_band
+from .keeping import exceeded as exceeded
 from .keeping import slacks as slacks
 from .limits import Box as Box
 from .limits import Combination as Combination

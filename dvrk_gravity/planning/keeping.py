@@ -10,6 +10,7 @@ model alone: half of its largest change from one point to the next is added, whi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,6 +25,11 @@ from dvrk_gravity.planning.places import link_origins
 
 STEP = 0.005  # s, of the grid: of .6 Hz the proof adds 5e-5 of an acceleration
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
+ROUNDING = 1e-9  # of limits, which files have in degrees
+KINDS = ("position", "velocity", "acceleration", "effort", "distance")
+# Of a straight way: velocities and accelerations are chosen within limits, and between two
+# positions it goes no further out than the farther one.
+UNSEEN = ("effort", "distance")
 _BLOCK = 4000  # samples worked on at a time
 
 
@@ -98,6 +104,30 @@ def slacks(
         for name, left in zip(box_links(limits.boxes), away.tolist(), strict=True):
             found.append(Slack("distance", name, float(left <= 0.0), left, "m"))
     return found
+
+
+def exceeded(
+    motion: Path,
+    limits: PlanLimits,
+    arm: Arm,
+    model: TorqueModel | None = None,
+    kinds: Sequence[str] = KINDS,
+) -> Slack | None:
+    """Return what is left of the limit that a motion exceeds most, ``None``: it keeps them.
+
+    Args:
+        motion: The motion.
+        limits: What it is to keep.
+        arm: The arm.
+        model: For the torque; ``None``: torques are not known.
+        kinds: Limits to look at.
+    """
+    beyond = [
+        slack
+        for slack in slacks(motion, limits, arm, model)
+        if slack.limit in kinds and not slack.left >= -ROUNDING
+    ]
+    return max(beyond, key=lambda slack: slack.used, default=None)
 
 
 def _kinematic(limits: PlanLimits, arm: Arm, peaks: Array, lowest: Array) -> list[Slack]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,9 @@ class LimitSettings:
         margin: Distance to the stops, rad. Chosen: 5 deg.
         most_margin: ... but no more than this part of the range. Chosen.
         used: Part of what is left, and at most a turn. Chosen.
+        quickest: Least time in which a limit of acceleration may reach the greatest velocity, s:
+            servos lag by 0.05 to 0.1 s, and follow nothing quicker. What a file has beyond that is
+            a mistaken unit.
     """
 
     velocity: float = float(np.radians(60.0))
@@ -31,6 +34,7 @@ class LimitSettings:
     margin: float = float(np.radians(5.0))
     most_margin: float = 0.05
     used: float = 0.9
+    quickest: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -164,6 +168,29 @@ class PlanLimits:
                 first, second = (self.joints.index(name) for name, _ in each.factors)
                 return PairLimit(first, second, each.lower, each.upper)
         return None
+
+    def and_those(self, others: PlanLimits) -> PlanLimits:
+        """Return the stricter of these limits and others, of each joint; all sums and boxes."""
+        return replace(
+            self,
+            lower=np.maximum(self.lower, others.lower),
+            upper=np.minimum(self.upper, others.upper),
+            velocity=np.minimum(self.velocity, others.velocity),
+            acceleration=np.minimum(self.acceleration, others.acceleration),
+            effort=np.minimum(self.effort, others.effort),
+            combinations=tuple(dict.fromkeys((*self.combinations, *others.combinations))),
+            boxes=tuple(dict.fromkeys((*self.boxes, *others.boxes))),
+        )
+
+    def turns(self, arm: Arm, position: Array) -> Array:
+        """Return (n,) whole turns, rad, by which endless joints are away from their limits.
+
+        A joint within its limits is by none, also where they are wider than a turn.
+        """
+        endless = ~np.isfinite(arm.upper - arm.lower)
+        outside = (position < self.lower) | (position > self.upper)
+        away = np.round((position - 0.5 * (self.lower + self.upper)) / (2.0 * np.pi))
+        return np.where(endless & outside, 2.0 * np.pi * away, 0.0)
 
     @property
     def names(self) -> tuple[str, ...]:

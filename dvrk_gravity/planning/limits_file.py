@@ -27,7 +27,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.planning.limits import Box, Combination, PlanLimits
+from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits
 from dvrk_gravity.planning.places import tip
 
 _RATES = ("velocity", "acceleration")
@@ -116,7 +116,7 @@ def _written(combination: Combination, arm: Arm) -> dict[str, Any]:
 def _put(values: dict[str, Array], k: int, where: str, entry: Mapping[str, Any], arm: Arm) -> None:
     """Put a joint's entry in its place."""
     joint, size = arm.joints[k], _size(arm, k)
-    slack = 1.0 + _ROUNDING
+    slack, known = 1.0 + _ROUNDING, values["velocity"][k]
     if "position" in entry:
         low, high = _pair(f"{where}.position", entry["position"])
         if low * size < arm.lower[k] - _ROUNDING or high * size > arm.upper[k] + _ROUNDING:
@@ -131,6 +131,12 @@ def _put(values: dict[str, Array], k: int, where: str, entry: Mapping[str, Any],
         raise ConfigError(
             f"{where}.velocity", entry.get("velocity"), f"at most the arm's, {joint.shown(most)}/s"
         )
+    most = max(known, values["velocity"][k]) / LimitSettings().quickest
+    if values["acceleration"][k] > most * slack:
+        raise ConfigError(
+            f"{where}.acceleration", entry.get("acceleration"),
+            f"at most {joint.shown(most)}/s^2, which a servo can follow",
+        )  # fmt: skip
     if "effort" in entry:
         effort, most = _positive(f"{where}.effort", entry["effort"]), arm.actuator_effort_limit[k]
         if effort > most * slack:

@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate import Sample, SampleReader
+from dvrk_gravity.compensate import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.ros.hold import Hold
 from dvrk_gravity.ros.others import Others, Rivals
 from dvrk_gravity.ros.presence import Presence, on_operating_state
@@ -73,6 +73,7 @@ class ArmLink:
             arm.name, arm.held,
         ).read  # fmt: skip
         self._joints, self._fields = arm.joint_names, topic.fields
+        self._active = False
         self.further: tuple[str, ...] = ()
         self._write_in(arm.joint_names)
 
@@ -97,13 +98,17 @@ class ArmLink:
         """Return the sample and the stamp in the bytes of a message of ``measured_js``.
 
         Raises:
-            DroppedSampleError: No command may answer it.
+            DroppedSampleError: No command may answer it; the joints of an arm that is commanded are
+                others than before, or in another order.
         """
         fields = self._unpack(data)
         sample = self._read(
             fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
         )
         if fields.names is not self._measured:
+            if self._active and fields.names != self._measured:
+                expected = f"joints {', '.join(fields.names)}, {', '.join(self._measured)} before"
+                raise DroppedSampleError("other_arm", f"{expected}: is it another arm?")
             self._write_in(fields.names)
         return sample, fields.stamp
 
@@ -134,6 +139,7 @@ class ArmLink:
         Returns by cause why the arm must not be commanded; ``""``: it may. When we are
         ``measuring``, subscribed to ``measured_js``, DDS knows the arm's subscriptions.
         """
+        self._active = active
         self.hold.look()
         self.rivals.watch(active)
         deaf = measuring and self.presence.is_there() and not self.presence.listens()
@@ -141,7 +147,7 @@ class ArmLink:
             "others": self.others.reason() if self.others.heard_lately() else "",
             "unheard": self.others.unheard(),
             "hold": self.presence.no_hold_reason() if deaf else "",
-            "measured_js": self.presence.two_measure(),
+            "measured_js": self.presence.two_measure() or self.presence.another_measures(active),
         }
 
     def commanded_by_others(self) -> bool:

@@ -116,6 +116,7 @@ class Presence:
         self._listens = False
         self._number = 0  # of the last message, as its publisher counts them
         self._mixed = -math.inf
+        self._arms: set[bytes] = set()  # gids of publishers, when the arm was not commanded
 
     def is_there(self) -> bool:
         """Return whether a node publishes ``measured_js``."""
@@ -172,4 +173,24 @@ class Presence:
         if time.monotonic() - self._mixed > LATELY:
             return ""
         who = publishers_of(self._measured, self._node)
+        if self._node.count_publishers(self._measured) == 1:
+            return self._replaced(who)
         return f"several nodes{who} publish {self._measured}: stop all but the arm"
+
+    def another_measures(self, active: bool) -> str:
+        """Return who publishes ``measured_js`` when the arm that we command has ceased, or ``""``.
+
+        A publisher is known by its number in DDS, which no other one has, of whatever name and
+        joints. Of several, of which all but one were silent, any may have been the arm. To be
+        called a few times a second, also while the arm is not commanded: then any may measure.
+        """
+        infos = self._node.get_publishers_info_by_topic(self._measured)
+        arms = {bytes(info.endpoint_gid) for info in infos}
+        if not active:
+            self._arms = arms
+        if not arms or arms >= self._arms:
+            return ""
+        return self._replaced(publishers_of(self._measured, self._node))
+
+    def _replaced(self, who: str) -> str:
+        return f"another node than before{who} publishes {self._measured}: is it another arm?"

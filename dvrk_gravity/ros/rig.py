@@ -24,7 +24,7 @@ from dvrk_gravity.ros.processes import NodeProcess, ProcessError
 # An arm that has gone so far, rad (Arm.scale), drifts: it is held. Chosen: ten times what a
 # certificate allows, and less than what a hand beside the arm would be hurt by.
 AWAY = float(np.radians(5.0))
-SIMULATOR = "simulator"  # the node's name
+SIMULATED_HAND = "simulator/push_jf"  # our simulator subscribes to it; no arm does
 _RATE = 200.0  # set points per second
 _STARTS = 30.0  # s, that a compensator may take until it commands
 
@@ -128,9 +128,15 @@ class RosRig:
         return way
 
     def _note_simulator(self, node: Node) -> None:
-        """Note that it is no arm if our simulator measures in its namespace."""
-        nodes = node_names(node.get_publishers_info_by_topic(node.resolve_topic_name(MEASURED)))
-        found = sorted(name for name in nodes if name.rsplit("/", 1)[-1] == SIMULATOR)
+        """Note that it is no arm if our simulator measures in its namespace, by any name."""
+        measures, is_pushed = (
+            node_names(infos(node.resolve_topic_name(topic)))
+            for infos, topic in (
+                (node.get_publishers_info_by_topic, MEASURED),
+                (node.get_subscriptions_info_by_topic, SIMULATED_HAND),
+            )
+        )
+        found = sorted(measures & is_pushed)
         if found and not self.simulated:
             self.simulated = f"the node {found[0]}"
 

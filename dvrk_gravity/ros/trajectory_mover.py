@@ -137,7 +137,8 @@ class TrajectoryLink:
             if result.error_code != FollowJointTrajectory.Result.SUCCESSFUL:
                 why = result.error_string or f"error {result.error_code}"
                 reason = f"{self._name}: the controller has ended the motion: {why}"
-        return {"goal": reason, "measured_js": self.presence.two_measure()}
+        another = self.presence.two_measure() or self.presence.another_measures(active)
+        return {"goal": reason, "measured_js": another}
 
     def send(self) -> None:
         """Cancel the goal: the controller then holds its position."""

@@ -1,0 +1,76 @@
+"""Whoever measures during a motion is the arm that it began with, or the arm is held."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from test_excite import POSE, FakeArm, mover, to
+
+from dvrk_gravity.arms import JOINT_NAMES
+
+
+@pytest.fixture
+def fake(domain: int) -> Iterator[FakeArm]:
+    pytest.importorskip("rclpy")
+    with FakeArm() as arm:
+        yield arm
+
+
+def soon(fake: FakeArm, change) -> None:
+    """Call ``change`` once, in the arm's own thread, when the motion is under way."""
+
+    def once() -> None:
+        timer.cancel()
+        change()
+
+    timer = fake.client.node.create_timer(0.3, once)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_arm_in_whose_place_another_one_measures_is_held(fake: FakeArm, known: bool) -> None:
+    """Also one that continues the count of messages, as one that began long before would."""
+    from dvrk_gravity.ros import MotionError
+
+    node = fake.client.node
+    other = node.create_publisher(fake.message, "measured_js", 100)
+    for _ in range(2000 if known else 0):
+        other.publish(fake.message())
+
+    def replace() -> None:
+        first, fake.measured = fake.measured, other
+        node.destroy_publisher(first)
+
+    with mover(fake) as moving:
+        moving.connect()
+        soon(fake, replace)
+        with pytest.raises(MotionError, match=r"another node than before .*is it another arm\?"):
+            moving.follow(to(POSE + 0.1, 3.0), 3.0)
+    assert fake.held()
+
+
+def test_an_arm_whose_joints_change_their_order_on_the_way_is_held_and_told_nothing_wrong(
+    fake: FakeArm,
+) -> None:
+    from dvrk_gravity.ros import MotionError
+
+    order = [2, 1, 0, 3, 4, 5, 6]
+
+    def speak() -> None:
+        names = [JOINT_NAMES[i] for i in order]
+        message = fake.message(name=names, position=fake.position[order].tolist())
+        message.header.stamp = fake.stamp()
+        fake.measured.publish(message)
+
+    fake.position = POSE + np.radians([20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    begin, goal = fake.position.copy(), fake.position + 0.02
+    with mover(fake) as moving:
+        moving.connect()
+        soon(fake, lambda: setattr(fake, "speak", speak))
+        fake.speak_timer.cancel()
+        fake.client.node.create_timer(0.01, lambda: fake.speak())
+        with pytest.raises(MotionError, match=r"other_arm: joints elbow_pitch, .*another arm\?"):
+            moving.follow(lambda t: (begin + min(t / 3.0, 1.0) * (goal - begin), begin * 0.0), 3.0)
+    assert fake.held()
+    assert np.abs(np.array(fake.told) - begin).max() < 0.03
