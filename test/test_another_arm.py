@@ -1,7 +1,8 @@
-"""Whoever measures during a motion is the arm that it began with, or the arm is held."""
+"""Whoever measures during a motion is the arm that it began with, by one clock, or it is held."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -74,3 +75,17 @@ def test_an_arm_whose_joints_change_their_order_on_the_way_is_held_and_told_noth
             moving.follow(lambda t: (begin + min(t / 3.0, 1.0) * (goal - begin), begin * 0.0), 3.0)
     assert fake.held()
     assert np.abs(np.array(fake.told) - begin).max() < 0.03
+
+
+def test_a_clock_that_steps_forwards_on_the_way_holds_the_arm(fake: FakeArm) -> None:
+    from dvrk_gravity.ros import MotionError
+
+    def step() -> None:
+        fake.stamp = lambda: fake.time(nanoseconds=time.time_ns() + 5 * 10**9).to_msg()
+
+    with mover(fake) as moving:
+        moving.connect()
+        soon(fake, step)
+        with pytest.raises(MotionError, match=r"its clock has stepped 5 s forwards"):
+            moving.follow(to(POSE + 0.1, 3.0), 3.0)
+    assert fake.held()

@@ -103,6 +103,14 @@ def huge(content: Any) -> None:
     content["limits"]["joints"]["pitch"]["velocity"] = 10**400
 
 
+def tiny(content: Any) -> None:
+    content["limits"]["joints"]["pitch"]["velocity"] = 5e-324
+
+
+def unreachable(content: Any) -> None:
+    content["limits"]["joints"]["pitch"]["velocity"] = 1e300
+
+
 def narrow(content: Any) -> None:
     content["limits"]["joints"]["yaw"]["position"] = [-1.0, 1.0]
 
@@ -112,6 +120,8 @@ def narrow(content: Any) -> None:
     ("edit", "says"),
     [
         (faster, "the plan exceeds the limit of"), (narrow, "the plan exceeds the limit of pos"),
+        (tiny, "pitch.velocity: got 5e-324, expected a number above 0"),
+        (unreachable, "pitch.velocity: got 1e+300, expected at most the arm's"),
         (longer, "motion: got '1e+05 s', expected at most 10000 s"), (huge, "a finite number"),
         (shaken, "finite numbers up to 1e+06"), (abrupt, "motion.ramp: got 1e-300"),
     ],
@@ -230,17 +240,19 @@ def test_after_a_pause_efforts_are_compared_with_where_the_path_is_then(
         watch(sample(plan, time, none), time)
 
 
-def test_efforts_that_are_missing_stop_an_arm_that_is_watched_by_its_model(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("watched", [True, False])
+def test_efforts_that_are_missing_stop_an_arm_with_a_model_and_without_one(
+    monkeypatch: pytest.MonkeyPatch, watched: bool
 ) -> None:
     plan = plan_of("ecm")
     watch = watch_of(plan, monkeypatch, 0.0)
+    if not watched:
+        watch = EffortWatch(plan.at, plan.arm, plan.limits.effort, None)
     watch(sample(plan, 0.0, None), 0.0)
+    watch(sample(plan, 0.05, np.zeros(plan.arm.n)), 0.05)  # one alone may be lost
+    watch(sample(plan, 0.1, None), 0.1)
     with pytest.raises(MotionError, match="no finite efforts"):
-        watch(sample(plan, 0.2, None), 0.2)
-    unwatched = EffortWatch(plan.at, plan.arm, plan.limits.effort, None)
-    for time in (0.0, 0.2):
-        unwatched(sample(plan, time, None), time)
+        watch(sample(plan, 0.3, None), 0.3)
 
 
 def test_a_plan_whose_efforts_the_model_does_not_know_is_refused(

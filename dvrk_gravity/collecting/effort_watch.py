@@ -46,7 +46,8 @@ class EffortWatch:
 
     The band is that of the path within the arm's lag, with any friction that a joint so slow may
     have: at rest it is anything between both directions'. Outside of the range that the model was
-    identified on it is wider. Without a model only the limits are watched.
+    identified on it is wider. Without a model only the limits are watched. An arm whose efforts
+    are missing is stopped, too.
     """
 
     def __init__(
@@ -82,8 +83,11 @@ class EffortWatch:
         """
         now = 1e-9 * sample.stamp
         if sample.effort is None:
-            if self._model is not None and self._lasts(now):
-                raise MotionError("measured_js has no finite efforts, which the model expects")
+            if self._lasts(now):
+                raise MotionError(
+                    "measured_js has no finite efforts: a hand would not be noticed, and nothing "
+                    "could be identified"
+                )
             return
         effort = self._arm.actuator_effort(sample.effort)
         lowest, highest = self._expected(moment)

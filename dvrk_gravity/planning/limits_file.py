@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import FASTEST, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
@@ -32,6 +32,8 @@ from dvrk_gravity.planning.places import tip
 
 _RATES = ("velocity", "acceleration")
 KEYS = ("joints", "combinations", "boxes")
+# Of what is divided by: no arm is as slow, stands as short, or is as weak. Chosen.
+LEAST = 1e-6
 _ROUNDING = 1e-9  # of numbers that were written in degrees
 
 
@@ -126,7 +128,7 @@ def _put(values: dict[str, Array], k: int, where: str, entry: Mapping[str, Any],
     for name in _RATES:
         if name in entry:
             values[name][k] = _positive(f"{where}.{name}", entry[name]) * size
-    most = float(arm.velocity_limit[k])
+    most = float(min(arm.velocity_limit[k], FASTEST * arm.scale[k]))
     if values["velocity"][k] > most * slack:
         raise ConfigError(
             f"{where}.velocity", entry.get("velocity"), f"at most the arm's, {joint.shown(most)}/s"
@@ -205,8 +207,8 @@ def _pair(where: str, value: Any) -> tuple[float, float]:
 
 def _positive(where: str, value: Any) -> float:
     number = _number(where, value)
-    if number <= 0.0:
-        raise ConfigError(where, value, "a number above 0")
+    if number < LEAST:
+        raise ConfigError(where, value, f"a number above 0, at least {LEAST:g}")
     return number
 
 

@@ -17,7 +17,7 @@ from dvrk_gravity.model import arm_beside, arm_of, seen_from, values_of
 from dvrk_gravity.parameters import flatten, unflatten
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.limits import PlanLimits
-from dvrk_gravity.planning.limits_file import KEYS, limits_content, limits_from
+from dvrk_gravity.planning.limits_file import KEYS, LEAST, limits_content, limits_from
 from dvrk_gravity.planning.pose_path import PosePath
 
 FORMAT = 1
@@ -177,8 +177,10 @@ def _poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
         raise ConfigError(f"{POSES}.part", part, "at most 1, the limits")
     approach = _by_joint(f"{POSES}.approach", entry["approach"], arm, 1)[0]
     poses = _by_joint(f"{POSES}.positions", entry["positions"], arm, None)
-    if (approach <= 0.0).any():
-        raise ConfigError(f"{POSES}.approach", approach.tolist(), "ways above 0")
+    if (approach < LEAST).any():
+        raise ConfigError(
+            f"{POSES}.approach", approach.tolist(), f"ways above 0, at least {LEAST:g}"
+        )
     if not len(poses):
         raise ConfigError(f"{POSES}.positions", [], "at least one pose")
     return PosePath(poses, approach, stand, part, limits)
@@ -208,8 +210,8 @@ def _require_keys(where: str, entry: Any, keys: tuple[str, ...]) -> None:
 
 def _positive(where: str, value: Any) -> float:
     (number,) = _numbers(where, value, 1)
-    if number <= 0.0:
-        raise ConfigError(where, value, "a number above 0")
+    if number < LEAST:
+        raise ConfigError(where, value, f"a number above 0, at least {LEAST:g}")
     return float(number)
 
 

@@ -69,7 +69,8 @@ class Mover:
         self._link = self._linked(client.node)
         self._gate = InputGate(arm)
         self._following = Following(arm)
-        self._awake = time.monotonic()  # when we last received
+        self._awake = time.monotonic()  # when we last looked for messages
+        self._heard = self._awake  # when the last believed one came
         self._dropped = ""  # why the last measurement was dropped
         self._against: dict[str, str] = {}  # by cause, why the arm must not be commanded
         self._next_look = 0.0
@@ -290,9 +291,8 @@ class Mover:
             silence = self._gate.silence(time.monotonic(), self._timeout)
             if silence:
                 why = f" ({self._dropped})" if self._dropped else ""
-                raise MotionError(
-                    f"{self.topic}: {silence}{why}; if this computer is busy, raise --timeout"
-                )
+                why = why or "; if this computer is busy, raise --timeout"
+                raise MotionError(f"{self.topic}: {silence}{why}")
 
     def _on_measured(self, data: bytes, info: Mapping[str, Any]) -> None:
         several = self._link.two_measure(info)
@@ -313,6 +313,13 @@ class Mover:
             if moved and error.cause == "position_jump":  # the servo may pull it back unnoticed
                 self._against["position_jump"] = f"{self.topic}: {error}"
         else:
+            last, self._heard = self._heard, now
+            ahead = 1e-9 * sample.stamp - self._following.time - (now - last) if moved else 0.0
+            if ahead > ASLEEP:
+                self._against["clock"] = (
+                    f"{self.topic}: its clock has stepped {ahead:.3g} s forwards: a motion cannot "
+                    "be timed by it"
+                )
             self._following.add(admitted.sample)
             self._dropped = ""
             if self._watch is not None and self._commanded is not None:
