@@ -1,4 +1,4 @@
-"""Whoever measures during a motion is the arm that it began with, by one clock, or it is held."""
+"""An arm that another one stands in for, whose clock steps, or that is disabled, is held."""
 
 from __future__ import annotations
 
@@ -87,5 +87,29 @@ def test_a_clock_that_steps_forwards_on_the_way_holds_the_arm(fake: FakeArm) -> 
         moving.connect()
         soon(fake, step)
         with pytest.raises(MotionError, match=r"its clock has stepped 5 s forwards"):
+            moving.follow(to(POSE + 0.1, 3.0), 3.0)
+    assert fake.held()
+
+
+def test_an_arm_that_leaves_its_operating_state_on_the_way_is_held(
+    fake: FakeArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """crtk_msgs is not everywhere: any message with two texts serves in its stead."""
+    from diagnostic_msgs.msg import KeyValue
+
+    from dvrk_gravity.ros import MotionError
+
+    for name, value in (
+        ("state", property(lambda message: message.key)),
+        ("is_homed", property(lambda message: message.value == "homed")),
+        ("is_busy", False),
+    ):
+        monkeypatch.setattr(KeyValue, name, value, raising=False)
+    monkeypatch.setattr("dvrk_gravity.ros.presence.OperatingState", KeyValue)
+    said = fake.client.node.create_publisher(KeyValue, "operating_state", 1)
+    with mover(fake) as moving:
+        moving.connect()
+        soon(fake, lambda: said.publish(KeyValue(key="DISABLED", value="homed")))
+        with pytest.raises(MotionError, match="the arm is DISABLED, expected ENABLED; sent hold"):
             moving.follow(to(POSE + 0.1, 3.0), 3.0)
     assert fake.held()

@@ -177,6 +177,7 @@ def test_a_closed_standard_input_is_nobody_who_can_be_asked(
          "mtml.yaml: --model: got 'mtml', expected a model of mtmr"),
         (["--teach", "limits.yaml", "--arm", "mtmr", "--from", "ecm.csv"], "ecm.csv: lacks outer"),
         (["plan.yaml", "--out", "link", "--simulated", "--yes"], "a new name, not a link"),
+        (["plan.yaml", "--out", "bag?x", "--simulated", "--yes"], "bag?x: expected a path without"),
     ],
 )  # fmt: skip
 def test_another_arm_and_a_link_are_one_line(
@@ -195,6 +196,7 @@ def test_another_arm_and_a_link_are_one_line(
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
+    assert not list(tmp_path.glob("*.unfinished"))
 
 
 # --- efforts -----------------------------------------------------------------------------------

@@ -72,6 +72,24 @@ def test_limits_that_were_raised_since_the_plan_was_made_raise_nothing(tmp_path:
     assert (accelerations <= plan.limits.acceleration).all()
 
 
+def test_what_is_taken_up_after_a_false_stop_is_one_smooth_way_from_rest(tmp_path: Path) -> None:
+    plan, limits = plan_of("ecm", seed=3), plan_of("ecm", seed=3).limits
+    driver = PathDriver(plan, plan.at(0.0)[0], once("motion, recorded", 3.1, MotionError("busy")))
+    with pytest.raises(MotionStoppedError):
+        go(driver, tmp_path / "bag", rehearse=False)
+    driver.commanded.clear()
+    driver.step, rest = 1e-3, driver.at.copy()
+    go(driver, tmp_path / "bag", rehearse=False, resume=True)
+    assert driver.phases[-2:] == ["approach", "motion, recorded"]
+    way = np.vstack([rest, *(each[0] for each in driver.commanded)])
+    speed = np.diff(way, axis=0) / driver.step
+    assert (np.abs(speed) <= 1.001 * limits.velocity).all()
+    assert (np.abs(speed[[0, -1]]) <= 1e-3).all()
+    # Between approach and motion a point comes twice: it is at rest there.
+    change = np.diff(speed, axis=0) / driver.step
+    assert (np.abs(change) <= 1.01 * limits.acceleration + 1e-6).all()
+
+
 def test_a_plan_that_was_edited_beyond_its_own_limits_is_not_saved_by_wider_ones(
     tmp_path: Path,
 ) -> None:

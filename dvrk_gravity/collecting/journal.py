@@ -98,6 +98,7 @@ class Journal:
         """
         if out.exists():
             raise RecordingError(out, "exists already, expected a new name")
+        BagWriter(out)  # refuses a name that no bag can have, before anything is begun
         journal = cls(out, fingerprint(plans), topic)
         journal.folder.mkdir(exist_ok=True)
         try:

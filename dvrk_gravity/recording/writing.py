@@ -60,10 +60,14 @@ class BagWriter:
             keep_partial: Keep the partial bag when an exception ends the block.
 
         Raises:
-            RecordingError: If the storage is unknown.
+            RecordingError: If the storage is unknown, or cannot be under such a path.
         """
         if storage not in ("sqlite3", "mcap"):
             raise RecordingError(path, f"storage {storage!r}, expected 'sqlite3' or 'mcap'")
+        if storage == "sqlite3" and any(mark in str(path) for mark in URI_MARKS):
+            raise RecordingError(
+                path, f"expected a path without any of {URI_MARKS} for sqlite3, or mcap"
+            )
         self.path = Path(path)
         self.partial = Path()
         self.count = 0
@@ -76,10 +80,6 @@ class BagWriter:
 
         if self.path.exists():
             raise RecordingError(self.path, "exists already, expected a new name")
-        if self._storage == "sqlite3" and any(mark in str(self.path) for mark in URI_MARKS):
-            raise RecordingError(
-                self.path, f"expected a path without any of {URI_MARKS} for sqlite3, or mcap"
-            )
         try:
             self._temporary = Path(
                 tempfile.mkdtemp(prefix=f"{self.path.name}.partial-", dir=self.path.parent)
