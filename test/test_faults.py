@@ -433,7 +433,7 @@ def test_an_elder_that_dds_brings_seconds_late_is_told_from_a_recording(monkeypa
     )
     publisher = SimpleNamespace(topic_name="/MTMR/servo_jf", msg_type=JointState)
     heard: list[bool] = []
-    second = others.Rivals(
+    second = others.SameTopic(
         node, publisher, lambda: heard.append(second.elder), ReliabilityPolicy.RELIABLE
     )
     second.watch(commanding=True)

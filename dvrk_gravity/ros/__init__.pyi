@@ -11,7 +11,7 @@ from .mover import MotionError as MotionError
 from .mover import Mover as Mover
 from .others import COMMANDS as COMMANDS
 from .others import UNHEARD as UNHEARD
-from .others import Rivals as Rivals
+from .others import SameTopic as SameTopic
 from .presence import OperatingState as OperatingState
 from .presence import namespace_of as namespace_of
 from .processes import ENVIRONMENT as ENVIRONMENT

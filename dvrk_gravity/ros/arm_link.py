@@ -19,7 +19,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.others import Others, Rivals
+from dvrk_gravity.ros.others import Others, SameTopic
 from dvrk_gravity.ros.presence import Presence, on_operating_state
 from dvrk_gravity.ros.wire import CommandTopic, CommandWriter, JointStateReader, Stamp
 
@@ -34,7 +34,7 @@ class ArmLink:
         presence: Who measures the arm, and hears a hold.
         hold: Holds the arm, and repeats that until it is acknowledged.
         others: Nodes that command the arm on other topics.
-        rivals: Nodes that command it on ours.
+        same_topic: Nodes that command it on ours.
         further: Joints of ``measured_js`` that the arm does not have.
     """
 
@@ -45,15 +45,15 @@ class ArmLink:
         topic: CommandTopic,
         margin: NDArray[np.float64] | float = np.inf,
         on_other: Callable[[], None] = lambda: None,
-        on_rival: Callable[[], None] = lambda: None,
+        on_same_topic: Callable[[], None] = lambda: None,
         on_state: Callable[[str], None] = lambda reason: None,
     ) -> None:
         """Connect the topics of the node's namespace.
 
         Positions further than ``margin`` (n,), rad or m, outside the arm's limits are refused.
         ``on_other`` is called for a command of another node on another topic than ours,
-        ``on_rival`` for one on ours, and ``on_state`` with why the arm's operating state forbids
-        commands, ``""``: it does not.
+        ``on_same_topic`` for one on ours, and ``on_state`` with why the arm's operating state
+        forbids commands, ``""``: it does not.
         """
         self._as_array = topic.as_array
         self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)
@@ -64,7 +64,7 @@ class ArmLink:
         reliability = (
             ReliabilityPolicy.BEST_EFFORT if topic.as_array else ReliabilityPolicy.RELIABLE
         )
-        self.rivals = Rivals(node, self._command, on_rival, reliability)
+        self.same_topic = SameTopic(node, self._command, on_same_topic, reliability)
         self.others = Others(node, self.topic, self.hold.echo, on_other)
         on_operating_state(node, on_state)
         self._unpack = JointStateReader().read
@@ -118,13 +118,13 @@ class ArmLink:
         ours = tuple(name for name in names if name in self._joints)
         self.further = tuple(name for name in names if name not in self._joints)
         self._order = None if ours == self._joints else [self._joints.index(name) for name in ours]
-        self._writer = CommandWriter(ours, self.rivals.mark, self._fields)
+        self._writer = CommandWriter(ours, self.same_topic.mark, self._fields)
 
     def publish(self, stamp: Stamp, *values: Any) -> None:
         """Command the arm: (n,) numbers for each field of its topic."""
         if self._as_array:
             (effort,) = values
-            label = MultiArrayDimension(label=self.rivals.mark, size=len(effort), stride=1)
+            label = MultiArrayDimension(label=self.same_topic.mark, size=len(effort), stride=1)
             layout = MultiArrayLayout(dim=[label])
             self._command.publish(Float64MultiArray(layout=layout, data=effort))
         elif self._order is None:
@@ -141,7 +141,7 @@ class ArmLink:
         """
         self._active = active
         self.hold.look()
-        self.rivals.watch(active)
+        self.same_topic.watch(active)
         deaf = measuring and self.presence.is_there() and not self.presence.listens()
         return {
             "others": self.others.reason() if self.others.heard_lately() else "",
@@ -152,8 +152,8 @@ class ArmLink:
 
     def commanded_by_others(self) -> bool:
         """Return whether another node has just commanded the arm."""
-        return self.others.heard_lately() or self.rivals.heard_lately()
+        return self.others.heard_lately() or self.same_topic.heard_lately()
 
     def listened(self) -> bool:
         """Return whether other nodes have had the time to be heard."""
-        return self.rivals.listened(self.presence.is_there())
+        return self.same_topic.listened(self.presence.is_there())

@@ -82,7 +82,7 @@ class Compensator(PromptNode):
             self._command_topic(),
             settings.position_margin * arm.scale,
             on_other=self._on_other,
-            on_rival=self._refuse_rival,
+            on_same_topic=self._refuse_same_topic,
             on_state=lambda reason: self._obstruct("operating_state", reason),
         )
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
@@ -205,11 +205,11 @@ class Compensator(PromptNode):
                 self._supervisor.fail(reason)
         self._obstruct("others", reason)
 
-    def _refuse_rival(self) -> None:
+    def _refuse_same_topic(self) -> None:
         """Leave the arm to another node that publishes on our command topic."""
         if self._supervisor.active or self._supervisor.begins_by_itself:
-            self._supervisor.fail(self._arm.rivals.reason())
-            if self._arm.rivals.elder:
+            self._supervisor.fail(self._arm.same_topic.reason())
+            if self._arm.same_topic.elder:
                 self._supervisor.hold_due = False  # it would stop the other, too
             self._settle()
 
@@ -226,8 +226,8 @@ class Compensator(PromptNode):
         (result,) = self.set_parameters([Parameter("enabled", value=wanted)])
         if wanted and result.successful:
             self._supervisor.enable()  # out of a fault, too, where the parameter is true already
-        if wanted and self._arm.rivals.heard_lately():
-            self._refuse_rival()
+        if wanted and self._arm.same_topic.heard_lately():
+            self._refuse_same_topic()
         self._settle()
         refused = not result.successful or self._supervisor.status is Status.FAULT
         response.success = not (wanted and refused)
@@ -272,8 +272,8 @@ class Compensator(PromptNode):
         self._supervisor.configure(settings, time.monotonic())
         self._watch.timer_period_ns = int(settings.timeout / 4 * 1e9)
         self._obstruct("watchdog", self._too_slow_for_watchdog(settings.timeout))
-        if self._arm.rivals.heard_lately():
-            self._refuse_rival()
+        if self._arm.same_topic.heard_lately():
+            self._refuse_same_topic()
         self._settle()
 
     # --- output --------------------------------------------------------------------------

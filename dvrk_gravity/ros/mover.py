@@ -103,7 +103,7 @@ class Mover:
             self._arm,
             CommandTopic.positions(),
             on_other=lambda: self._forbid("others", self._link.others.reason()),
-            on_rival=lambda: self._forbid("rivals", self._link.rivals.reason()),
+            on_same_topic=lambda: self._forbid("same_topic", self._link.same_topic.reason()),
             on_state=lambda reason: self._forbid("operating_state", reason),
         )
 
@@ -280,8 +280,8 @@ class Mover:
         if now >= self._next_look:
             self._next_look = now + LATELY / 4
             self._against |= self._link.look(self._commanded is not None, measuring=True)
-            if not self._link.rivals.heard_lately():
-                self._against["rivals"] = ""
+            if not self._link.same_topic.heard_lately():
+                self._against["same_topic"] = ""
         reason = next(filter(None, self._against.values()), "")
         if reason:
             raise MotionError(reason)

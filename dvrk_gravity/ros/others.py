@@ -169,7 +169,7 @@ class Others(_Heard):
         return listen
 
 
-class Rivals(_Heard):
+class SameTopic(_Heard):
     """Listens to our own command topic, on which our commands bear a mark.
 
     A publisher alone proves nothing: crtk clients have one for every command and most never use it.

@@ -55,7 +55,7 @@ class TrajectoryLink:
         presence: Who measures the arm.
         further: Joints that the arm does not have do not matter: goals name theirs.
         others: Nobody can be heard ...
-        rivals: ... but in the end of our goal.
+        same_topic: ... but in the end of our goal.
         hold: Cancels the goal, after which the controller holds its position.
     """
 
@@ -73,7 +73,7 @@ class TrajectoryLink:
         self._name, self._arm = action, arm
         self.presence = Presence(node, any_subscriber=True)
         self.further: tuple[str, ...] = ()
-        self.others = self.rivals = _Nobody()
+        self.others = self.same_topic = _Nobody()
         self.hold = self
         self._unpack = JointStateReader().read
         self._read = SampleReader(
