@@ -15,13 +15,14 @@ from dvrk_gravity.compensate import let_go
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError, PlanError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import UNSEEN, PlanLimits, Straight, exceeded, resting_positions
+from dvrk_gravity.planning import PlanLimits, Straight, resting_positions, slacks
 from dvrk_gravity.simulate import ModelArm
 
 PART = 0.5  # of the limits, on the way from pose to pose
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
 _DRAWS = 1000  # poses among which those are chosen
 _SLOW = 0.05  # rad/s (Arm.scale): all of dry friction, and hardly any viscous one
+_ROUNDING = 1e-9
 
 
 def release_poses(
@@ -83,7 +84,11 @@ def release_poses(
 def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:
     """Return whether a straight way keeps all limits; of positions, its ends decide."""
     way = Straight.within(start, goal, limits, PART)
-    return exceeded(way, limits, arm, model, UNSEEN) is None
+    return all(
+        each.left >= -_ROUNDING
+        for each in slacks(way, limits, arm, model)
+        if each.limit in ("effort", "distance")
+    )
 
 
 def holding(model: TorqueModel, poses: Array, part: float) -> Array:
