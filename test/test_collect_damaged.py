@@ -43,6 +43,8 @@ def stopped(folder: Path) -> tuple[PathDriver, Path, Path]:
         ("parts", [{"name": "part_1", "keep": -3, "marks": []}]),
         ("parts", [{"name": "part_1", "keep": None, "marks": [[0, "a", 1]]}]),
         ("parts", [{"name": "part_1", "keep": None, "marks": [[0, 1.0]]}]), ("parts", {"a": 1}),
+        ("parts", [{"name": "part_1", "keep": None, "marks": [[0, 4.1, 1]]}]), ("moment", 1e5),
+        ("parts", [{"name": "part_1", "keep": None, "marks": [[1, 1.0, 1]]}]),
     ],
 )  # fmt: skip
 def test_a_state_that_nothing_wrote_moves_nothing(tmp_path: Path, name: str, value: object) -> None:
@@ -66,6 +68,18 @@ def test_a_part_that_is_gone_or_cut_is_missed_and_the_bag_is_not_written(tmp_pat
     with pytest.raises(DvrkGravityError, match=r"part_1: is gone"):
         go(driver, out, resume=True)
     assert not driver.commanded
+
+
+def test_what_a_state_lost_of_a_motion_is_missed_and_the_bag_is_not_written(tmp_path: Path) -> None:
+    driver, out, state = stopped(tmp_path)
+    content = json.loads(state.read_text())
+    content["parts"][0]["marks"] = [mark for mark in content["parts"][0]["marks"] if mark[1] > 1.0]
+    state.write_text(json.dumps(content))
+    with pytest.raises(
+        DvrkGravityError, match=r"motion 1 nothing was recorded from 0.0 to 1\.\d s"
+    ):
+        go(driver, out, resume=True)
+    assert not out.exists()
 
 
 def test_a_collection_that_another_process_makes_is_left_alone(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -104,14 +104,14 @@ class Journal:
         try:
             with alone_in(journal.folder, "--out"):
                 if journal.file.exists():
-                    journal = cls._found(journal, len(plans), resume)
+                    journal = cls._found(journal, plans, resume)
                 yield journal
         finally:
             with suppress(OSError):  # something was begun, or all is done
                 journal.folder.rmdir()
 
     @classmethod
-    def _found(cls, journal: Journal, plans: int, resume: bool) -> Journal:
+    def _found(cls, journal: Journal, plans: Sequence[Plan], resume: bool) -> Journal:
         """Return the state of an earlier process in a new one's place."""
         out, topic = journal.out, journal.topic
         found = cls._read(journal.file, out, plans)
@@ -127,7 +127,7 @@ class Journal:
         return found
 
     @classmethod
-    def _read(cls, path: Path, out: Path, plans: int) -> Journal:
+    def _read(cls, path: Path, out: Path, plans: Sequence[Plan]) -> Journal:
         content = json_file.load(path)
         if content.pop("format", None) != FORMAT:
             raise ConfigError("format", None, f"{FORMAT}, as `collect` writes it", path)
@@ -143,25 +143,26 @@ class Journal:
                 raise RecordingError(bag, "is gone, expected what was recorded")
         return found
 
-    def _require_possible(self, plans: int) -> None:
-        """Raise ValueError, or TypeError, for what `collect` of so many plans does not write."""
+    def _require_possible(self, plans: Sequence[Plan]) -> None:
+        """Raise ValueError, or TypeError, for what `collect` of these plans does not write."""
         for name in ("plan", "topic", "why"):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"{name}: {getattr(self, name)!r}")
         counts = [self.motion, *(part.keep or 0 for part in self.parts)]
-        moments = [self.moment]
+        moments = [(self.motion, self.moment)]
         for part in self.parts:
             if not re.fullmatch("part_[0-9]+", part.name):
                 raise ValueError(f"parts: {part.name!r}")
             part.marks = [(motion, moment, count) for motion, moment, count in part.marks]
             counts += [number for motion, _, count in part.marks for number in (motion, count)]
-            moments += [moment for _, moment, _ in part.marks]
+            moments += [(motion, moment) for motion, moment, _ in part.marks]
         good = (
             self.phase in PHASES
             and isinstance(self.approaching, bool)
             and all(type(each) is int and each >= 0 for each in counts)
-            and all(type(each) in (int, float) and 0.0 <= each < np.inf for each in moments)
-            and self.motion < plans
+            and all(motion < len(plans) for motion, _ in moments)
+            and all(type(each) in (int, float) for _, each in moments)
+            and all(0.0 <= each <= plans[motion].duration for motion, each in moments)
         )
         if not good:
             raise ValueError(f"{self.phase!r} of motion {self.motion!r} at {self.moment!r} s")
@@ -273,14 +274,18 @@ class Journal:
         partial = sorted(self.folder.glob(f"{part.name}.partial-*/{part.name}"))
         return complete if complete.exists() else partial[-1] if partial else None
 
-    def join(self) -> int:
+    def join(self, plans: Sequence[Plan], apart: float) -> int:
         """Write the bag of all parts, whole or not at all; return the number of its messages.
 
         Stamps stay as they are: between two parts is a gap. Only where a later part's clock is
         behind the earlier one's, it is set on.
 
+        Args:
+            plans: The motions.
+            apart: Marks of a motion are so far from each other at most, s.
+
         Raises:
-            RecordingError: The bag cannot be written.
+            RecordingError: The bag cannot be written, or would lack a part of a motion.
         """
         folder = self.folder / JOINING
         shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
@@ -299,8 +304,25 @@ class Journal:
                         data = _stamped(data, stamp + shift)
                     last = max(last, stamp + shift)
                     bag.write(self.topic, JOINT_STATE, data, received)
+            self._require_whole(plans, apart)
         (folder / self.out.name).rename(self.out)
         return bag.count
+
+    def _require_whole(self, plans: Sequence[Plan], apart: float) -> None:
+        """Check that marks of what counts follow each other through all of each motion."""
+        for number, plan in enumerate(plans):
+            moments = {
+                moment
+                for part in self.parts
+                for motion, moment, count in part.marks
+                if motion == number and (part.keep is None or count <= part.keep)
+            }
+            for first, next_one in pairwise(sorted(moments | {0.0, plan.duration})):
+                if next_one - first > apart:
+                    raise RecordingError(
+                        self.out, f"is not whole: of motion {number + 1} nothing was recorded from "
+                        f"{first:.1f} to {next_one:.1f} s; remove {self.folder} and collect again"
+                    )  # fmt: skip
 
     def remove(self) -> None:
         """Remove the folder, when its bag is written."""

@@ -134,7 +134,7 @@ def collect(
         if journal.phase != JOINING:
             work.move(rehearse)
             journal.enter(journal.motion, JOINING, 0.0, approaching=False)
-        samples, parts = journal.join(), len(journal.parts)
+        samples, parts = journal.join(plans, 2.0 * settings.mark), len(journal.parts)
         journal.remove()
         return Collected(journal.out, samples, seconds, work.longer, parts)
 
