@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate import DroppedSampleError, Sample, SampleReader
+from dvrk_gravity.compensate import Sample, SampleReader
 from dvrk_gravity.ros.hold import Hold
 from dvrk_gravity.ros.others import Others, SameTopic
 from dvrk_gravity.ros.presence import Presence, on_operating_state
@@ -35,7 +35,8 @@ class ArmLink:
         hold: Holds the arm, and repeats that until it is acknowledged.
         others: Nodes that command the arm on other topics.
         same_topic: Nodes that command it on ours.
-        further: Joints of ``measured_js`` that the arm does not have.
+        measured: Joints of ``measured_js``, in its order, in which commands are written.
+        further: Those of them that the arm does not have.
     """
 
     def __init__(
@@ -73,7 +74,6 @@ class ArmLink:
             arm.name, arm.held,
         ).read  # fmt: skip
         self._joints, self._fields = arm.joint_names, topic.fields
-        self._active = False
         self.further: tuple[str, ...] = ()
         self._write_in(arm.joint_names)
 
@@ -98,23 +98,19 @@ class ArmLink:
         """Return the sample and the stamp in the bytes of a message of ``measured_js``.
 
         Raises:
-            DroppedSampleError: No command may answer it; the joints of an arm that is commanded are
-                others than before, or in another order.
+            DroppedSampleError: No command may answer it.
         """
         fields = self._unpack(data)
         sample = self._read(
             fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
         )
-        if fields.names is not self._measured:
-            if self._active and fields.names != self._measured:
-                expected = f"joints {', '.join(fields.names)}, {', '.join(self._measured)} before"
-                raise DroppedSampleError("other_arm", f"{expected}: is it another arm?")
+        if fields.names is not self.measured:
             self._write_in(fields.names)
         return sample, fields.stamp
 
     def _write_in(self, names: tuple[str, ...]) -> None:
         """Write commands in the joint order of ``measured_js``: consoles ignore their names."""
-        self._measured = names
+        self.measured = names
         ours = tuple(name for name in names if name in self._joints)
         self.further = tuple(name for name in names if name not in self._joints)
         self._order = None if ours == self._joints else [self._joints.index(name) for name in ours]
@@ -139,7 +135,6 @@ class ArmLink:
         Returns by cause why the arm must not be commanded; ``""``: it may. When we are
         ``measuring``, subscribed to ``measured_js``, DDS knows the arm's subscriptions.
         """
-        self._active = active
         self.hold.look()
         self.same_topic.watch(active)
         deaf = measuring and self.presence.is_there() and not self.presence.listens()

@@ -304,8 +304,15 @@ class Mover:
         moved = self._commanded is not None
         clock = self._client.node.get_clock().now().nanoseconds
         oldest = 0.0 if moved else STAMP_AGE
+        joints = self._link.measured
         try:
             sample, _ = self._link.read(data)
+            if moved and self._link.measured != joints:
+                # Which order the console takes positions in is not known any more.
+                found, before = (", ".join(names) for names in (self._link.measured, joints))
+                self._against["joints"] = (
+                    f"{self.topic}: joints {found}, {before} before: is it another arm?"
+                )
             now = time.monotonic()
             admitted = self._gate.admit(sample, now, clock, self._timeout, oldest, moved)
         except DroppedSampleError as error:

@@ -53,7 +53,8 @@ class TrajectoryLink:
 
     Attributes:
         presence: Who measures the arm.
-        further: Joints that the arm does not have do not matter: goals name theirs.
+        measured: In which order joints are measured does not matter: goals name theirs ...
+        further: ... nor do joints that the arm does not have.
         others: Nobody can be heard ...
         same_topic: ... but in the end of our goal.
         hold: Cancels the goal, after which the controller holds its position.
@@ -72,6 +73,7 @@ class TrajectoryLink:
         self._action = ActionClient(node, FollowJointTrajectory, action)
         self._name, self._arm = action, arm
         self.presence = Presence(node, any_subscriber=True)
+        self.measured: tuple[str, ...] = ()
         self.further: tuple[str, ...] = ()
         self.others = self.same_topic = _Nobody()
         self.hold = self
