@@ -21,7 +21,7 @@ TIMEOUT = 0.6  # s; a busy machine is late
 @pytest.fixture
 def rig(domain):
     """Return a simulated endoscope arm behind topics."""
-    words = ("-p", "arm:=ecm", "-p", "rate:=200.0")
+    words = ("-p", "arm:=ecm", "-p", "rate:=200.0", "-r", "__node:=renamed")
     with NodeProcess("simulator", *words, namespace=NAMESPACE):
         yield RosRig(ARM, NAMESPACE, TIMEOUT)
 
@@ -39,7 +39,7 @@ def test_an_arm_is_moved_released_and_held_and_early_if_it_drifts(rig, tmp_path)
     replace(model, terms=weak).save(bad)
     with rig.driver() as driver:
         pose = driver.connect()
-    assert rig.simulated == f"the node {NAMESPACE}/simulator"
+    assert rig.simulated == f"the node {NAMESPACE}/renamed"
     assert (rig.release(good, pose, 1.0) < np.radians(0.5) * ARM.scale).all()
     begun = time.monotonic()
     assert (rig.release(bad, pose, 60.0) > np.radians(4.0) * ARM.scale).any()
