@@ -19,7 +19,8 @@ from dvrk_gravity.estimation import Regression, eliminate_backward
 _OVERLAP = 0.5  # of a torque, that another must reproduce to stand in its place. Chosen
 _REJECTED = 8  # alternatives that are shown though they are worse
 _ATTEMPTS = 3  # at a choice that held-out blocks confirm: a bound on time
-_CONTAINED = 1e-3  # of a torque, that may lie outside another's columns. Chosen
+CONTAINED = 1e-3
+"""Part of a torque that may lie outside another's columns. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,14 +170,14 @@ def contains(
 ) -> bool:
     """Return whether a larger hypothesis is a smaller one with more parameters."""
     more = larger.size > smaller.size
-    return more and overlap(validation, smaller, larger, rest) > 1.0 - _CONTAINED
+    return more and overlap(validation, smaller, larger, rest) > 1.0 - CONTAINED
 
 
 def spanned(validation: CrossValidation, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
     """Return whether all torques of a hypothesis are such as those of others together."""
     columns = validation.design([candidate])
     left = validation.regression(rest).residual(columns)
-    return float(np.sum(left**2)) <= _CONTAINED * float(np.sum(columns**2))
+    return float(np.sum(left**2)) <= CONTAINED * float(np.sum(columns**2))
 
 
 def overlap(

@@ -171,8 +171,13 @@ def _rivals(
         return ()
     equal = (effect.trial, *effect.alternatives)
     names = {trial.named for trial in equal}
-    forms = (trial for trial in effect.rejected if trial.named in names)
-    return tuple(RivalCause.fitted(validation, rest, trial.candidate) for trial in (*equal, *forms))
+    forms = [trial for trial in effect.rejected if trial.named in names]
+    return tuple(
+        RivalCause.fitted(
+            validation, rest, trial.candidate, trial.gain / effect.trial.inflation, trial in forms
+        )
+        for trial in (*equal, *forms)
+    )
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
