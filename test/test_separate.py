@@ -136,6 +136,21 @@ def test_the_expected_evidence_is_half_the_distance_from_all_that_the_other_expl
     assert np.sum(slope * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-5)
 
 
+def test_the_evidence_of_a_curve_far_beyond_where_it_was_fitted_is_not_lost_in_rounding():
+    """Its columns are 1e7 times the noise there, and all but a part of them cancels."""
+    u, random = np.linspace(-14.0, 14.0, 200), np.random.default_rng(0)
+    columns = np.column_stack([np.sin(0.01 * u), *(u**k for k in range(7))])
+    first, second = np.zeros((8, 7)), np.zeros((8, 7))
+    second[1:] = 0.005 * np.linalg.qr(random.normal(size=(7, 7)))[0]
+    apart = np.array([30.0, *second[1:] @ random.normal(size=7)])
+    gram = columns.T @ columns
+    value, _ = Sense(*(Prediction.of(gram, each) for each in (first, second)), apart).further(gram)
+    design = np.vstack([columns @ second, np.eye(7)])
+    target = np.concatenate([columns @ apart, np.zeros(7)])
+    left = target - design @ np.linalg.lstsq(design, target)[0]
+    assert value == pytest.approx(0.5 * left @ left, rel=1e-3)
+
+
 def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(unclear):
     arm, random = unclear.model.arm, np.random.default_rng(0)
     # So short that more evidence still counts.

@@ -30,13 +30,16 @@ class SelectedEffect:
     Attributes:
         trial: How it did beside all other selected ones.
         alternatives: Others in its place, best first, that the data cannot separate from it.
-        rejected: Others in its place, best first, that are worse; with all forms of those above.
+        rejected: Others in its place, best first, that are worse.
+        forms: All further forms of those above, also such as need more parameters than these data
+            show: further data may be explained by any.
         doubt: Why it is not certain, and what to record instead; empty: nothing speaks against it.
     """
 
     trial: EffectTrial
     alternatives: tuple[EffectTrial, ...]
     rejected: tuple[EffectTrial, ...]
+    forms: tuple[EffectTrial, ...] = ()
     doubt: tuple[str, str] = ("", "")
 
 
@@ -145,13 +148,17 @@ def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> Sele
     # Needless parameters make no alternative at the same site, but those that white noise would
     # make needful do. Elsewhere it is another cause: a tilt about an axis, a zero of its joint.
     more, here = current.gain + selection.settings.equal_least, selected.hypothesis.site
-    alternatives = [
+    trials = [
         trial
         for trial in selection.best(rest)
         if trial.candidate.hypothesis.key != selected.hypothesis.key
         and trial.gain > 0.0
         and trial.plausible
-        and (
+    ]
+    alternatives = [
+        trial
+        for trial in trials
+        if (
             trial.gain > more
             or trial.candidate.hypothesis.site != here
             or not contains(validation, trial.candidate, selected, rest.candidates)
@@ -161,8 +168,8 @@ def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> Sele
     equal = tuple(trial for trial in alternatives if selection.as_good(trial, current))
     worse = [trial for trial in alternatives if trial not in equal]
     names = {trial.named for trial in (current, *equal)}
-    forms = [trial for trial in worse[_REJECTED:] if trial.named in names]
-    return SelectedEffect(current, equal, (*worse[:_REJECTED], *forms))
+    forms = tuple(trial for trial in trials if trial.named in names and trial not in equal)
+    return SelectedEffect(current, equal, tuple(worse[:_REJECTED]), forms)
 
 
 def contains(

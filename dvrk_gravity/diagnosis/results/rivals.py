@@ -303,7 +303,8 @@ def _contains(model: TorqueModel, larger: RivalCause, smaller: RivalCause) -> bo
     if larger.hypothesis.site != smaller.hypothesis.site or len(larger.theta) <= len(smaller.theta):
         return False
     arm, random = model.arm, np.random.default_rng(0)
-    q = random.uniform(*np.clip(arm.range, -np.pi, np.pi), (_STATES, arm.n))
+    lower, upper = np.clip(arm.range, -np.pi, np.pi)
+    q = random.uniform(lower, upper, (_STATES, arm.n))
     qd, qdd = random.normal(size=(2, _STATES, arm.n)) * arm.scale
     motion = PlannedMotion.of(model, State(q, qd, qdd), np.arange(float(_STATES)))
     columns = larger.rival().columns(motion).reshape(-1, len(larger.theta))
