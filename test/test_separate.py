@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import MODEL_FILE
-from scipy import stats
 
 from dvrk_gravity import effects
 from dvrk_gravity.__main__ import main
@@ -24,6 +23,7 @@ from dvrk_gravity.diagnosis import (
     Gain,
     PlannedMotion,
     RivalCause,
+    RivalCauses,
     diagnosed_again,
     load_unseparated,
 )
@@ -35,13 +35,12 @@ from dvrk_gravity.planning import (
     Plan,
     PlanLimits,
     Prediction,
+    Sense,
     SeparationDesign,
     SeparationSettings,
     SolverSettings,
     Unseparated,
-    chance,
     design_separation,
-    divergence,
 )
 from dvrk_gravity.report import diagnosis_page, diagnosis_text
 from dvrk_gravity.simulate import PlantFile
@@ -94,8 +93,8 @@ def unclear(model) -> Contest:
     limit = float(model.arm.effort_limit[1])
     spring = cause(motion, "elastic_cable", 1, 0.0, 0.0)
     # The constant part of the spring's torque is the offset's.
-    spring = replace(spring, theta=np.array([0.1 * limit, 0.01 * limit])[: len(spring.theta)],
-                     covariance=(0.02 * limit) ** 2 * np.eye(len(spring.theta)))  # fmt: skip
+    spring = replace(spring, theta=limit * np.array([0.1, 0.001]),
+                     covariance=np.diag((limit * np.array([0.02, 2e-4])) ** 2))  # fmt: skip
     offset = cause(motion, "torque_offset", 1, 0.1 * limit, 0.02 * limit)
     return contest(model, (offset, spring))
 
@@ -116,35 +115,46 @@ def written(contest: Contest, folder: Path, **changes: object) -> Path:
 
 
 # The evidence that is expected.
-def test_the_expected_log_bayes_factor_is_the_divergence_of_the_predictions():
+def test_the_expected_evidence_is_half_the_distance_from_all_that_the_other_explains():
     random = np.random.default_rng(0)
     columns = random.normal(size=(40, 7))
     first, second = np.zeros((7, 5)), np.zeros((7, 5))
     first[:3, :3] = second[:3, :3] = np.eye(3)
     first[3:5, 3:], second[5:, 3:] = random.normal(size=(2, 2, 2))
     apart = np.array([0.0, 0.0, 0.0, 1.0, 2.0, -1.0, 0.5])
-    here, there = (np.eye(40) + (y := columns @ root) @ y.T for root in (first, second))
-    mean, inverse = columns @ apart, np.linalg.inv(there)
-    expected = 0.5 * (
-        np.trace(inverse @ here) - 40 + mean @ inverse @ mean
-        + np.linalg.slogdet(there)[1] - np.linalg.slogdet(here)[1]
-    )  # fmt: skip
-    gram = columns.T @ columns
+    there = np.eye(40) + (y := columns @ second) @ y.T
+    mean, gram = columns @ apart, columns.T @ columns
 
     def expects(gram):
-        return divergence(gram, Prediction.of(gram, first), Prediction.of(gram, second), apart)
+        return Sense(*(Prediction.of(gram, root) for root in (first, second)), apart).further(gram)
 
     value, slope = expects(gram)
-    assert value == pytest.approx(expected)
+    assert value == pytest.approx(0.5 * mean @ np.linalg.solve(there, mean))
     way = random.normal(size=(7, 7))
     way += way.T
     sides = [expects(gram + sign * 1e-6 * way)[0] for sign in (1, -1)]
     assert np.sum(slope * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-5)
 
 
+def test_the_evidence_of_a_curve_far_beyond_where_it_was_fitted_is_not_lost_in_rounding():
+    """Its columns are 1e7 times the noise there, and all but a part of them cancels."""
+    u, random = np.linspace(-14.0, 14.0, 200), np.random.default_rng(0)
+    columns = np.column_stack([np.sin(0.01 * u), *(u**k for k in range(7))])
+    first, second = np.zeros((8, 7)), np.zeros((8, 7))
+    second[1:] = 0.005 * np.linalg.qr(random.normal(size=(7, 7)))[0]
+    apart = np.array([30.0, *second[1:] @ random.normal(size=7)])
+    gram = columns.T @ columns
+    value, _ = Sense(*(Prediction.of(gram, each) for each in (first, second)), apart).further(gram)
+    design = np.vstack([columns @ second, np.eye(7)])
+    target = np.concatenate([columns @ apart, np.zeros(7)])
+    left = target - design @ np.linalg.lstsq(design, target)[0]
+    assert value == pytest.approx(0.5 * left @ left, rel=1e-3)
+
+
 def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(unclear):
     arm, random = unclear.model.arm, np.random.default_rng(0)
-    limits, weight = PlanLimits.of(arm), np.full(30, 0.3)
+    # So short that more evidence still counts.
+    limits, weight = PlanLimits.of(arm), np.full(30, 1e-3)
     objective = unclear.unseparated().objective(9.0).over(np.arange(30.0))
     states = [random.uniform(limits.lower, limits.upper, (30, arm.n))]
     states += [random.normal(size=(30, arm.n)) * arm.scale for _ in range(2)]
@@ -157,30 +167,98 @@ def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(un
     assert np.sum(gradient[0] * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-3)
 
 
-def test_the_chance_of_clear_evidence_is_how_often_data_give_it():
-    """Of two shapes whose sizes are uncertain, one of which may also be an offset."""
-    random = np.random.default_rng(0)
-    columns = random.normal(size=(40, 3))
+# Of two shapes whose sizes are uncertain, one of which may also be an offset.
+COLUMNS = np.random.default_rng(0).normal(size=(40, 3))
+ROOTS = np.diag([0.2, 0.0, 0.0]), np.diag([0.0, 0.5, 0.2])
+MEANS = np.array([0.8, 0.0, 0.0]), np.array([0.0, 0.6, 0.3])
+
+
+def between(columns: np.ndarray, before: float = 0.0) -> Sense:
     gram = columns.T @ columns
-    roots = np.diag([0.3, 0.0, 0.0]), np.diag([0.0, 0.5, 0.2])
-    means = np.array([0.6, 0.0, 0.0]), np.array([0.0, 0.6, 0.3])
-    here, there = (
-        stats.multivariate_normal(columns @ mean, np.eye(40) + columns @ root**2 @ columns.T)
-        for mean, root in zip(means, roots, strict=True)
+    apart = MEANS[0] - MEANS[1]
+    return Sense(*(Prediction.of(gram, root) for root in ROOTS), apart, before)
+
+
+@pytest.mark.parametrize("before", [0.0, -2.0, 2.0])
+def test_the_chance_of_clear_evidence_is_how_often_fits_to_data_give_it(before):
+    """Of fits as `diagnose` compares them: each rival as well as it can, near what was found."""
+    random = np.random.default_rng(1)
+    factors = MEANS[0] + random.normal(size=(20_000, 3)) @ ROOTS[0]
+    drawn = factors @ COLUMNS.T + random.normal(size=(20_000, 40))
+    misfit = []
+    for root, mean in zip(ROOTS, MEANS, strict=True):
+        left = drawn - COLUMNS @ mean
+        spread = np.eye(40) + COLUMNS @ root**2 @ COLUMNS.T
+        misfit.append(np.sum(left * np.linalg.solve(spread, left.T).T, axis=1))
+    found = before + 0.5 * (misfit[1] - misfit[0])
+    far = (factors - MEANS[1]) @ COLUMNS.T
+    spread = np.eye(40) + COLUMNS @ ROOTS[1] ** 2 @ COLUMNS.T
+    scatter = 1.64 * np.sqrt(np.sum(far * np.linalg.solve(spread, far.T).T, axis=1))
+    clear = float(np.mean(found > np.maximum(STRONG, scatter)))
+    chance = between(COLUMNS, before).chance(COLUMNS.T @ COLUMNS)
+    assert 0.2 < clear < 0.9
+    assert chance == pytest.approx(clear, abs=0.05)
+
+
+def test_a_wide_spread_of_the_other_rival_is_no_evidence_against_it():
+    """A fit is free within it, and pays nothing for what it does not use."""
+    gram = COLUMNS.T @ COLUMNS
+    near, wide = (
+        replace(between(COLUMNS), other=Prediction.of(gram, size * ROOTS[1])) for size in (1.0, 1e3)
     )
-    factors = means[0] + random.normal(size=(20_000, 3)) @ roots[0]
-    drawn = factors @ columns.T + random.normal(size=(20_000, 40))
-    left = (factors - means[1]) @ columns.T
-    spread = np.sqrt(np.sum(left * np.linalg.solve(there.cov, left.T).T, axis=1))
-    clear = np.mean(here.logpdf(drawn) - there.logpdf(drawn) > np.maximum(STRONG, 1.64 * spread))
-    found = chance(gram, *(Prediction.of(gram, root) for root in roots), means[0] - means[1])
-    assert 0.2 < clear < 0.8
-    assert found == pytest.approx(clear, abs=0.03)
+    assert wide.further(gram)[0] <= near.further(gram)[0]
+    assert wide.chance(gram) <= near.chance(gram)
 
 
 def test_there_is_no_chance_to_separate_equal_torques():
     gram, same = np.eye(2), Prediction.of(np.eye(2), np.eye(2))
-    assert chance(gram, same, same, np.zeros(2)) == pytest.approx(0.0, abs=0.01)
+    assert Sense(same, same, np.zeros(2)).chance(gram) == pytest.approx(0.0, abs=0.01)
+
+
+def promised(contest: Contest, *either: bool, evidence: float = 0.0) -> tuple[float, float]:
+    """Return the evidence and the chance of a wider motion, with that for a spring before it."""
+    first, second = (contest.pairs[0].first, contest.pairs[0].second)
+    pair = RivalCauses(first, replace(second, evidence=evidence), either)
+    unseparated = replace(contest, pairs=(pair,)).unseparated()
+    motion, weight = passed(contest.model, part=0.1), np.full(300, 10.0 / 300)
+    objective = unseparated.objective(10.0).over(motion.time)
+    (found,) = objective.expected(objective.gram(State(motion.q, motion.qd, motion.qdd), weight))
+    return found
+
+
+def test_evidence_that_the_diagnosed_recordings_hold_counts_for_and_against(unclear):
+    even, chance = promised(unclear, False, True)
+    more, surer = promised(unclear, False, True, evidence=2.0)
+    less, doubtful = promised(unclear, False, True, evidence=-2.0)
+    assert less < even < more
+    assert doubtful <= chance <= surer
+
+
+def test_the_lesser_evidence_of_both_senses_is_promised(unclear):
+    for evidence in (2.0, -2.0):
+        senses = [
+            promised(unclear, *either, evidence=evidence)
+            for either in ((True, False), (False, True))
+        ]
+        both = promised(unclear, True, True, evidence=evidence)
+        assert both == tuple(map(min, zip(*senses, strict=True)))
+
+
+def test_that_a_simpler_cause_is_contained_in_another_at_its_place_need_not_be_shown(unclear):
+    """A diagnosis takes the simpler one; but an offset at another joint is another cause."""
+    offset, spring = unclear.pairs[0].first, unclear.pairs[0].second
+    assert RivalCauses.of(unclear.model, offset, spring).either == (False, True)
+    assert RivalCauses.of(unclear.model, spring, offset).either == (True, False)
+    elsewhere = cause(passed(unclear.model), "torque_offset", 0, 1.0, 0.1)
+    assert RivalCauses.of(unclear.model, elsewhere, spring).either == (True, True)
+
+
+def test_a_rejected_form_may_explain_but_is_not_to_be_shown(unclear):
+    offset, spring = unclear.pairs[0].first, unclear.pairs[0].second
+    elsewhere = cause(passed(unclear.model), "torque_offset", 0, 1.0, 0.1)
+    rejected = replace(spring, rejected=True)
+    assert RivalCauses.of(unclear.model, rejected, elsewhere).either == (False, True)
+    assert contest(unclear.model, (offset, rejected)).pairs == ()
 
 
 # The plan.
@@ -316,6 +394,7 @@ def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path
         ({"coherent": "none"}, "4 finite numbers"),
         ({"pairs": [{"between": [{"effect": "magic"}, {}]}]}, "as `diagnose` of this version"),
         ({"pairs": [{}]}, "two causes"),
+        ({"lasted": -1.0}, "0 or more"),
     ],
 )
 def test_findings_that_say_too_little_are_refused_by_name(unclear, tmp_path, changes, words):

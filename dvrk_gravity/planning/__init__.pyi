@@ -48,9 +48,8 @@ from .rivalry import STRONG as STRONG
 from .rivalry import Prediction as Prediction
 from .rivalry import Rival as Rival
 from .rivalry import Rivalry as Rivalry
+from .rivalry import Sense as Sense
 from .rivalry import Separation as Separation
-from .rivalry import chance as chance
-from .rivalry import divergence as divergence
 from .separation import ExpectedEvidence as ExpectedEvidence
 from .separation import SeparationDesign as SeparationDesign
 from .separation import SeparationSettings as SeparationSettings

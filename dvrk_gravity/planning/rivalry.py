@@ -1,10 +1,11 @@
-"""Which motion separates rival explanations: the log Bayes factor expected between them.
+"""Which motion separates rival explanations: the evidence that `diagnose` is expected to find.
 
 Under either of two rivals, torques are Gaussian: Y m_i in the mean, with covariance R + Y P_i Y',
 Y the columns of what else is uncertain and of both rivals, m_i and P_i what is known of their
-factors. The log Bayes factor that is expected if the first is true is the Kullback-Leibler
-divergence of the second from it (Kullback 1959; for choosing experiments, Box and Hill 1967).
-It depends on the motion through G = integral of Y' R^-1 Y dt alone.
+factors. What was found of the first is then at some distance from all that the second explains: the
+least of |d - L z|^2 + |z|^2 over z, d = m_1 - m_2 by G = integral of Y' R^-1 Y dt, and L L' = P_2.
+Half of that is the log-likelihood that is expected to separate fits of them (Vuong 1989). A Bayes
+factor would also count how widely each was spread before; `diagnose` does not.
 """
 
 from __future__ import annotations
@@ -26,8 +27,14 @@ Passing = Callable[[State, Array], Motion]
 N is a multiple of M: motions one after the other. Poses have a direction, and any times.
 """
 STRONG = float(np.log(20.0))
-"""Log Bayes factor of odds of 20 to one: strong evidence (Kass and Raftery 1995)."""
-_CLEAR = 1.64  # standard errors of the log Bayes factor, as `diagnose` requires them (Vuong 1989)
+"""Log-likelihood of odds of 20 to one: strong evidence (Kass and Raftery 1995)."""
+_CLEAR = 1.64  # standard errors of the evidence, as `diagnose` requires them (Vuong 1989)
+# Evidence from which on more of it hardly counts: where its mean less 1.64 standard deviations,
+# sqrt(2 K), is STRONG, so that it is clear in 95 %.
+_ENOUGH = 10.5
+# Steps to the nearest: of columns of 1e6 times the noise, a curve of degree 6 far beyond where it
+# was fitted, the first is off by rounding, and four settle all digits shown. None leads away.
+_REFINED = 4
 _DRAWN = 1000  # sizes of a cause, of which chances are known to two per cent
 
 
@@ -40,12 +47,15 @@ class Rival:
         columns: From a motion of N samples to its (N, n, k) torque by parameter, N·m.
         theta: (k,) its parameters as they were found.
         covariance: (k, k) of them.
+        evidence: For it in the diagnosed recordings: log-likelihood in which odds of 20 to one are
+            3.0. Only differences count.
     """
 
     words: str
     columns: Callable[[Motion], Array]
     theta: Array
     covariance: Array
+    evidence: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +65,15 @@ class Rivalry:
     Attributes:
         first: One.
         second: The other.
-        again: Log Bayes factor that the diagnosed motion is expected to give if it is recorded
-            again; ``None``: not known.
+        again: Evidence that is expected if the diagnosed motion is recorded again; ``None``: not
+            known.
+        either: Whether the first, and whether the second, is to be shown if it is true.
     """
 
     first: Rival
     second: Rival
     again: float | None = None
+    either: tuple[bool, bool] = (True, True)
 
     @property
     def words(self) -> str:
@@ -75,65 +87,82 @@ class Prediction:
 
     Attributes:
         root: (p, r) L, of whose product with L' the factors' covariance is.
-        inside: (p, p) B = L (1 + L' G L)^-1 L'.
-        log_determinant: Of what is inverted in B.
+        inverse: (r, r) of 1 + L' G L.
     """
 
     root: Array
-    inside: Array
-    log_determinant: float
+    inverse: Array
 
     @classmethod
     def of(cls, gram: Array, root: Array) -> Prediction:
         """Return it for (p, p) G and (p, r) L."""
         # Of 1e12 times the noise a Cholesky factor may fail by rounding.
         values, vectors = np.linalg.eigh(np.eye(root.shape[1]) + root.T @ gram @ root)
-        values = np.maximum(values, 1.0)
-        half = (root @ vectors) / np.sqrt(values)
-        return cls(root, half @ half.T, float(np.log(values).sum()))
+        half = vectors / np.sqrt(np.maximum(values, 1.0))
+        return cls(root, half @ half.T)
+
+    def distance(self, gram: Array, factors: Array) -> tuple[Array, Array]:
+        """Return (N,) squared distances of (p, N) factors from what is known, and what is left.
+
+        In units of noise. Left are the factors at the nearest known ones, L z, z' z being what that
+        costs: a least sum of squares, which an error of z by rounding hardly changes.
+        """
+        nearest = np.zeros((self.root.shape[1], factors.shape[1]))
+        left = factors
+        for _ in range(_REFINED):
+            downhill = self.root.T @ (gram @ left) - nearest
+            way = self.inverse @ downhill
+            moved = self.root @ way
+            bent = np.sum(moved * (gram @ moved), axis=0) + np.sum(way**2, axis=0)
+            far = np.sum(way * downhill, axis=0) / np.maximum(bent, 1e-300)
+            nearest = nearest + far * way
+            left = factors - self.root @ nearest
+        return np.sum(left * (gram @ left), axis=0) + np.sum(nearest**2, axis=0), left
 
 
-def divergence(
-    gram: Array, first: Prediction, second: Prediction, apart: Array
-) -> tuple[float, Array]:
-    """Return the divergence of the second Gaussian from the first, and its (p, p) slope by G.
+@dataclass(frozen=True, eq=False)
+class Sense:
+    """One of two rivals that is true, and the other.
 
-    Args:
-        gram: (p, p) G.
-        first: If the first is true.
-        second: If the second is.
+    Attributes:
+        true: What is known if it is true.
+        other: ... if the other is.
         apart: (p,) difference of the factors' means.
+        before: Evidence for the true one in the diagnosed recordings; negative: against it.
     """
-    beyond = second.inside
-    # What the first expects of squares of factors about the second's mean.
-    square = first.root @ first.root.T + np.outer(apart, apart)
-    left = np.eye(len(gram)) - beyond @ gram
-    expected = left @ square
-    value = np.sum(gram * expected) - np.sum(beyond * gram)
-    slope = expected @ left.T + beyond @ gram @ beyond - first.inside
-    return 0.5 * float(value + second.log_determinant - first.log_determinant), 0.5 * slope
 
+    true: Prediction
+    other: Prediction
+    apart: Array
+    before: float = 0.0
 
-def chance(gram: Array, first: Prediction, second: Prediction, apart: Array) -> float:
-    """Return the probability that evidence will be clear if the first is true.
+    def further(self, gram: Array) -> tuple[float, Array]:
+        """Return the evidence that is expected of (p, p) G alone, and its (p, p) slope by G."""
+        (far,), left = self.other.distance(gram, self.apart[:, None])
+        return 0.5 * float(far), 0.5 * left @ left.T
 
-    Clear is what `diagnose` requires: odds of 20 to one, and 1.64 standard errors. For factors as
-    the first expects them the log Bayes factor is about normal, its variance that of the noise
-    along what the second cannot reproduce. Arguments as for :func:`divergence`.
-    """
-    from scipy.special import ndtr
+    def chance(self, gram: Array, scattered: float = 1.0) -> float:
+        """Return the probability that all evidence together will be clear.
 
-    random = np.random.default_rng(0)
-    off = first.root @ random.normal(size=(first.root.shape[1], _DRAWN))
-    near, far = (
-        np.sum(factors * ((gram - gram @ of.inside @ gram) @ factors), axis=0)
-        for factors, of in ((off, first), (off + apart[:, None], second))
-    )
-    freedom = second.log_determinant - first.log_determinant
-    freedom += float(np.sum(gram * (first.inside - second.inside)))
-    spread = np.sqrt(np.maximum(far, 1e-12))
-    beyond = 0.5 * (far - near + freedom) - np.maximum(STRONG, _CLEAR * spread)
-    return float(np.mean(ndtr(beyond / spread)))
+        Clear is what `diagnose` requires: odds of 20 to one, and 1.64 standard errors over blocks.
+        For factors as the true one expects them the evidence is about normal. Its mean is half of
+        how much farther they are from the other rival than from the true one, its standard
+        deviation the distance.
+
+        Args:
+            gram: (p, p) G.
+            scattered: Part of the variance that blocks show; the rest is the same in all of them.
+        """
+        from scipy.special import ndtr
+
+        random = np.random.default_rng(0)
+        off = self.true.root @ random.normal(size=(self.true.root.shape[1], _DRAWN))
+        near, _ = self.true.distance(gram, off)
+        far, _ = self.other.distance(gram, off + self.apart[:, None])
+        far = np.maximum(far, 1e-12)
+        spread = np.sqrt(far)
+        least = np.maximum(STRONG, _CLEAR * np.sqrt(scattered) * spread)
+        return float(np.mean(ndtr((self.before + 0.5 * (far - near) - least) / spread)))
 
 
 def _root(covariance: Array) -> Array:
@@ -142,10 +171,10 @@ def _root(covariance: Array) -> Array:
 
 
 class Separation(Objective):
-    """The log Bayes factors that a motion is expected to give, in either sense of each rivalry.
+    """The evidence that a motion is expected to give, in either sense of each rivalry.
 
-    The value is the sum of log(1 + K): what separates poorly counts most, and what nothing
-    separates counts little.
+    The value is the sum of K / (1 + K / 10.5): what is separated poorly counts most, and what
+    nothing separates counts little.
     """
 
     def __init__(
@@ -156,6 +185,8 @@ class Separation(Objective):
         noise: Array,
         uncertain: Knowledge | None = None,
         time: Array | None = None,
+        kept: float = 1.0,
+        scattered: float = 1.0,
     ) -> None:
         """Lay out the columns.
 
@@ -166,7 +197,10 @@ class Separation(Objective):
             noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
             uncertain: What a model is uncertain of; ``None``: nothing.
             time: (M,) times of states, s; ``None``: poses, each for itself.
+            kept: Part of the evidence of the diagnosed recordings that counts beside more of them.
+            scattered: See :meth:`Sense.chance`.
         """
+        self._kept, self._scattered = kept, scattered
         self.arm, self.noise, self.rivalries, self._passing = arm, noise, rivalries, passing
         self._uncertain, self._time = uncertain, time
         rivals = {id(each): each for pair in rivalries for each in (pair.first, pair.second)}
@@ -188,7 +222,8 @@ class Separation(Objective):
     def over(self, time: Array) -> Separation:
         """Return the objective of motions that are looked at at (M,) times, s."""
         return Separation(
-            self.arm, self.rivalries, self._passing, self.noise, self._uncertain, time
+            self.arm, self.rivalries, self._passing, self.noise, self._uncertain, time,
+            self._kept, self._scattered,
         )  # fmt: skip
 
     def regressor(self, state: State) -> Array:
@@ -200,28 +235,39 @@ class Separation(Objective):
         return np.concatenate(parts, axis=-1)
 
     def score(self, gram: Array) -> tuple[float, Array]:
-        """Return the sum of log(1 + K) over both senses of all rivalries, and its slope."""
+        """Return the sum of K / (1 + K / 10.5) over the senses of all rivalries, and its slope."""
         total, slope = 0.0, np.zeros_like(gram)
         for sense in chain.from_iterable(self._senses(gram)):
-            value, by = divergence(gram, *sense)
-            total += float(np.log1p(max(value, 0.0)))
-            slope += by / (1.0 + max(value, 0.0))
+            value, by = sense.further(gram)
+            more = 1.0 + value / _ENOUGH
+            total += value / more
+            slope += by / more**2
         return total, slope
 
     def expected(self, gram: Array) -> list[tuple[float, float]]:
-        """Return of each rivalry the log Bayes factor expected, and the chance of clear evidence.
+        """Return of each rivalry the evidence expected, and the chance that it is clear.
 
-        The lesser of each, whichever of the two is true.
+        With that of the diagnosed recordings; the lesser of each, whichever of the two is true.
         """
-        result = []
-        for senses in self._senses(gram):
-            values = [divergence(gram, *sense)[0] for sense in senses]
-            result.append((min(values), min(chance(gram, *sense) for sense in senses)))
-        return result
+        return [
+            (
+                min(sense.before + sense.further(gram)[0] for sense in senses),
+                min(sense.chance(gram, self._scattered) for sense in senses),
+            )
+            for senses in self._senses(gram)
+        ]
 
-    def _senses(self, gram: Array) -> Iterator[list[tuple[Prediction, Prediction, Array]]]:
-        """Yield of each rivalry what is true, the other, and what is between, in both senses."""
+    def _senses(self, gram: Array) -> Iterator[list[Sense]]:
+        """Yield the senses of each rivalry."""
         found = [Prediction.of(gram, root) for root in self._roots]
-        for first, second in self._pairs:
-            apart = self._means[first] - self._means[second]
-            yield [(found[first], found[second], apart), (found[second], found[first], apart)]
+        for rivalry, pair in zip(self.rivalries, self._pairs, strict=True):
+            rivals = rivalry.first, rivalry.second
+            yield [
+                Sense(
+                    found[pair[i]], found[pair[1 - i]],
+                    self._means[pair[i]] - self._means[pair[1 - i]],
+                    self._kept * (rivals[i].evidence - rivals[1 - i].evidence),
+                )
+                for i in (0, 1)
+                if rivalry.either[i]
+            ]  # fmt: skip

@@ -60,6 +60,7 @@ class Unseparated:
         coherent: (n,) standard deviation of an error that looks like a cause in all of a motion,
             N·m: no duration averages it out.
         poses: Static poses were diagnosed.
+        lasted: How long what was diagnosed lasts, s.
     """
 
     model: TorqueModel
@@ -68,13 +69,24 @@ class Unseparated:
     noise: Array
     coherent: Array
     poses: bool = False
+    lasted: float = 0.0
 
     def objective(self, duration: float) -> Separation:
-        """Return what a motion of a duration, s, is expected to separate."""
+        """Return what a motion of a duration, s, is expected to separate.
+
+        Diagnosed together with the first recordings: an error that looks like a cause in all of
+        them counts as much more as they are longer together.
+        """
         known = self.model.uncertainty
         uncertain = ModelKnowledge(self.model, known) if known is not None and known.size else None
-        noise = self.noise + self.coherent**2 * duration
-        return Separation(self.model.arm, self.rivalries, self.passing, noise, uncertain)
+        first, both = (
+            self.noise + self.coherent**2 * lasts for lasts in (self.lasted, self.lasted + duration)
+        )
+        kept, scattered = (float(np.max(part / both)) for part in (first, self.noise))
+        return Separation(
+            self.model.arm, self.rivalries, self.passing, both, uncertain,
+            kept=kept, scattered=scattered,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -83,10 +95,11 @@ class ExpectedEvidence:
 
     Attributes:
         words: The two in words.
-        again: Log Bayes factor that the diagnosed motion is expected to give if it is recorded
-            again; ``None``: not known.
-        planned: The lesser of those that are expected of the plan, if either is true.
-        chance: Probability that the evidence will be clear, likewise.
+        again: Evidence that is expected if the diagnosed motion is recorded again, as a
+            log-likelihood; ``None``: not known.
+        planned: That of the diagnosed recordings and the plan, the lesser of those that are
+            expected if either is true.
+        chance: Probability that it will be clear, likewise.
         why: Why the plan does not separate them; ``""`` if it does.
     """
 

@@ -40,9 +40,9 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
 
 
 def separation_text(design: SeparationDesign) -> Iterator[str]:
-    """Yield the log Bayes factors expected between rivals, and what is left of each limit."""
+    """Yield the evidence expected between rivals, and what is left of each limit."""
     least = sorted(design.expected, key=lambda each: each.planned)
-    head = "expected log Bayes factor of"
+    head = "expected evidence (log-likelihood)"
     broad = 1 + max(len(head), *(len(each.words) for each in least[:_PAIRS]))
     yield f"{head:<{broad}}{'diagnosed':>12}{'planned':>10}{'clear':>8}"
     for each in least[:_PAIRS]:

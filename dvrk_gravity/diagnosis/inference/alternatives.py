@@ -19,7 +19,8 @@ from dvrk_gravity.estimation import Regression, eliminate_backward
 _OVERLAP = 0.5  # of a torque, that another must reproduce to stand in its place. Chosen
 _REJECTED = 8  # alternatives that are shown though they are worse
 _ATTEMPTS = 3  # at a choice that held-out blocks confirm: a bound on time
-_CONTAINED = 1e-3  # of a torque, that may lie outside another's columns. Chosen
+CONTAINED = 1e-3
+"""Part of a torque that may lie outside another's columns. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +30,16 @@ class SelectedEffect:
     Attributes:
         trial: How it did beside all other selected ones.
         alternatives: Others in its place, best first, that the data cannot separate from it.
-        rejected: Others in its place, best first, that are worse; with all forms of those above.
+        rejected: Others in its place, best first, that are worse.
+        forms: All further forms of those above, also such as need more parameters than these data
+            show: further data may be explained by any.
         doubt: Why it is not certain, and what to record instead; empty: nothing speaks against it.
     """
 
     trial: EffectTrial
     alternatives: tuple[EffectTrial, ...]
     rejected: tuple[EffectTrial, ...]
+    forms: tuple[EffectTrial, ...] = ()
     doubt: tuple[str, str] = ("", "")
 
 
@@ -144,13 +148,17 @@ def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> Sele
     # Needless parameters make no alternative at the same site, but those that white noise would
     # make needful do. Elsewhere it is another cause: a tilt about an axis, a zero of its joint.
     more, here = current.gain + selection.settings.equal_least, selected.hypothesis.site
-    alternatives = [
+    trials = [
         trial
         for trial in selection.best(rest)
         if trial.candidate.hypothesis.key != selected.hypothesis.key
         and trial.gain > 0.0
         and trial.plausible
-        and (
+    ]
+    alternatives = [
+        trial
+        for trial in trials
+        if (
             trial.gain > more
             or trial.candidate.hypothesis.site != here
             or not contains(validation, trial.candidate, selected, rest.candidates)
@@ -160,8 +168,8 @@ def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> Sele
     equal = tuple(trial for trial in alternatives if selection.as_good(trial, current))
     worse = [trial for trial in alternatives if trial not in equal]
     names = {trial.named for trial in (current, *equal)}
-    forms = [trial for trial in worse[_REJECTED:] if trial.named in names]
-    return SelectedEffect(current, equal, (*worse[:_REJECTED], *forms))
+    forms = tuple(trial for trial in trials if trial.named in names and trial not in equal)
+    return SelectedEffect(current, equal, tuple(worse[:_REJECTED]), forms)
 
 
 def contains(
@@ -169,14 +177,14 @@ def contains(
 ) -> bool:
     """Return whether a larger hypothesis is a smaller one with more parameters."""
     more = larger.size > smaller.size
-    return more and overlap(validation, smaller, larger, rest) > 1.0 - _CONTAINED
+    return more and overlap(validation, smaller, larger, rest) > 1.0 - CONTAINED
 
 
 def spanned(validation: CrossValidation, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
     """Return whether all torques of a hypothesis are such as those of others together."""
     columns = validation.design([candidate])
     left = validation.regression(rest).residual(columns)
-    return float(np.sum(left**2)) <= _CONTAINED * float(np.sum(columns**2))
+    return float(np.sum(left**2)) <= CONTAINED * float(np.sum(columns**2))
 
 
 def overlap(

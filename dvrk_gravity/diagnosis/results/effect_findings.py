@@ -169,10 +169,15 @@ def _rivals(
     """
     if not effect.alternatives:
         return ()
-    equal = (effect.trial, *effect.alternatives)
-    names = {trial.named for trial in equal}
-    forms = (trial for trial in effect.rejected if trial.named in names)
-    return tuple(RivalCause.fitted(validation, rest, trial.candidate) for trial in (*equal, *forms))
+    return tuple(
+        RivalCause.fitted(
+            validation, rest, trial.candidate, trial.gain / effect.trial.inflation, rejected
+        )
+        for trials, rejected in (
+            ((effect.trial, *effect.alternatives), False), (effect.forms, True),
+        )
+        for trial in trials
+    )  # fmt: skip
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:

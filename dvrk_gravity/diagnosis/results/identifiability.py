@@ -75,7 +75,7 @@ def _ambiguity(
     apart: str,
 ) -> Ambiguity:
     fitted_together = _estimates(validation, named, (zero, other))
-    contenders = []
+    contenders, rivals = [], []
     held_out = HeldOut(validation)
     without, before = validation.score(named), held_out.rmse(held_out.error(named))
     for candidate, together in zip((zero, other), fitted_together, strict=True):
@@ -83,21 +83,21 @@ def _ambiguity(
         score = validation.score([*named, candidate])
         gain = score.likelihood - without.likelihood
         inflation = validation.inflation(score.error, without.error - score.error)
-        clearly = SelectionSettings().equal_least * float(np.max(inflation[candidate.acts]))
+        largest = float(np.max(inflation[candidate.acts]))
+        rivals.append(RivalCause.fitted(validation, named, candidate, gain / largest))
         after = held_out.rmse(held_out.error([*named, candidate]))
         removed = 1.0 - after / np.where(before > 0.0, before, 1.0)
         best = int(np.argmax(removed))
         contenders.append(
             Contender(
                 candidate.hypothesis.effect, candidate.hypothesis.names, alone, together, gain,
-                gain > clearly,
+                gain > SelectionSettings().equal_least * largest,
                 validation.data.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip
     pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
     sentence = sentences.ambiguity(pair, share, contenders, apart)
-    rivals = tuple(RivalCause.fitted(validation, named, each) for each in (zero, other))
-    return Ambiguity(contenders[0], contenders[1], share, pair, sentence, rivals)
+    return Ambiguity(contenders[0], contenders[1], share, pair, sentence, tuple(rivals))
 
 
 def _estimates(

@@ -15,6 +15,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.inference.alternatives import CONTAINED
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.significance import SignificanceSettings
 from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site, State
@@ -26,6 +27,7 @@ EXPECTED = "a cause as `diagnose` of this version writes it"
 _SLOW = 0.05  # rad/s, a tenth in m: a step at each reversal has no slope. As `plan` has it
 _NOISE_TIME = 0.1  # s, correlation time of noise where no model states one: as `plan` has it
 _AGAIN = 400  # samples of the diagnosed motion at which it is compared with a plan: a bound on time
+_STATES = 200  # at which the torques of two causes are compared: far more than parameters
 
 
 class PlannedMotion(MeasuredMotion):
@@ -58,17 +60,27 @@ class RivalCause:
         hypothesis: The claim.
         theta: (k,) its parameters, fitted in the other's place.
         covariance: (k, k) of them.
+        evidence: Log-likelihood that it gains here, over how many samples count as one.
+        rejected: It explains these recordings worse than the best. It may stand in the place of the
+            true one when further ones are explained, but is not expected to be that.
     """
 
     hypothesis: Hypothesis
     theta: Array
     covariance: Array
+    evidence: float = 0.0
+    rejected: bool = False
 
     @classmethod
     def fitted(
-        cls, validation: CrossValidation, rest: Sequence[Candidate], candidate: Candidate
+        cls,
+        validation: CrossValidation,
+        rest: Sequence[Candidate],
+        candidate: Candidate,
+        evidence: float = 0.0,
+        rejected: bool = False,
     ) -> RivalCause:
-        """Return a candidate as it fits beside the rest.
+        """Return a candidate as it fits beside the rest, with what is known of it.
 
         The covariance is that of blocks and of the known error, and that of the posterior: along
         what the recording does not determine blocks agree, for the prior holds them.
@@ -77,7 +89,7 @@ class RivalCause:
         theta, covariance = validation.fit(together)
         covariance = covariance + validation.posterior(together)[1][-len(theta) :, -len(theta) :]
         own = slice(len(theta) - candidate.size, None)
-        return cls(candidate.hypothesis, theta[own], covariance[own, own])
+        return cls(candidate.hypothesis, theta[own], covariance[own, own], evidence, rejected)
 
     @property
     def words(self) -> str:
@@ -110,7 +122,7 @@ class RivalCause:
                 return self.hypothesis.regressor(seen)[rows]
             return self.hypothesis.beyond.regressor(motion)
 
-        return Rival(self.words, columns, self.theta, self.covariance)
+        return Rival(self.words, columns, self.theta, self.covariance, self.evidence)
 
     def to_dict(self) -> dict[str, Any]:
         """Return its part of findings.json."""
@@ -123,6 +135,7 @@ class RivalCause:
             "given": {name: _written(value) for name, value in _given(self.hypothesis)},
             "theta": self.theta.tolist(),
             "covariance": self.covariance.tolist(),
+            "evidence": self.evidence,
         }
 
     @classmethod
@@ -141,7 +154,10 @@ class RivalCause:
                 raise ValueError("covariance")
             if not (np.isfinite(theta).all() and np.isfinite(covariance).all()):
                 raise ValueError("theta or covariance is not finite")
-            found = cls(kind(arm=arm, site=site, **given), theta, covariance)
+            evidence = float(entry["evidence"])
+            if not np.isfinite(evidence):
+                raise ValueError("evidence is not finite")
+            found = cls(kind(arm=arm, site=site, **given), theta, covariance, evidence)
             found.words  # noqa: B018  (fails where its joints or its place are not the arm's)
             return found
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -155,10 +171,26 @@ class RivalCauses:
     Attributes:
         first: One.
         second: The other.
+        either: Whether the first, and whether the second, is to be shown if it is true.
     """
 
     first: RivalCause
     second: RivalCause
+    either: tuple[bool, bool] = (True, True)
+
+    @classmethod
+    def of(cls, model: TorqueModel, first: RivalCause, second: RivalCause) -> RivalCauses:
+        """Return a pair.
+
+        If a cause is true that another one at the same place contains, a diagnosis takes it as the
+        simpler one: nothing is to be shown.
+        """
+        both = first, second
+        either = [
+            not (each.rejected or _contains(model, other, each))
+            for each, other in zip(both, both[::-1], strict=True)
+        ]
+        return cls(first, second, (either[0], either[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +203,8 @@ class Contest:
         noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
         coherent: (n,) N·m, see :class:`Unseparated`.
         poses: Static poses were diagnosed.
-        again: Of each pair the log Bayes factor that the same motion would be expected to give.
+        lasted: How long what was diagnosed lasts, s.
+        again: Of each pair the evidence that the same motion would be expected to give.
     """
 
     model: TorqueModel
@@ -179,6 +212,7 @@ class Contest:
     noise: Array
     coherent: Array
     poses: bool
+    lasted: float
     again: tuple[float, ...] = ()
 
     @classmethod
@@ -190,17 +224,18 @@ class Contest:
         Args:
             motion: What was diagnosed.
             several: Causes of which one is there, each time. Any two are a pair, for any may be the
-                true one; but not two to which findings give the same name.
+                true one; but not two of the same name in findings, or where none is to be shown.
             left: (n,) RMS error that the findings leave, N·m.
         """
         if motion.reference is not None:  # torques are known only where they were measured
             several = ()
         known = motion.model.uncertainty
         pairs = tuple(
-            RivalCauses(first, second)
+            pair
             for rivals in several
             for first, second in combinations([each for each in rivals if each.known_elsewhere], 2)
             if first.named != second.named
+            if any((pair := RivalCauses.of(motion.model, first, second)).either)
         )
         if known is None:
             noise, coherent = left**2 * _NOISE_TIME, np.zeros(motion.arm.n)
@@ -209,19 +244,19 @@ class Contest:
             known = replace(known, error=np.fmax(known.error, left))
             noise = noise_of(motion.arm, known)
             coherent = SignificanceSettings().coherent * np.nan_to_num(known.error)
-        contest = cls(motion.model, pairs, noise, coherent, motion.static)
-        return cls(motion.model, pairs, noise, coherent, motion.static, contest._again(motion))
+        lasted = PoseSettings().reading * len(motion.q)
+        if motion.rate is not None:
+            lasted = len(motion.q) / motion.rate
+        contest = cls(motion.model, pairs, noise, coherent, motion.static, lasted)
+        return replace(contest, again=contest._again(motion))
 
     def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
         if not self.pairs:
             return ()
         some = np.unique(np.linspace(0, len(motion.q) - 1, _AGAIN).astype(int))
-        lasts = PoseSettings().reading * len(motion.q)
-        if motion.rate is not None:
-            lasts = len(motion.q) / motion.rate
-        objective = self.unseparated(motion, some).objective(lasts)
+        objective = self.unseparated(motion, some).objective(self.lasted)
         state = State(motion.q, motion.qd, motion.qdd, motion.direction).rows(some)
-        weight = np.full(len(some), lasts / len(some))
+        weight = np.full(len(some), self.lasted / len(some))
         gram = objective.over(motion.time[some]).gram(state, weight)
         return tuple(value for value, _ in objective.expected(gram))
 
@@ -236,11 +271,13 @@ class Contest:
             for each in (pair.first, pair.second)
         }  # one that stands beside several has its columns once
         rivalries = tuple(
-            Rivalry(rivals[id(pair.first)], rivals[id(pair.second)], value)
+            Rivalry(rivals[id(pair.first)], rivals[id(pair.second)], value, pair.either)
             for pair, value in zip(self.pairs, again, strict=True)
         )
         passing = partial(PlannedMotion.of, self.model)
-        return Unseparated(self.model, rivalries, passing, self.noise, self.coherent, self.poses)
+        return Unseparated(
+            self.model, rivalries, passing, self.noise, self.coherent, self.poses, self.lasted
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return its part of findings.json."""
@@ -249,11 +286,31 @@ class Contest:
             "noise": self.noise.tolist(),
             "coherent": self.coherent.tolist(),
             "poses": self.poses,
+            "lasted": self.lasted,
             "pairs": [
-                {"between": [pair.first.to_dict(), pair.second.to_dict()], "again": again}
+                {
+                    "between": [pair.first.to_dict(), pair.second.to_dict()],
+                    "either": list(pair.either),
+                    "again": again,
+                }
                 for pair, again in zip(self.pairs, self.again, strict=True)
             ],
         }
+
+
+def _contains(model: TorqueModel, larger: RivalCause, smaller: RivalCause) -> bool:
+    """Return whether the torque of a cause is one of a larger one's at the same place, anywhere."""
+    if larger.hypothesis.site != smaller.hypothesis.site or len(larger.theta) <= len(smaller.theta):
+        return False
+    arm, random = model.arm, np.random.default_rng(0)
+    lower, upper = np.clip(arm.range, -np.pi, np.pi)
+    q = random.uniform(lower, upper, (_STATES, arm.n))
+    qd, qdd = random.normal(size=(2, _STATES, arm.n)) * arm.scale
+    motion = PlannedMotion.of(model, State(q, qd, qdd), np.arange(float(_STATES)))
+    columns = larger.rival().columns(motion).reshape(-1, len(larger.theta))
+    torque = (smaller.rival().columns(motion) @ smaller.theta).ravel()
+    left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
+    return bool(left @ left <= CONTAINED * (torque @ torque))
 
 
 def _given(hypothesis: Hypothesis) -> Iterator[tuple[str, Any]]:

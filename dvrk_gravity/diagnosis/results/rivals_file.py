@@ -73,10 +73,15 @@ def _unseparated(
         between = pair.get("between") if isinstance(pair, Mapping) else None
         if not isinstance(between, list) or len(between) != 2:
             raise ConfigError(f"{where}.between", between, "two causes")
-        pairs.append(RivalCauses(*(RivalCause.from_dict(each, arm, where) for each in between)))
+        first, second = (RivalCause.from_dict(each, arm, where) for each in between)
+        pairs.append(RivalCauses(first, second, _either(pair.get("either"), f"{where}.either")))
         again.append(float(_numbers([pair.get("again") or 0.0], f"pairs[{number}].again", 1)[0]))
     poses = bool(entry.get("poses"))
-    found = Contest(tested, tuple(pairs), noise, coherent, poses, tuple(again)).unseparated()
+    (lasted,) = _numbers([entry.get("lasted")], "lasted", 1)
+    if lasted < 0.0:
+        raise ConfigError(f"{ENTRY}.lasted", float(lasted), "s, 0 or more")
+    contest = Contest(tested, tuple(pairs), noise, coherent, poses, float(lasted), tuple(again))
+    found = contest.unseparated()
     for number, rivalry in enumerate(found.rivalries):
         for rival in (rivalry.first, rivalry.second):
             _require_columns(found, rival, f"{ENTRY}.pairs[{number}].between")
@@ -120,6 +125,12 @@ def _model_path(given: Any, folder: Path) -> Path:
     if not Path(str(path).split("#")[0]).is_file():
         raise ConfigError(f"{ENTRY}.model", given, "a file that is there, or --model")
     return path
+
+
+def _either(value: Any, where: str) -> tuple[bool, bool]:
+    if not (isinstance(value, list) and len(value) == 2 and any(value)):
+        raise ConfigError(where, value, "true or false twice, one of them true")
+    return bool(value[0]), bool(value[1])
 
 
 def _numbers(value: Any, name: str, count: int) -> np.ndarray:
