@@ -20,6 +20,7 @@ from dvrk_gravity.planning import (
     Basis,
     Box,
     Combination,
+    Everywhere,
     FourierMotion,
     ModelKnowledge,
     MotionSearch,
@@ -144,6 +145,34 @@ def test_the_gradient_of_the_information_is_its_slope_by_every_part_of_the_state
         ]
         slope = (sides[0] - sides[1]) / 2e-6
         assert np.sum(gradient[part] * way) == pytest.approx(slope, rel=1e-3, abs=1e-4)
+
+
+def test_the_gradient_of_what_places_teach_is_its_slope_by_positions(ecm):
+    limits, random = PlanLimits.of(ecm), np.random.default_rng(0)
+    prior, weight = PriorKnowledge(ecm, limits.lower, limits.upper), np.full(30, 0.3)
+    everywhere = Everywhere(prior, limits.lower, limits.upper)
+    q = random.uniform(limits.lower, limits.upper, (30, ecm.n))
+    state = State(q, *(np.zeros((30, ecm.n)) for _ in range(2)))
+    value, (slope, *_) = everywhere.gradient(state, weight)
+    assert value == everywhere.value(state, weight)
+    way = random.normal(size=q.shape) * ecm.scale
+    ahead, behind = (
+        everywhere.value(replace(state, q=q + step * way), weight) for step in (1e-6, -1e-6)
+    )
+    assert np.sum(slope * way) == pytest.approx((ahead - behind) / 2e-6, rel=1e-3)
+
+
+def test_a_plan_goes_through_all_of_a_wide_joints_range(tmp_path):
+    """Friction, mass and inertia show in half of the range as well as in all; a cable does not."""
+    wheel = {"name": "roll", "alpha": 90, "a": 0.1, "d": 0, "offset": 0, "lower": -260,
+             "upper": 260, "effort_limit": 1}  # fmt: skip
+    (tmp_path / "wheel.yaml").write_text(yaml.safe_dump({"name": "wheel", "joints": [wheel]}))
+    arm = Arm.load(tmp_path / "wheel.yaml")
+    limits, basis = PlanLimits.of(arm), series_basis(40.0)
+    motion = design_motion(arm, limits, basis, settings=BRIEF).plan.motion
+    way = motion.at(np.linspace(0.0, basis.duration, 500))[0]
+    seen, _ = np.histogram(way, np.linspace(limits.lower[0], limits.upper[0], 8 + 1))
+    assert seen.min() > 10, seen
 
 
 @pytest.fixture(scope="module")

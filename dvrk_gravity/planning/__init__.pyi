@@ -5,6 +5,7 @@ from .design import design_motion as design_motion
 from .design import knowledge_of as knowledge_of
 from .design import require_arm as require_arm
 from .design import series_basis as series_basis
+from .everywhere import Everywhere as Everywhere
 from .exciting import coverage as coverage
 from .exciting import covering_motion as covering_motion
 from .exciting import covering_plan as covering_plan

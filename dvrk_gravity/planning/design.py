@@ -13,6 +13,7 @@ from dvrk_gravity.effects import base_directions
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import shipped
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning.everywhere import Everywhere
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.information import Knowledge, ModelKnowledge, PriorKnowledge
 from dvrk_gravity.planning.keeping import Slack, slacks
@@ -107,7 +108,8 @@ def design_motion(
         PlanError: No motion keeps the limits.
     """
     knowledge = knowledge_of(arm, limits, model)
-    search = MotionSearch(basis, limits, knowledge, model, seed, settings)
+    wanted = Everywhere(knowledge, limits.lower, limits.upper)
+    search = MotionSearch(basis, limits, wanted, model, seed, settings)
     motion = search.best(report)
     gram = search.gram(motion)
     errors = knowledge.errors(np.eye(len(gram)) + gram)

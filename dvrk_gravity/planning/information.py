@@ -127,11 +127,13 @@ class Knowledge(Objective):
         names: (m,) names of the parameters that are reported.
         units: (m,) their units.
         rows: (m, p) their changes in each of the p unknowns.
+        correlation: (n,) correlation time of the noise, s.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     rows: Array
+    correlation: Array
 
     def score(self, gram: Array) -> tuple[float, Array]:
         """Return log det (1 + G), and its slope."""
@@ -165,12 +167,18 @@ def noise_of(arm: Arm, known: ModelUncertainty | None = None) -> Array:
 
     That of a model's known error, as far as there is one; see :class:`NoiseSettings`.
     """
-    settings = NoiseSettings()
-    error, correlation = settings.part * arm.effort_limit, np.full(arm.n, settings.correlation)
+    error = NoiseSettings().part * arm.effort_limit
     if known is not None:
         error = np.where(known.error > 0.0, known.error, error)
-        correlation = np.where(known.correlation_time > 0.0, known.correlation_time, correlation)
-    return np.asarray(error**2 * correlation)
+    return np.asarray(error**2 * _correlation(arm, known))
+
+
+def _correlation(arm: Arm, known: ModelUncertainty | None = None) -> Array:
+    """Return (n,) correlation times of a model's known error, s; see :class:`NoiseSettings`."""
+    correlation = np.full(arm.n, NoiseSettings().correlation)
+    if known is None:
+        return correlation
+    return np.where(known.correlation_time > 0.0, known.correlation_time, correlation)
 
 
 class PriorKnowledge(Knowledge):
@@ -190,6 +198,7 @@ class PriorKnowledge(Knowledge):
         """
         self.arm = arm
         self.noise = noise_of(arm) if noise is None else noise
+        self.correlation = _correlation(arm)
         self._columns = Columns(arm, lower, upper)
         self._chosen = start_columns(self._columns)
         columns = self._columns.columns
@@ -248,6 +257,7 @@ class ModelKnowledge(Knowledge):
     def __init__(self, model: TorqueModel, known: ModelUncertainty) -> None:
         """Take over a model's uncertainty."""
         self.arm, self.noise = model.arm, noise_of(model.arm, known)
+        self.correlation = _correlation(model.arm, known)
         self._model, self._known = model, known
         still = State(np.zeros((1, self.arm.n)))
         # Friction that depends on the path: its present state is not known here.
