@@ -20,7 +20,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits
 
 
-class Progress(Protocol):
+class StepProgress(Protocol):
     """Receives a step and its part that is done; ``None``: not known."""
 
     def __call__(self, step: str, part: float | None, stage: str = "") -> None:
@@ -76,7 +76,7 @@ class Work:
     limits_now: Callable[[], PlanLimits] | None = None
     consent: Callable[[str], bool] = lambda question: True
     report: Callable[[str], None] = print
-    progress: Progress = lambda step, part, stage="": None
+    progress: StepProgress = lambda step, part, stage="": None
 
     def at(self, name: str) -> Path:
         """Return the path of a file."""
