@@ -34,6 +34,7 @@ from dvrk_gravity.calibration import (
     Work,
     calibrate,
     drawn_arm,
+    largest_drift,
 )
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.files import json_file
@@ -66,9 +67,7 @@ def calibrated(name: str, seed: int, settings: CalibrationSettings, folder: Path
     )  # fmt: skip
     certificate = calibrate(work)
     release = json_file.load(folder / "release.json")
-    worst = [
-        float(np.degrees(np.max(np.array(way) / arm.scale))) for way in release["drift"]
-    ]  # fmt: skip
+    worst = [float(np.max(np.array(way) / arm.scale)) for way in release["drift"]]
     beyond = 0
     for bag in ("motion", "second", "further_1", "further_2"):
         if (folder / bag).exists():
@@ -76,14 +75,26 @@ def calibrated(name: str, seed: int, settings: CalibrationSettings, folder: Path
             beyond += int(((q < arm.lower) | (q > arm.upper)).any(axis=1).sum())
     return {
         "arm": name, "seed": seed, "certified": certificate["certified"],
-        "verdict": certificate["verdict"], "poses": len(worst),
-        "within": sum(each <= np.degrees(settings.allowed) for each in worst),
+        "reasons": certificate["reasons"], "poses": len(worst),
+        "within": sum(each <= settings.allowed for each in worst),
         "drift": max(worst, default=float("inf")), "beyond": beyond,
-        "used": certificate["motion"]["used"],
+        "used": certificate["motion"]["used"], "commands": certificate["motion"]["commands"],
         "minutes": certificate["motion"]["seconds"] / 60.0,
         "further": sum((folder / f"further_{k}").exists() for k in (1, 2)),
         "seconds": time.process_time() - begin,
     }  # fmt: skip
+
+
+def line_of(found: dict[str, Any]) -> str:
+    """Return what came of one arm: certified or why not, poses, limits, motion."""
+    good = "certified" if found["certified"] else f"refused ({'; '.join(found['reasons'])})"
+    return (
+        f"{found['arm']} {found['seed']}: {good}; "
+        f"{found['within']} of {found['poses']} poses held, drift {largest_drift(found['drift'])}; "
+        f"{found['beyond']} samples beyond a stop, {found['commands']} commands within all limits "
+        f"(at most {100 * found['used']:.1f} % of one); {found['minutes']:.1f} min of motion, "
+        f"{found['further']} further motions; {found['seconds']:.0f} s of a core"
+    )
 
 
 def main(given: Sequence[str] | None = None) -> int:
@@ -92,11 +103,12 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--arms", nargs="+", choices=list(COUNTS), default=list(COUNTS))
     parser.add_argument("--count", type=int, help="arms of each kind (default: as above)")
     parser.add_argument("--first", type=int, default=1, help="first seed")
-    parser.add_argument("--time", type=float, default=60.0, help="of one core for each plan, s")
+    parser.add_argument("--time", type=float, default=60.0,
+                        help="as of `calibrate --time`")  # fmt: skip
     parser.add_argument("--keep", type=Path, help="folder for all files")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args(given)
-    settings = CalibrationSettings(search=arguments.time, rehearsal=False)
+    settings = CalibrationSettings(search=round(10.0 * arguments.time), rehearsal=False)
     found, failed = [], 0
     for name in arguments.arms:
         count = arguments.count or COUNTS[name]
@@ -113,13 +125,7 @@ def main(given: Sequence[str] | None = None) -> int:
                     print(f"{name} {seed}: {error}", flush=True)
                     continue
             found.append(each)
-            print(
-                f"{name} {seed}: {'certified' if each['certified'] else 'not certified'}, "
-                f"{each['within']} of {each['poses']} poses within, at most {each['drift']:.2f} "
-                f"deg; {each['minutes']:.1f} min of motion, {each['further']} further motions; "
-                f"{100 * each['used']:.1f} % of a limit; {each['seconds']:.0f} s of a core",
-                flush=True,
-            )
+            print(line_of(each), flush=True)
             if arguments.json is not None:
                 arguments.json.write_text(json.dumps(found, indent=1) + "\n")
     total = len(found) + failed

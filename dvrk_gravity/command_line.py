@@ -126,6 +126,12 @@ def _how_to_get(module: str) -> str:
     return f"needs the Python module {module}, which is not installed"
 
 
+def by_signal(error: BaseException) -> bool:
+    """Return whether Ctrl-C, or what ends a process as it does, caused an error."""
+    ended = isinstance(error, KeyboardInterrupt | SystemExit)
+    return ended or _status_of_signal(error) is not None
+
+
 def _status_of_signal(error: BaseException) -> int | None:
     """Return the exit status if a signal caused an error of compiled code, else ``None``."""
     cause = error.__cause__  # Ctrl-C, or SystemExit of ros.processes.end_on_signals

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -35,14 +36,16 @@ from dvrk_gravity.calibration import (
     holding,
     predicted_drift,
     release_poses,
+    shown_drift,
 )
+from dvrk_gravity.cli.calibrate import Shown
 from dvrk_gravity.collecting import SimulatedDriver
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.files.lock import alone_in
-from dvrk_gravity.identification import POOR
+from dvrk_gravity.identification import POOR, identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits, Straight
 from dvrk_gravity.recording import Recording
@@ -58,7 +61,7 @@ pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 
 ARM = Arm.load("ecm")
 BRIEF = CalibrationSettings(
-    motion=12.0, check=9.0, further=9.0, rounds=1, search=0.5, poses=3, seconds=1.0,
+    motion=12.0, check=9.0, further=9.0, rounds=1, search=5, poses=3, seconds=1.0,
     rehearsal=False,
 )  # fmt: skip
 ASKED = {"--arm": "ecm", "--seed": "1"}
@@ -114,6 +117,14 @@ def calibrated(tmp_path_factory) -> tuple[Path, list[list[str]]]:
     return folder, runs
 
 
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory) -> tuple[Path, list[str]]:
+    """Return the folder of the same calibration in one go, and its lines."""
+    folder, lines = tmp_path_factory.mktemp("uninterrupted"), list[str]()
+    calibrate(work_in(folder, lines))
+    return folder, lines
+
+
 def content(calibrated) -> dict:
     return json_file.load(calibrated[0] / CERTIFICATE)
 
@@ -134,6 +145,81 @@ def test_a_recording_that_was_whole_is_not_made_again(calibrated):
     _, runs = calibrated
     said = [line for run in runs for line in run if line.startswith("collect motion")]
     assert "recorded before" in said[0]
+
+
+def test_interrupted_or_not_what_is_found_is_the_same_to_the_last_bit(calibrated, uninterrupted):
+    names = ("*.yaml", "model*.npz", "model_*.json", "check.json", "release.json")
+    once = sorted(path for name in names for path in uninterrupted[0].glob(name))
+    assert len(once) > 8
+    for path in once:
+        assert path.read_bytes() == (calibrated[0] / path.name).read_bytes(), path.name
+
+
+def test_a_simulated_motion_that_was_killed_is_made_again_the_same(calibrated, uninterrupted):
+    """Its first second is recorded when it is killed."""
+    folder = calibrated[0].parent / "killed"
+    shutil.copytree(uninterrupted[0], folder)
+    shutil.rmtree(folder / "second")
+    entries = Logbook.open(uninterrupted[0], ASKED).entries
+    book = Logbook(folder, ASKED, entries[: [e.step for e in entries].index("collect second")])
+    (step,) = (step for step in all_steps(BRIEF) if step.name == "collect second")
+
+    def dies(name: str, part: float, stage: str = "") -> None:
+        if part > 0.2 and name.endswith("motion, recorded"):
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        step.run(work_in(folder, [], progress=dies), book, step.name)
+    assert (folder / "second.unfinished").exists()
+    step.run(work_in(folder, []), book, step.name)
+    again, once = (Recording.load(each / "second") for each in (folder, uninterrupted[0]))
+    assert np.array_equal(again.position, once.position)
+    assert np.array_equal(again.effort, once.effort)
+
+
+def test_commands_of_all_goes_are_counted(tmp_path):
+    book = Logbook.open(tmp_path, ASKED)
+    book.moving(Moved(0.0, 0.0, 100, 0.9, "velocity of yaw"))
+    book.moving(Moved(0.0, 0.0, 150, 0.9, "velocity of yaw"))  # the same go
+    again = Logbook.open(tmp_path, ASKED)
+    again.moving(Moved(0.0, 0.0, 50, 0.5, "position of yaw"))
+    last = Logbook.open(tmp_path, ASKED)
+    motion = {"seconds": 9.0, "rehearsed": 0.0, "commands": 7, "used": 0.2, "most": ""}
+    last.add("collect motion", "", (), motion)
+    last.add("collect second", "", (), motion)
+    total = Moved.total(Logbook.open(tmp_path, ASKED).moved())
+    assert total == Moved(18.0, 0.0, 150 + 50 + 7 + 7, 0.9, "velocity of yaw")
+
+
+def test_a_killed_calibration_counts_no_fewer_commands_than_an_uninterrupted_one(
+    calibrated, uninterrupted
+):
+    whole = content(uninterrupted)["motion"]
+    assert content(calibrated)["motion"]["commands"] >= whole["commands"]
+    assert content(calibrated)["motion"]["used"] == whole["used"]
+
+
+@pytest.mark.parametrize("ended", [KeyboardInterrupt(), SystemExit(143)])
+@pytest.mark.parametrize("steps", [[], ["plan motion"], ["plan motion", "collect motion"]])
+def test_what_ends_it_leaves_a_line_on_what_is_kept(tmp_path, capsys, monkeypatch, ended, steps):
+    def dies(work):
+        book = Logbook.open(work.folder, work.asked)
+        for step in steps:
+            book.add(step, "", (), {})
+        raise ended
+
+    monkeypatch.setattr("dvrk_gravity.calibration.calibrate", dies)
+    words = ["calibrate", "--arm", "ecm", "--simulated", "--out", str(tmp_path / "out")]
+    if isinstance(ended, KeyboardInterrupt):
+        assert main(words) == 130
+    else:
+        with pytest.raises(SystemExit):
+            main(words)
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("dvrk_gravity calibrate: interrupted: ")
+    assert f"kept in {tmp_path / 'out'}" in line or not steps
+    assert "the same command" in line
+    assert all(repr(step) in line for step in steps[-1:])
 
 
 def test_what_was_half_written_is_removed(calibrated):
@@ -217,7 +303,7 @@ def test_the_certificate_says_what_was_found(calibrated):
     assert found["motion"]["used"] <= 1.0 + 1e-9
     assert found["motion"]["commands"] > 1000.0 * BRIEF.check
     page = (calibrated[0] / "certificate.html").read_text()
-    assert found["verdict"][1:] in page
+    assert escape(found["verdict"][1:]) in page
 
 
 def test_the_certificate_has_the_hash_of_every_file(calibrated):
@@ -271,6 +357,83 @@ def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
         assert reason in said
 
 
+def test_a_diagnosis_says_once_that_there_is_nothing(uninterrupted):
+    (line,) = (line for line in uninterrupted[1] if line.startswith("diagnose diagnosis_0"))
+    assert line.lower().count("nothing") <= 1
+
+
+@pytest.mark.parametrize(
+    ("drift", "unit", "text"),
+    [
+        (0.0, "rad", "< 0.01 deg"), (1e-4, "rad", "< 0.01 deg"), (2e-4, "rad", "0.01 deg"),
+        (np.radians(14.44), "rad", "14.44 deg"), (1e-6, "m", "< 0.01 mm"), (9e-4, "m", "0.90 mm"),
+    ],
+)  # fmt: skip
+def test_a_drift_is_no_more_exact_than_it_is(drift, unit, text):
+    assert shown_drift(drift, unit) == text
+
+
+def test_progress_of_a_step_never_decreases(monkeypatch):
+    shown: list[tuple[str, float]] = []
+
+    def update(progress, done):
+        shown.append((progress._what, done))
+
+    monkeypatch.setattr("dvrk_gravity.command_line.Progress.update", update)
+    show = Shown()
+    for stage, part in (("reading", 0.0), ("regressor", 1.0), ("choice of terms", 0.0),
+                        ("choice of terms", 1.0), ("zeros and tilt", 0.0)):  # fmt: skip
+        show("identify model_0", part, stage)
+    show("diagnose diagnosis_0", None, "reading")
+    show("diagnose diagnosis_0", None, "comparing hypotheses")
+    show("release", 0.5)
+    identified = [done for what, done in shown if what == "identify model_0"]
+    assert identified == sorted(identified)
+    assert identified[-1] < 1.0
+    assert [done for what, done in shown if what != "identify model_0"] == [0.0, 0.1, 0.5]
+
+
+# What the model lacks.
+def test_the_band_of_what_holds_a_joint_counts_what_the_model_lacks(uninterrupted):
+    """A cable that the fit may not have: its own columns do not show it, omitted ones do."""
+    bag = uninterrupted[0] / "motion"
+    whole, plain = (identify(str(bag), ARM, effects=of) for of in (None, ["coulomb_friction"]))
+    poses = np.random.default_rng(0).uniform(*ARM.range, (200, ARM.n))
+    for fit in (whole, plain):
+        error = np.sqrt(np.mean(fit.rest_error(poses) ** 2, axis=0))
+        known = [fit.holding[name].error_anywhere for name in ARM.joint_names]
+        np.testing.assert_allclose(error, known)  # the same poses, and the same function
+        ratio = holding(fit, poses, 0.1)
+        friction = np.array([fit.holding[name].friction for name in ARM.joint_names])
+        np.testing.assert_allclose(ratio * 0.1 * friction, 1.96 * fit.rest_error(poses))
+
+
+def test_less_gain_is_asked_of_a_term_the_more_terms_there_are(uninterrupted):
+    bag = str(uninterrupted[0] / "motion")
+    few, more = (identify(bag, ARM, least_gain=least) for least in (0.05, 0.0))
+    kept = [sum(each.kept for each in fit.choices) for fit in (few, more)]
+    assert kept[0] < kept[1]
+
+
+@pytest.mark.parametrize(("part", "moves"), [(0.98, True), (1.0, False)])
+def test_a_joint_that_friction_may_not_hold_is_measured_further(
+    uninterrupted, tmp_path, part, moves
+):
+    folder = tmp_path / "copy"
+    shutil.copytree(uninterrupted[0], folder)
+    findings = json_file.load(folder / "diagnosis_0.json")
+    (folder / "diagnosis_0.json").write_text(json.dumps({**findings, "unseparated": {"pairs": []}}))
+    known = json_file.load(folder / "model_0.json", finite=False)
+    held = {"part": part, "least": "pitch"}
+    (folder / "model_0.json").write_text(json.dumps({**known, "held": held}))
+    (step,) = (step for step in all_steps(BRIEF) if step.name == "plan further_1")
+    entries = Logbook.open(uninterrupted[0], ASKED).entries
+    book = Logbook(folder, ASKED, [e for e in entries if not e.step.endswith("_1")])
+    outcome = step.run(work_in(folder, []), book, step.name)
+    assert ("pitch is not sure to stay at 2 % of poses" in outcome.said) == moves
+    assert bool(outcome.paths) == moves
+
+
 # Further motions.
 @pytest.mark.parametrize("separates", [True, False])
 def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
@@ -281,6 +444,9 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     findings = folder / "diagnosis_0.json"
     found = json_file.load(findings)
     findings.write_text(json.dumps({**found, "unseparated": {"pairs": [{}]}}))
+    known = json_file.load(folder / "model_0.json", finite=False)
+    held = {"part": 1.0, "least": ARM.joint_names[0]}
+    (folder / "model_0.json").write_text(json.dumps({**known, "held": held}))
     planned = SimpleNamespace(
         plan=Plan.load(folder / "motion.yaml"), separates=separates,
         expected=[SimpleNamespace(words="a spring and a cable", separates=separates)],
@@ -288,7 +454,6 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     steps = "dvrk_gravity.calibration.motion_steps"
     monkeypatch.setattr(f"{steps}.load_unseparated", lambda path, model: path)
     monkeypatch.setattr(f"{steps}.design_separation", lambda of, *rest, **how: planned)
-    monkeypatch.setattr(f"{steps}.holding", lambda model, poses, part: np.zeros(poses.shape))
     (step,) = (step for step in all_steps(BRIEF) if step.name == "plan further_1")
     entries = Logbook.open(calibrated[0], ASKED).entries
     known = [entry for entry in entries if not entry.step.endswith("_1")]
@@ -322,7 +487,6 @@ def test_drift_is_predicted_of_arms_that_the_model_may_be_of(calibrated):
     found = predicted_drift(model, poses, few, [0])
     assert found is not None
     assert found.shape == poses.shape
-    assert np.allclose(holding(model, poses, 0.1), 10.0 * holding(model, poses, 1.0))
     assert predicted_drift(replace(model, uncertainty=None), poses, few, [0]) is None
 
 

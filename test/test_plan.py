@@ -324,6 +324,25 @@ def test_the_band_of_an_effort_holds_what_the_model_never_explained(ecm):
     np.testing.assert_allclose(left[True] - left[False], 1.96 * error)
 
 
+# Ends by its own count.
+def test_a_search_that_counts_finds_the_same_motion_however_slow_the_computer(ecm, monkeypatch):
+    limits, basis = PlanLimits.of(ecm), series_basis(DURATION)
+    of = replace(BRIEF, seconds=np.inf, evaluations=30)
+
+    def found() -> tuple[np.ndarray, list[float]]:
+        shares: list[float] = []
+        motion = design_motion(ecm, limits, basis, settings=of, report=shares.append).plan
+        return motion.at(np.linspace(0.0, DURATION, 50))[0], shares
+
+    quick, shares = found()
+    ticks = iter(range(10**9))
+    monkeypatch.setattr("time.process_time", lambda: 100.0 * next(ticks))
+    slow, _ = found()
+    assert np.array_equal(quick, slow)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
 # Limits that leave nothing.
 @pytest.mark.parametrize(
     ("change", "words"),

@@ -57,6 +57,7 @@ def fit_of(time) -> Fit:
         samples=200,
         physical={},
         traces=(trace,),
+        rest_error=np.zeros_like,
         holding={},
         verdict=Verdict("good", "", "", dict.fromkeys(JOINT_NAMES, JointVerdict("good", ""))),
     )

@@ -2,12 +2,15 @@ from .certificate import Certificate as Certificate
 from .certificate import JointCertificate as JointCertificate
 from .certificate import Moved as Moved
 from .certificate import certify as certify
+from .certificate import largest_drift as largest_drift
+from .certificate import shown_drift as shown_drift
 from .drawn import drawn_arm as drawn_arm
 from .kept import KeptDriver as KeptDriver
 from .logbook import Logbook as Logbook
 from .logbook import file_hash as file_hash
 from .release import holding as holding
 from .release import predicted_drift as predicted_drift
+from .release import random_poses as random_poses
 from .release import release_poses as release_poses
 from .rig import Rig as Rig
 from .rig import SimulatedRig as SimulatedRig

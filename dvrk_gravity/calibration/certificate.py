@@ -19,6 +19,7 @@ from dvrk_gravity.units import quantity
 FORMAT = 1
 _UNCERTAIN = 0.5  # half of an interval over its value, from which friction is uncertain. Chosen
 _MANY = 4  # names in a sentence
+_LEAST = 0.01  # deg or mm of a drift: a fiftieth of what is allowed. Chosen
 
 
 @dataclass(frozen=True)
@@ -71,15 +72,15 @@ class Moved:
 
     seconds: float
     rehearsed: float
-    commands: int
-    used: float
-    most: str
+    commands: int = 0
+    used: float = 0.0
+    most: str = ""
 
     @classmethod
     def total(cls, parts: Sequence[Mapping[str, Any]]) -> Moved:
         """Return several as one."""
         each = [cls(**part) for part in parts]
-        most = max(each, key=lambda part: part.used, default=cls(0.0, 0.0, 0, 0.0, ""))
+        most = max(each, key=lambda part: part.used, default=cls(0.0, 0.0))
         return cls(
             sum(part.seconds for part in each), sum(part.rehearsed for part in each),
             sum(part.commands for part in each), most.used, most.most,
@@ -242,10 +243,10 @@ def _reasons(
         k = max(away, key=lambda pose: worst[pose])
         ways = [way / size for way, size in zip(release["drift"][k], arm.scale, strict=True)]
         joint = max(range(arm.n), key=lambda j: ways[j])
+        most = shown_drift(release["drift"][k][joint], arm.units[joint])
         found.append(
             f"at {len(away)} of {len(worst)} poses it drifted by more than "
-            f"{math.degrees(settings.allowed):g} deg, at most "
-            f"{_way(arm, joint, release['drift'][k][joint])} ({arm.joint_names[joint]})"
+            f"{math.degrees(settings.allowed):g} deg, at most {most} ({arm.joint_names[joint]})"
         )
     elif len(worst) < settings.poses and fit["verdict"]["overall"] != POOR:
         why = f" ({release['why']})" if release["why"] else ""
@@ -270,8 +271,8 @@ def _verdict(
         else f" with {100 * release['friction']:g} % of its friction"
     )
     text = (
-        f"{name} holds itself: at {len(worst)} poses that nothing was fitted on it drifted by at "
-        f"most {_angle(most)} in {release['seconds']:g} s{with_friction}; held-out error "
+        f"{name} holds itself: at {len(worst)} poses that nothing was fitted on it drifted by "
+        f"{largest_drift(most)} in {release['seconds']:g} s{with_friction}; held-out error "
         f"{errors[0]:.1f} to {errors[-1]:.0f} % by joint"
     )
     uncertain = [each.name for each in joints if _is_uncertain(each)]
@@ -296,18 +297,23 @@ def _with_less_friction(
 ) -> list[str]:
     return [
         f"{joint.name}: with {100 * settings.friction:g} % of its friction it may drift by "
-        f"{_way(arm, k, joint.predicted)} in {settings.seconds:g} s, by the model's uncertainty"
+        f"{shown_drift(joint.predicted, arm.units[k])} in {settings.seconds:g} s, by the model's "
+        "uncertainty"
         for k, joint in enumerate(joints)
         if joint.predicted is not None and joint.predicted > settings.allowed * arm.scale[k]
     ]
 
 
-def _angle(value: float) -> str:
-    return f"{math.degrees(value):.2f} deg"
+def shown_drift(value: float, unit: str = "rad") -> str:
+    """Return a drift, rad or m, in deg or mm; less than a hundredth is no more than that."""
+    shown, name = (math.degrees(value), "deg") if unit == "rad" else (1e3 * value, "mm")
+    return f"< {_LEAST:g} {name}" if shown < _LEAST else f"{shown:.2f} {name}"
 
 
-def _way(arm: Arm, k: int, value: float) -> str:
-    return f"{math.degrees(value):.2f} deg" if arm.units[k] == "rad" else f"{1e3 * value:.2f} mm"
+def largest_drift(value: float) -> str:
+    """Return the largest of some drifts, rad, as "at most …", or "< …" of hardly any."""
+    shown = shown_drift(value)
+    return shown if shown.startswith("<") else f"at most {shown}"
 
 
 def _is_uncertain(joint: JointCertificate) -> bool:

@@ -83,9 +83,24 @@ class KeptDriver:
         seconds: Of motion.
     """
 
-    def __init__(self, driver: Driver, limits: PlanLimits, arm: Arm) -> None:
-        """Look at nothing yet."""
+    def __init__(
+        self,
+        driver: Driver,
+        limits: PlanLimits,
+        arm: Arm,
+        note: Callable[[Moved], None] = lambda motion: None,
+    ) -> None:
+        """Look at nothing yet.
+
+        Args:
+            driver: Moves the arm.
+            limits: What is kept.
+            arm: The arm.
+            note: Receives how the arm was moved, before every path: what ends the process then
+                does not lose it.
+        """
         self._driver, self.check, self.seconds = driver, LimitCheck(limits, arm), 0.0
+        self._note = note
 
     @property
     def topic(self) -> str:
@@ -123,6 +138,7 @@ class KeptDriver:
         """
         self.check.look(path, duration)
         self.seconds += duration
+        self._note(self.motion())
         return self._driver.follow(path, duration, record, progress, watch)
 
     def motion(self, released: float = 0.0, rehearsed: float = 0.0) -> Moved:

@@ -47,10 +47,19 @@ class Logbook:
         folder: The folder.
         asked: What was asked for, by option.
         entries: The steps that are done, in their order.
+        begun: How earlier processes moved the arm in the step that is next; empty: not.
     """
 
-    def __init__(self, folder: Path, asked: Mapping[str, str], entries: Iterable[Entry]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        asked: Mapping[str, str],
+        entries: Iterable[Entry],
+        begun: Mapping[str, Any] | None = None,
+    ) -> None:
         self.folder, self.asked, self.entries = folder, dict(asked), list(entries)
+        self.begun = dict(begun or {})
+        self._moving = self.begun
 
     @classmethod
     def open(cls, folder: Path, asked: Mapping[str, str]) -> Logbook:
@@ -81,6 +90,8 @@ class Logbook:
                 raise ConfigError("format", content["format"], f"{FORMAT}", file)
             before = {str(name): str(value) for name, value in content["asked"].items()}
             entries = [_entry(entry) for entry in content["steps"]]
+            begun = dict(content.get("begun", {}))
+            Moved.total([begun] if begun else [])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ConfigError("", str(error), "a file as `calibrate` writes it", file) from None
         for name in {**before, **asked}:
@@ -100,14 +111,26 @@ class Logbook:
                     )  # fmt: skip
         for path in left:
             path.unlink()
-        return cls(folder, asked, entries)
+        return cls(folder, asked, entries, begun)
+
+    @staticmethod
+    def steps_in(folder: Path) -> list[str]:
+        """Return the names of the steps that are done in a folder, unchecked."""
+        file = folder / FILE
+        return [entry["step"] for entry in json_file.load(file)["steps"]] if file.exists() else []
 
     def entry(self, step: str) -> Entry | None:
         """Return what a step left, ``None`` if it is not done."""
         return next((entry for entry in self.entries if entry.step == step), None)
 
     def add(self, step: str, said: str, paths: Iterable[Path], motion: Mapping[str, Any]) -> Entry:
-        """Note that a step is done, and the hashes of its files and of all in its folders."""
+        """Note that a step is done, and the hashes of its files and of all in its folders.
+
+        Its motion is that of the present process; that of earlier ones is added.
+        """
+        if motion and self.begun:
+            motion = asdict(Moved.total([self.begun, motion]))
+        self.begun = self._moving = {}
         files = {
             path.relative_to(self.folder).as_posix(): file_hash(path)
             for path in _files(paths)
@@ -116,6 +139,12 @@ class Logbook:
         self.entries.append(entry)
         self._write()
         return entry
+
+    def moving(self, motion: Moved) -> None:
+        """Note how the step that is next has moved the arm in the present process."""
+        before = [self.begun] if self.begun else []
+        self._moving = asdict(Moved.total([*before, asdict(motion)]))
+        self._write()
 
     def motions(self, name: str) -> Entry | None:
         """Return the step that recorded a motion, ``None`` if there is no such recording."""
@@ -136,6 +165,7 @@ class Logbook:
             "format": FORMAT,
             "asked": self.asked,
             "steps": [asdict(entry) for entry in self.entries],
+            "begun": self._moving,
         }
         text_file.write(self.folder / FILE, json.dumps(content, indent=1) + "\n")
 

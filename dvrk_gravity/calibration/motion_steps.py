@@ -7,17 +7,16 @@ from functools import partial
 
 import numpy as np
 
-from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.certificate import Moved
-from dvrk_gravity.calibration.kept import KeptDriver, LimitCheck
+from dvrk_gravity.calibration.kept import KeptDriver
 from dvrk_gravity.calibration.logbook import Logbook
-from dvrk_gravity.calibration.release import PART, holding
+from dvrk_gravity.calibration.release import PART, holding, random_poses
 from dvrk_gravity.calibration.work import Outcome, Work, model_file, trusted_model
 from dvrk_gravity.collecting import CollectSettings, Journal, MotionStoppedError, collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import load_unseparated
 from dvrk_gravity.files import json_file, text_file
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.identification import POOR, Fit
 from dvrk_gravity.planning import (
     Plan,
     SeparationSettings,
@@ -25,12 +24,10 @@ from dvrk_gravity.planning import (
     Straight,
     design_motion,
     design_separation,
-    resting_positions,
     series_basis,
 )
 
-_DRAWN = 100  # poses at which the holding torque's uncertainty is looked at
-_HELD = 0.99  # part of them at which friction is to hold the arm: at all poses of a release, mostly
+_SURE = 0.95  # of the arms are to hold themselves at all poses of a release
 # Way from a pose to the nearest next one, as a part of the longest: of 20 poses of a UR5, .36.
 _WAY = 0.4
 _OTHER = 1000  # seeds of other motions are so much further
@@ -41,7 +38,7 @@ def plan_first(work: Work, book: Logbook, step: str) -> Outcome:
     of = work.settings
     design = design_motion(
         work.arm, work.limits, series_basis(of.motion), None, work.seed,
-        SolverSettings(seconds=of.search), partial(work.progress, step),
+        _search(of.search), partial(work.progress, step),
     )  # fmt: skip
     said = f"{of.motion:g} s, condition number {design.condition:.0f}"
     return _planned(work, "motion", design.plan, said)
@@ -52,7 +49,7 @@ def plan_second(work: Work, book: Logbook, step: str) -> Outcome:
     of, model = work.settings, trusted_model(work, book)
     design = design_motion(
         work.arm, work.limits, series_basis(of.check), model, work.seed + _OTHER,
-        SolverSettings(seconds=0.5 * of.search), partial(work.progress, step),
+        _search(of.search // 2), partial(work.progress, step),
     )  # fmt: skip
     return _planned(work, "second", design.plan, f"{of.check:.3g} s, to be held out")
 
@@ -70,38 +67,45 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     findings = work.at(f"diagnosis_{k - 1}.json")
     if json_file.load(findings)["unseparated"]["pairs"]:
         usual = SeparationSettings()
-        seconds = min(usual.solver.seconds, of.search)
         design = design_separation(
             load_unseparated(findings, work.at(model_file(0))), work.limits, of.further,
-            seed=seed, settings=replace(usual, solver=replace(usual.solver, seconds=seconds)),
+            seed=seed, settings=replace(usual, solver=_search(of.search, usual.solver)),
             report=partial(work.progress, step),
         )  # fmt: skip
         if design.separates:
             apart = next(each.words for each in design.expected if each.separates)
             return _planned(work, name, design.plan, f"{of.further:.3g} s, to separate {apart}")
-    poses = resting_positions(work.limits, work.arm, model, np.random.default_rng(seed), _DRAWN)
-    ratio = holding(model, _within(model, poses), of.friction)
-    held = float(np.mean((ratio < 1.0).all(axis=1)))
-    if held >= _HELD:
+    known = json_file.load(work.at(model_file(k - 1)).with_suffix(".json"), finite=False)["held"]
+    if known["part"] >= _SURE ** (1.0 / of.poses):
         return Outcome()
-    worst = work.arm.joint_names[int(np.argmax(np.median(ratio, axis=0)))]
     informative = design_motion(
         work.arm, work.limits, series_basis(of.further), model, seed,
-        SolverSettings(seconds=0.5 * of.search), partial(work.progress, step),
+        _search(of.search // 2), partial(work.progress, step),
     )  # fmt: skip
     return _planned(
         work, name, informative.plan,
         f"{of.further:.3g} s, for what holds the arm: with {100 * of.friction:g} % of its friction "
-        f"{worst} is not sure to stay",
+        f"{known['least']} is not sure to stay at {100 * (1 - known['part']):.0f} % of poses",
     )  # fmt: skip
 
 
-def _within(model: TorqueModel, poses: Array) -> Array:
-    """Return poses clipped to the range that a model was identified on."""
-    known = model.uncertainty
-    if known is None:
-        return poses
-    return np.clip(poses, known.lower + model.joint_offset, known.upper + model.joint_offset)
+def held(work: Work, fit: Fit, seed: int) -> dict[str, float | str]:
+    """Return at which part of random poses friction is sure to hold, and the joint least held.
+
+    Poses are drawn as those of a release. Of a model that is unfit, none.
+    """
+    model, arm = fit.model, work.arm
+    if model.verdict == POOR:
+        return {"part": 0.0, "least": ""}
+    poses = random_poses(arm, work.limits, model, seed)
+    ratio = holding(fit, poses, work.settings.friction)
+    least = arm.joint_names[int(np.argmin((ratio < 1.0).mean(axis=0)))]
+    return {"part": float(np.mean((ratio < 1.0).all(axis=1))), "least": least}
+
+
+def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSettings:
+    """Return a search that ends by its own count: interrupted or not, it finds the same motion."""
+    return replace(solver or SolverSettings(), seconds=np.inf, evaluations=max(evaluations, 1))
 
 
 def _planned(work: Work, name: str, plan: Plan, said: str) -> Outcome:
@@ -115,7 +119,7 @@ def _planned(work: Work, name: str, plan: Plan, said: str) -> Outcome:
 def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     """Rehearse and record a motion; a bag that is whole already was recorded just before the end.
 
-    A calibration that is interrupted in a motion goes on where it was stopped.
+    A calibration that is interrupted in a motion goes on where it was stopped, where the rig can.
     """
     if book.entry(f"plan {name}") is None or not work.at(f"{name}.yaml").exists():
         return Outcome()
@@ -123,12 +127,18 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     rehearsed = plan.duration / CollectSettings().rehearsal if of.rehearsal else 0.0
     if bag.exists():
         Journal(bag, "", "").remove()  # what a process that was killed just then has left
-        check = LimitCheck(work.limits, work.arm)
-        check.look(plan.at, plan.duration)
-        motion = Moved(plan.duration, rehearsed, check.samples, check.used, check.most)
-        return Outcome(f"{plan.duration:g} s, recorded before", (bag,), motion)
+        return Outcome(
+            f"{plan.duration:g} s, recorded before", (bag,), Moved(plan.duration, rehearsed)
+        )
+    if not work.rig.resumes:
+        Journal(bag, "", "").remove()
+
+    def note(motion: Moved) -> None:
+        # How long the arm moves is known at the end.
+        book.moving(replace(motion, seconds=0.0, rehearsed=0.0))
+
     with work.rig.driver() as moves:
-        driver = KeptDriver(moves, work.limits, work.arm)
+        driver = KeptDriver(moves, work.limits, work.arm, note)
         try:
             found = collect(
                 plan, driver, bag, model=trusted_model(work, book), rehearse=of.rehearsal,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.compensate import let_go
-from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError, PlanError
+from dvrk_gravity.identification import Fit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PlanLimits, Straight, resting_positions, slacks
 from dvrk_gravity.simulate import ModelArm
@@ -21,7 +20,6 @@ from dvrk_gravity.simulate import ModelArm
 PART = 0.5  # of the limits, on the way from pose to pose
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
 _DRAWS = 1000  # poses among which those are chosen
-_SLOW = 0.05  # rad/s (Arm.scale): all of dry friction, and hardly any viscous one
 _ROUNDING = 1e-9
 
 
@@ -50,15 +48,7 @@ def release_poses(
     Raises:
         PlanError: There is no such pose.
     """
-    known, random = model.uncertainty, np.random.default_rng(seed)
-    if known is not None:
-        limits = replace(
-            limits,
-            lower=np.maximum(limits.lower, known.lower + model.joint_offset),
-            upper=np.minimum(limits.upper, known.upper + model.joint_offset),
-        )
-    found = resting_positions(limits, arm, model, random, _DRAWS)
-    found = found[random.permutation(len(found))]
+    found = random_poses(arm, limits, model, seed)
     away = np.array(
         [np.abs((fitted - q) / arm.scale).max(axis=1).min(initial=np.inf) for q in found]
     )
@@ -81,6 +71,23 @@ def release_poses(
     return found[order], float(away[order].min())
 
 
+def random_poses(arm: Arm, limits: PlanLimits, model: TorqueModel, seed: int) -> Array:
+    """Return (k, n) random poses within the limits and the range that a model was identified on.
+
+    Raises:
+        PlanError: There is none.
+    """
+    known, random = model.uncertainty, np.random.default_rng(seed)
+    if known is not None:
+        limits = replace(
+            limits,
+            lower=np.maximum(limits.lower, known.lower + model.joint_offset),
+            upper=np.minimum(limits.upper, known.upper + model.joint_offset),
+        )
+    found = resting_positions(limits, arm, model, random, _DRAWS)
+    return np.asarray(found[random.permutation(len(found))])
+
+
 def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:
     """Return whether a straight way keeps all limits; of positions, its ends decide."""
     way = Straight.within(start, goal, limits, PART)
@@ -91,25 +98,19 @@ def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: Torqu
     )
 
 
-def holding(model: TorqueModel, poses: Array, part: float) -> Array:
+def holding(fit: Fit, poses: Array, part: float) -> Array:
     """Return (k, n) 95 % bands of the torque at rest, over a part of each joint's dry friction.
 
-    Below 1 that friction holds the arm, if the model's posterior is right. Friction is the least in
-    any combination of directions: a motor that two joints turn rubs in some of them only.
+    Below 1 that friction holds the arm. What the model lacks counts (:attr:`Fit.rest_error`).
+
+    Args:
+        fit: The identification.
+        poses: (k, n) measured positions, rad or m.
+        part: Of its friction that the arm has.
     """
-    arm, known = model.arm, model.uncertainty
-    ways = np.array(list(product((-1.0, 1.0), repeat=arm.n)))
-    state = State(np.zeros_like(ways), _SLOW * arm.scale * ways)
-    torque = sum(
-        (np.abs(term.torque(state)) for term in model.terms if term.FRICTION),
-        np.zeros_like(ways),
-    )
-    if known is None:
-        return np.full(poses.shape, np.inf)
-    columns = known.torque(model.terms, State.of(poses - model.joint_offset))
-    band = WITHIN * np.sqrt(np.sum(columns**2, axis=-1))
+    friction = np.array([fit.holding[name].friction for name in fit.model.arm.joint_names])
     with np.errstate(divide="ignore"):
-        return np.asarray(band / (part * torque.min(axis=0)))
+        return np.asarray(WITHIN * fit.rest_error(poses) / (part * friction))
 
 
 def predicted_drift(

@@ -29,6 +29,10 @@ class Rig(Protocol):
     def friction(self) -> float:
         """Part of its friction that it has while it is released."""
 
+    @property
+    def resumes(self) -> bool:
+        """Whether a motion that was stopped goes on where it was; else it is made again."""
+
     def driver(self) -> AbstractContextManager[Driver]:
         """Return what moves it, once entered."""
 
@@ -54,7 +58,10 @@ class SimulatedRig:
     Attributes:
         simulated: In words.
         friction: Part of its friction that it has while it is released.
+        resumes: Never: it takes no time, and the motion is the same again, to the last bit.
     """
+
+    resumes = False
 
     def __init__(self, plant: PlantFile, seed: int, friction: float) -> None:
         """Build it.

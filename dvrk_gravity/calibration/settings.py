@@ -15,7 +15,13 @@ class CalibrationSettings:
         check: Of the one that is held out, s. Chosen: as long as a diagnosis needs to judge.
         further: Of each further motion, s: as those that separate causes.
         rounds: Further motions at most.
-        search: Of one core for each plan, s.
+        search: Evaluations of the objective for each plan. A number, and not a time: interrupted or
+            not, on any computer, the same seed plans the same. Of an MTM, 10 take 1 s of one core
+            (`python benchmark/plan.py --arms mtmr` prints times).
+        least_gain: Of :func:`identify`. Less than it has itself, since what holds a joint with a
+            tenth of its friction is small. Chosen: at an MTM's wrist platform and pitch .0003 left
+            half to two thirds of the error of gravity torque that .004 does (seeds 1 and 2 of
+            `benchmark/calibrate.py`), and less of it no more error than that.
         poses: At which the arm is released.
         seconds: For which it is, s.
         apart: Least distance of such a pose from any sample that was fitted, rad (``Arm.scale``),
@@ -31,7 +37,8 @@ class CalibrationSettings:
     check: float = 30.0
     further: float = 40.0
     rounds: int = 2
-    search: float = 60.0
+    search: int = 600
+    least_gain: float = 3e-5
     poses: int = 20
     seconds: float = 10.0
     apart: float = math.radians(5.0)

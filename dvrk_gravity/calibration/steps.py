@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity import __version__
-from dvrk_gravity.calibration.certificate import Moved, certify
+from dvrk_gravity.calibration.certificate import Moved, certify, largest_drift
 from dvrk_gravity.calibration.kept import KeptDriver
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.motion_steps import (
     collect_motion,
+    held,
     plan_first,
     plan_further,
     plan_second,
@@ -105,7 +106,10 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     bags = fitted_bags(work, book, k)
     if k and book.motions(f"further_{k}") is None:
         return Outcome()
-    fit = identify(bags, work.arm, report=lambda stage, share: work.progress(step, share or 0.0))
+    fit = identify(
+        bags, work.arm, report=lambda stage, share: work.progress(step, share, stage),
+        least_gain=work.settings.least_gain,
+    )  # fmt: skip
     path, sources = work.at(model_file(k)), ", ".join(bag.name for bag in bags)
     fit.model.save(
         path, f"Identified by dvrk_gravity calibrate from {sources}.\nVerdict: {fit.verdict.words}."
@@ -113,7 +117,10 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.identification(fit, sources))
     holdings = {name: vars(each) for name, each in fit.holding.items()}
-    values = work.write(path.with_suffix(".json").name, {**fit.to_json(), "holding": holdings})
+    values = work.write(
+        path.with_suffix(".json").name,
+        {**fit.to_json(), "holding": holdings, "held": held(work, fit, work.seed + k)},
+    )
     found = [100.0 * error.nrmse for error in fit.held_out.values()]
     return Outcome(
         f"{fit.verdict.words}, cross-validated error {min(found):.1f} to {max(found):.0f} % by "
@@ -128,12 +135,15 @@ def _diagnose(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     model = work.at(model_file(0))
     bags = [work.at("second"), *fitted_bags(work, book, k)[1:]]
     path = work.at(f"diagnosis_{k}.json")
-    found = diagnose([str(bag) for bag in bags], model, lambda line: work.progress(step, 0.5))
+    found = diagnose(
+        [str(bag) for bag in bags], model, lambda stage: work.progress(step, None, stage)
+    )
     found = replace(found, files=Files.of(path, model, bags))
     text_file.write(path, found.to_json())
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.diagnosis(found, [bag.name for bag in bags]))
-    return Outcome(f"{found.verdict.replace('_', ' ')}: {found.sentence}", (path, page))
+    verdict = f"{found.verdict.replace('_', ' ')}: " if found.findings else ""
+    return Outcome(f"{verdict}{found.sentence}", (path, page))
 
 
 def _check(work: Work, book: Logbook, step: str) -> Outcome:
@@ -180,11 +190,15 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
         raise MotionError("not released: no consent was given")
     drift: list[list[float]] = []
     moved: list[dict[str, Any]] = []
+
+    def note(motion: Moved) -> None:
+        book.moving(Moved.total([*moved, asdict(motion)]))
+
     poses, apart = np.zeros((0, work.arm.n)), 0.0
     while not len(poses) or len(drift) < len(poses):
         work.progress(step, len(drift) / max(len(poses), 1))
         with rig.driver() as moves:
-            driver = KeptDriver(moves, work.limits, work.arm)
+            driver = KeptDriver(moves, work.limits, work.arm, note)
             where = driver.connect()
             if not len(poses):
                 poses, apart = release_poses(
@@ -208,8 +222,8 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     }  # fmt: skip
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
     return Outcome(
-        f"{len(poses)} poses of {of.seconds:g} s each: drift at most "
-        f"{np.degrees(worst.max()):.2f} deg",
+        f"{len(poses)} poses of {of.seconds:g} s each: drift "
+        f"{largest_drift(float(worst.max()))}",
         (work.write(RELEASE, content),), Moved.total(moved),
     )  # fmt: skip
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration.certificate import Certificate, Moved
@@ -18,6 +18,19 @@ from dvrk_gravity.files import text_file
 from dvrk_gravity.identification import POOR, Evaluation, Fit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits
+
+
+class StepProgress(Protocol):
+    """Receives a step and its part that is done; ``None``: not known."""
+
+    def __call__(self, step: str, part: float | None, stage: str = "") -> None:
+        """Show it.
+
+        Args:
+            step: Its name.
+            part: Of it, or of the stage, from 0 to 1.
+            stage: As :func:`identify` and :func:`diagnose` name it.
+        """
 
 
 @dataclass(frozen=True)
@@ -48,7 +61,7 @@ class Work:
             they have changed.
         consent: Asked before the arm moves.
         report: Receives lines.
-        progress: Receives a step, and its part that is done.
+        progress: Receives a step and its part that is done; or that of a stage, and its name.
     """
 
     folder: Path
@@ -63,7 +76,7 @@ class Work:
     limits_now: Callable[[], PlanLimits] | None = None
     consent: Callable[[str], bool] = lambda question: True
     report: Callable[[str], None] = print
-    progress: Callable[[str, float], None] = lambda step, part: None
+    progress: StepProgress = lambda step, part, stage="": None
 
     def at(self, name: str) -> Path:
         """Return the path of a file."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
 from dvrk_gravity.cli.collect import asking
+from dvrk_gravity.cli.diagnose import STAGES as OF_DIAGNOSE
+from dvrk_gravity.cli.identify import STAGES as OF_IDENTIFY
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
@@ -28,6 +31,8 @@ DURATIONS = (10.0, 120.0)  # s; below, hardly anything is identified
 TIMES = (1.0, 120.0)  # s, for each plan
 POSES = (1, 100)
 TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
+_PACE = 10.0  # evaluations per second of one core: of a plan of an MTM, on a common computer
+_STAGES = {"identify": OF_IDENTIFY, "diagnose": OF_DIAGNOSE}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--poses", type=int, default=20, metavar="N",
                         help="poses at which the arm is released (default: 20)")  # fmt: skip
     parser.add_argument("--time", type=float, default=60.0, metavar="S",
-                        help="time of one core for each plan, s (default: 60)")  # fmt: skip
+                        help="effort of each plan: about this time of one core, s, for an MTM; "
+                        "a number of steps, so that the same seed plans the same (default: "
+                        "60)")  # fmt: skip
     parser.add_argument(
         "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
     )
@@ -99,19 +106,10 @@ def run(arguments: argparse.Namespace) -> int:
     free = simulated or arguments.yes
     consent = (lambda question: True) if free else asking(rig)
     out.mkdir(parents=True, exist_ok=True)
-    shown: dict[str, command_line.Progress] = {}
-
-    def progress(step: str, part: float) -> None:
-        if step not in shown:
-            for each in shown.values():
-                each.done()
-            shown.clear()
-            shown[step] = command_line.Progress(step, 1.0)
-        shown[step].update(part)
+    shown = Shown()
 
     def report(line: str) -> None:
-        for each in shown.values():
-            each.done()
+        shown.done()
         print(line, flush=True)
 
     asked = _asked(arguments)
@@ -124,11 +122,52 @@ def run(arguments: argparse.Namespace) -> int:
     work = Work(
         out, asked, arm, limits, rig, _pages(arm),
         arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings, limits_now,
-        consent, report, progress,
+        consent, report, shown,
     )  # fmt: skip
-    certificate = calibrate(work)
+    try:
+        certificate = calibrate(work)
+    except BaseException as error:
+        shown.done()
+        if command_line.by_signal(error):
+            print(f"dvrk_gravity {NAME}: interrupted: {_kept(out)}", file=sys.stderr, flush=True)
+        raise
     print(f"written: {out / CERTIFICATE}, {(out / CERTIFICATE).with_suffix('.html')}")
     return 0 if certificate["certified"] else 1
+
+
+class Shown:
+    """Shows the progress of the present step."""
+
+    def __init__(self) -> None:
+        self._step = ""
+        self._progress: command_line.Progress | None = None
+
+    def __call__(self, step: str, part: float | None, stage: str = "") -> None:
+        """Show a step's part, or that of a stage of it."""
+        if step != self._step or self._progress is None:
+            self.done()
+            self._step, self._progress = step, command_line.Progress(step, 1.0)
+            self._stages = command_line.Stages(self._progress, _STAGES.get(step.split()[0], ()))
+        if stage:
+            self._stages(stage, part)
+        else:
+            self._progress.update(part or 0.0)
+
+    def done(self) -> None:
+        """Clear the line."""
+        if self._progress is not None:
+            self._progress.done()
+
+
+def _kept(out: Path) -> str:
+    """Return what is kept of a calibration, and how to go on."""
+    from dvrk_gravity.calibration import Logbook
+
+    steps = Logbook.steps_in(out)
+    if not steps:
+        return f"no step is done yet; the same command begins again in {out}"
+    count = f"{len(steps)} steps, the last {steps[-1]!r}" if len(steps) > 1 else repr(steps[0])
+    return f"{count}, kept in {out}; the same command goes on from there"
 
 
 def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
@@ -137,7 +176,7 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
     lasts = arguments.duration
     return CalibrationSettings(
         motion=lasts, check=max(lasts / 2.0, DURATIONS[0]),
-        further=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=arguments.time,
+        further=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=round(_PACE * arguments.time),
         poses=arguments.poses, rehearsal=not arguments.no_rehearsal,
     )  # fmt: skip
 

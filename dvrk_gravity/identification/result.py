@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any
@@ -296,6 +296,8 @@ class Fit(Tabular):
         physical: Least over greatest eigenvalue of each link's pseudo-inertia; empty if the links
             need not be bodies.
         traces: Measured against predicted.
+        rest_error: From (K, n) measured positions, rad or m, to (K, n) standard errors of the
+            gravity torque there, N·m or N; what the model lacks counts.
         holding: Gravity torque and its uncertainty, by joint.
         verdict: Whether to compensate with the model; the model carries it, too.
         against: Evidence against the model.
@@ -314,6 +316,7 @@ class Fit(Tabular):
     samples: int
     physical: Mapping[str, float]
     traces: tuple[Trace, ...]
+    rest_error: Callable[[Array], Array]
     holding: Mapping[str, Holding]
     verdict: Verdict
     against: tuple[Contradiction, ...] = ()

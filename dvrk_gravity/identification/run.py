@@ -21,6 +21,7 @@ from dvrk_gravity.identification.trajectories.problem import (
     ConsoleColumns,
     require_console_arm,
 )
+from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
 from dvrk_gravity.intake import (
     OTHER_SIDE,
     KnownPayload,
@@ -70,6 +71,7 @@ def identify(
     still: Mapping[str, float] | None = None,
     for_console: bool = False,
     known_payload: KnownPayload | float | None = None,
+    least_gain: float = LEAST_GAIN,
 ) -> Fit:
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
@@ -91,6 +93,8 @@ def identify(
         known_payload: Load of the last recording, and of no other: efforts are motor currents, and
             it determines their gains (``drive_gains``). The model is fitted to the others. A
             number: its mass, kg, on the last link.
+        least_gain: Part of the squared held-out error, in the mean over motors, that each further
+            term of a model of trajectories must remove. Less of it: terms of minor effect, too.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
@@ -125,7 +129,9 @@ def identify(
         fit = _static(recordings, arm, given, effects, physical, report, for_console)
     else:
         _require_identified(effects, arm)
-        fit = _dynamic(recordings, arm, given, effects, physical, report, still, for_console)
+        fit = _dynamic(
+            recordings, arm, given, effects, physical, report, still, for_console, least_gain
+        )
     warnings = (*about_arm(arm.doubts), *fit.warnings)
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
@@ -290,6 +296,7 @@ def _dynamic(
     report: Report,
     still: Mapping[str, float],
     for_console: bool,
+    least_gain: float,
 ) -> Fit:
     for recording in recordings:
         require_all(recording.head, arm, still)
@@ -323,7 +330,7 @@ def _dynamic(
     assert shown is not None
     form = ConsoleColumns if for_console else Columns
     allowed = CONSOLE_EFFECTS if for_console else effects
-    fit = fit_dynamic(readable, arm, shown, allowed, physical, report, form)
+    fit = fit_dynamic(readable, arm, shown, allowed, physical, report, form, least_gain)
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
 
 

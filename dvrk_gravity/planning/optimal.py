@@ -50,6 +50,8 @@ class SolverSettings:
         stiffness: Of the penalty at first.
         stiffer: Its factor from step to step.
         seconds: After this time of one core the search ends, s.
+        evaluations: After so many of the objective it ends, too: unlike a time, the same number
+            finds the same motion again; ``None``: that is no bound.
     """
 
     samples: int = 6
@@ -64,6 +66,7 @@ class SolverSettings:
     stiffness: float = 30.0
     stiffer: float = 2.0
     seconds: float = 100.0
+    evaluations: int | None = None
 
 
 @dataclass(eq=False)
@@ -128,6 +131,7 @@ class MotionSearch:
         self._at = basis.at(self._time)
         self._grid = basis.at(basis.grid(1.0 / (self.settings.grid * fastest))[0])
         self._scale = self._sizes()
+        self._begun, self._evaluated = 0.0, 0
         self._constraints = [_Constraint(self._kinematic)]
         if model is not None:
             self._constraints.append(_Constraint(self._efforts))
@@ -148,28 +152,28 @@ class MotionSearch:
         Raises:
             PlanError: None was found, though positions at rest keep them all.
         """
-        settings, begin = self.settings, time.process_time()
+        settings, self._begun, self._evaluated = self.settings, time.process_time(), 0
         total = settings.starts * settings.first + settings.rounds * settings.iterations
         done = 0
 
         def count(_: Array) -> None:
             nonlocal done
             done += 1
-            report(min(1.0, done / total))
-            if time.process_time() - begin > settings.seconds:
+            report(min(1.0, max(done / total, self._spent())))
+            if self._spent() >= 1.0:
                 raise StopIteration  # as the solver expects it of who wants no more
 
         drawn = sorted((self._draw(k) for k in range(settings.draws)), key=self.value, reverse=True)
         found = []
         for start in drawn[: settings.starts]:
-            x, multipliers = self._solve(start, 1, settings.first, count, begin)
+            x, multipliers = self._solve(start, 1, settings.first, count)
             found.append((self._kept(x), x, multipliers))
         found.sort(key=lambda each: -self.value(each[0]))
         done = settings.starts * settings.first
         _, x, multipliers = found[0]
         for constraint, multiplier in zip(self._constraints, multipliers, strict=True):
             constraint.multiplier = multiplier
-        x, _ = self._solve(x, settings.rounds, settings.iterations, count, begin)
+        x, _ = self._solve(x, settings.rounds, settings.iterations, count)
         return max(
             [self._kept(x), *(each[0] for each in found), self._kept(self._vector(drawn[0]))],
             key=self.value,
@@ -224,7 +228,6 @@ class MotionSearch:
         rounds: int,
         iterations: int,
         count: Callable[[Array], None],
-        begin: float,
     ) -> tuple[Array, list[Array]]:
         """Return where rounds of the augmented Lagrangian lead, and the multipliers."""
         from scipy.optimize import minimize
@@ -237,7 +240,7 @@ class MotionSearch:
         else:
             x = start
         for _ in range(rounds):
-            if time.process_time() - begin > self.settings.seconds:
+            if self._spent() >= 1.0:
                 break
             x = minimize(
                 self._lagrangian, x, args=(stiffness,), jac=True, method="L-BFGS-B",
@@ -249,7 +252,16 @@ class MotionSearch:
             stiffness *= self.settings.stiffer
         return x, [constraint.multiplier for constraint in self._constraints]
 
+    def _spent(self) -> float:
+        """Return the part of the search's time, or of its evaluations, that is spent."""
+        settings = self.settings
+        parts = [(time.process_time() - self._begun) / settings.seconds]
+        if settings.evaluations is not None:
+            parts.append(self._evaluated / settings.evaluations)
+        return max(parts)
+
     def _lagrangian(self, x: Array, stiffness: float) -> tuple[float, Array]:
+        self._evaluated += 1
         motion = self._motion(x)
         states = (self._at @ motion.coefficients) + np.stack(
             [motion.middle, *[np.zeros(self.arm.n)] * 2]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration import Certificate, JointCertificate, Moved
+from dvrk_gravity.calibration import Certificate, JointCertificate, Moved, shown_drift
 from dvrk_gravity.identification import Evaluation, in_words
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
@@ -74,7 +74,7 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
 
 
 def _remark(joint: JointCertificate) -> Remark:
-    drift = "" if joint.drift is None else f", drifts {_position(joint.drift, joint, 2)}"
+    drift = f", drifts {_drift(joint.drift, joint)}" if joint.drift is not None else ""
     return Remark(joint.name, f"{in_words(joint.level)}{drift}", level_of_verdict(joint.level))
 
 
@@ -90,7 +90,7 @@ def _by_joint(certificate: Certificate, arm: Arm) -> str:
     if reduced is not None:
         head.insert(-1, f"predicted at {100 * reduced:g} % friction")
         for row, joint in zip(rows, certificate.joints, strict=True):
-            row.insert(-1, "" if joint.predicted is None else _position(joint.predicted, joint, 2))
+            row.insert(-1, _drift(joint.predicted, joint))
     notes = [
         "Errors are those of a second motion that nothing was fitted on. Expected: 95 % band of "
         "that RMSE by the model itself. Gravity torque: its standard error at the recorded poses.",
@@ -155,9 +155,13 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> list[str]:
         "" if joint.holding is None else quantity(joint.holding, joint.unit),
         friction or "not determined",
         f"{low} to {high}",
-        "" if joint.drift is None else _position(joint.drift, joint, 2),
+        _drift(joint.drift, joint),
         in_words(joint.level),
     ]
+
+
+def _drift(value: float | None, joint: JointCertificate) -> str:
+    return "" if value is None else shown_drift(value, joint.position_unit)
 
 
 def _position(value: float, joint: JointCertificate, decimals: int) -> str:

@@ -35,7 +35,10 @@ class RosRig:
     Attributes:
         simulated: In words; ``""``: it is an arm.
         friction: Part of its friction that it has while it is released.
+        resumes: Always: a motion that was stopped goes on where it was.
     """
+
+    resumes = True
 
     def __init__(
         self,

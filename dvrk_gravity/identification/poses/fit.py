@@ -32,7 +32,11 @@ from dvrk_gravity.identification.poses.solver import (
     solve_robust,
 )
 from dvrk_gravity.identification.quality.identifiability import determined
-from dvrk_gravity.identification.quality.uncertainty import holding, uncertainty_of_poses
+from dvrk_gravity.identification.quality.uncertainty import (
+    holding,
+    rest_error,
+    uncertainty_of_poses,
+)
 from dvrk_gravity.identification.quality.verdict import judge
 from dvrk_gravity.identification.quality.weights import contradictions, idle
 from dvrk_gravity.identification.result import (
@@ -104,7 +108,8 @@ def fit_static(
 
     measured = shown(poses.effort)
     training = joint_errors(arm.joint_names, measured, shown(fitted))
-    held = holding(lambda q: solution.at_rest(table, q), solution.theta, spread.total, poses.q, arm)
+    at_rest = partial(solution.at_rest, table)
+    held = holding(at_rest, solution.theta, spread.total, poses.q, arm)
     # Poses left out of the fit count in the errors that are printed, but are no fault of the model.
     used = np.all(weight > 0.0, axis=1)
     unseen = used[held_out]
@@ -140,6 +145,7 @@ def fit_static(
         samples=len(poses),
         physical={},
         traces=tuple(_traces(poses, measured, shown(fitted), arm, coordinates)),
+        rest_error=partial(rest_error, at_rest, spread.total),
         holding=held,
         verdict=verdict,
         against=against,

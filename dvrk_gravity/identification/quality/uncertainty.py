@@ -280,6 +280,19 @@ def dry_friction(model: TorqueModel) -> Array:
     return np.asarray(0.5 * np.diag(up - down))
 
 
+def rest_error(rows: Callable[[Array], Array], covariance: Array, q: Array) -> Array:
+    """Return (K, n) standard errors of the torque at rest, N·m or N.
+
+    Args:
+        rows: From (K, n) positions to (K, n, p) joint torques of each coefficient, at rest.
+        covariance: (p, p) second moment of their errors.
+        q: (K, n) positions, rad or m.
+    """
+    columns = rows(q)
+    variance = np.einsum("kjp,pq,kjq->kj", columns, covariance, columns, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
 def holding(
     rows: Callable[[Array], Array],
     theta: Array,
@@ -308,13 +321,8 @@ def holding(
     recorded = np.where(upper - lower < NARROW * arm.scale, anywhere, recorded)
     found = []
     for poses in (recorded, anywhere):
-        columns = rows(poses)
-        variance = np.einsum("kjp,pq,kjq->kj", columns, covariance, columns, optimize=True)
-        torque = columns @ theta
-        found += [
-            np.sqrt(np.mean(torque**2, axis=0)),
-            np.sqrt(np.maximum(variance, 0).mean(axis=0)),
-        ]
+        each = rows(poses) @ theta, rest_error(rows, covariance, poses)
+        found += [np.sqrt(np.mean(value**2, axis=0)) for value in each]
     rubbing = np.broadcast_to(friction, lower.shape)
     return {
         joint: Holding(*(float(values[k]) for values in (*found, lower, upper, rubbing)))

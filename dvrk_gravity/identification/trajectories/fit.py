@@ -37,6 +37,7 @@ from dvrk_gravity.identification.quality.uncertainty import (
     known_error,
     model_uncertainty,
     omitted_effects,
+    rest_error,
 )
 from dvrk_gravity.identification.quality.verdict import judge, of_clock
 from dvrk_gravity.identification.quality.weights import contradictions, idle
@@ -51,7 +52,7 @@ from dvrk_gravity.identification.result import (
 )
 from dvrk_gravity.identification.trajectories.kinematics import calibrate
 from dvrk_gravity.identification.trajectories.problem import Problem, choose, pose, solved
-from dvrk_gravity.identification.trajectories.selection import ColumnSelection
+from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection
 from dvrk_gravity.intake import Design, Source, read_motions, without_standing
 from dvrk_gravity.model import Columns, TorqueModel, starts
 from dvrk_gravity.parameters import node_parameters
@@ -80,6 +81,7 @@ class ColumnFit:
         blind: (N, n) torque, each sample predicted by a fit that had not seen it, N·m.
         parameters: Named, with intervals.
         identifiability: What the data determine.
+        rest_error: From (K, n) positions to (K, n) standard errors of the torque at rest, N·m.
         holding: Gravity torque and its uncertainty, by joint.
         spread: Covariance of the coefficients, with what effects that the model lacks add.
         meat: Covariance of the scores of all columns.
@@ -92,6 +94,7 @@ class ColumnFit:
     blind: Array
     parameters: tuple[FittedParameter, ...]
     identifiability: Identifiability
+    rest_error: Callable[[Array], Array]
     holding: Mapping[str, Holding]
     spread: Uncertainty
     meat: Array
@@ -105,6 +108,7 @@ def fit_dynamic(
     physical: bool | None = None,
     report: Report = lambda stage, share: None,
     form: type[Columns] = Columns,
+    least_gain: float = LEAST_GAIN,
 ) -> Fit:
     """Fit a model to trajectories and judge it.
 
@@ -117,6 +121,7 @@ def fit_dynamic(
             there are any near the fit.
         report: Called with the stage and the share of it that is done.
         form: Which columns there are.
+        least_gain: See :class:`ColumnSelection`.
 
     Raises:
         RecordingError: A recording that cannot be used.
@@ -130,7 +135,7 @@ def fit_dynamic(
             f"determines no motor's torque, as {', '.join(standing)} stand still: expected motions "
             "of all joints",
         )
-    built = pose(parts, arm, effects, lambda share: report("regressor", share), form=form)
+    built = pose(parts, arm, effects, lambda share: report("regressor", share), form, least_gain)
     problem, chosen = choose(
         built, starts(built.design.columns, effects),
         lambda share: report("choice of terms", share),
@@ -187,6 +192,7 @@ def fit_dynamic(
         samples=sum(len(motion) for motion in parts),
         physical={} if found.links is None else certificate(arm, found.links),
         traces=_traces(design, found.blind, coordinates),
+        rest_error=found.rest_error,
         holding=found.holding,
         verdict=verdict,
         against=against,
@@ -234,13 +240,15 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
     # Effects that the model lacks hold the arm, too: the fit's columns replace part of them.
     everything, errors = np.zeros(len(meat)), omitted.copy()
     everything[index], errors[own] = solution.theta, spread.total
+    at_rest = partial(_at_rest, columns)
     held = holding(
-        partial(_at_rest, columns), everything, errors, design.state.q, columns.arm,
+        at_rest, everything, errors, design.state.q, columns.arm,
         dry_friction(_model(columns, everything, links)),
     )  # fmt: skip
     return ColumnFit(
-        solution, free, links, predicted, blind, parameters, identifiability, held, spread, meat
-    )
+        solution, free, links, predicted, blind, parameters, identifiability,
+        partial(rest_error, at_rest, errors), held, spread, meat,
+    )  # fmt: skip
 
 
 def _meat(problem: Problem, predicted: Array, blind: Array) -> Array:

@@ -129,7 +129,8 @@ def _moved(
     x = np.empty((*design.y.shape, len(columns.columns)))
     x[..., list(kept)] = design.x[..., list(kept.values())]
     x[..., new] = build_design(columns, motions, chosen=new).x
-    around = posed(replace(design, columns=columns, x=x), motions, problem.selection.effects)
+    of = problem.selection
+    around = posed(replace(design, columns=columns, x=x), motions, of.effects, of.least_gain)
     same = old.same(chosen, columns)
     return with_motor_weights(around, same), same
 

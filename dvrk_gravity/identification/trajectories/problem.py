@@ -26,7 +26,7 @@ from dvrk_gravity.estimation import (
     make_folds,
     reweighted,
 )
-from dvrk_gravity.identification.trajectories.selection import ColumnSelection, FoldSums
+from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection, FoldSums
 from dvrk_gravity.intake import CalibrationMotion, Design, build_design
 from dvrk_gravity.model import Columns
 
@@ -136,6 +136,7 @@ def pose(
     effects: Sequence[str] | None = None,
     progress: Callable[[float], None] = lambda share: None,
     form: type[Columns] = Columns,
+    least_gain: float = LEAST_GAIN,
 ) -> Problem:
     """Return the least-squares problem of some motions.
 
@@ -145,22 +146,24 @@ def pose(
         effects: Effects that may be used besides the rigid body; ``None``: all.
         progress: Called with the share of the regressor that is done.
         form: Which columns there are.
+        least_gain: See :class:`ColumnSelection`.
     """
     q = np.concatenate([motion.state.q for motion in motions])
     columns = form(arm, q.min(axis=0), q.max(axis=0))
-    return posed(build_design(columns, motions, progress), motions, effects)
+    return posed(build_design(columns, motions, progress), motions, effects, least_gain)
 
 
 def posed(
-    design: Design, motions: Sequence[CalibrationMotion], effects: Sequence[str] | None
-) -> Problem:
+    design: Design, motions: Sequence[CalibrationMotion], effects: Sequence[str] | None,
+    least_gain: float,
+) -> Problem:  # fmt: skip
     """Return the least-squares problem of the regressor of some motions; see :func:`pose`."""
     clock = [motion.source for motion in motions]
     folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = _weigh(design)
     whole = NormalEquations.of(design.x, design.y, weighting.sample)
     sums = FoldSums(design, folds, weighting.sample, whole)
-    selection = ColumnSelection(design.columns, sums, weighting.motor, effects=effects)
+    selection = ColumnSelection(design.columns, sums, weighting.motor, effects, least_gain)
     return Problem(design, folds, weighting, whole, selection)
 
 

@@ -119,6 +119,8 @@ class ColumnSelection:
         sums: Over the samples that each fold's fit sees, and those that it is tested on.
         weight: (m,) inverse variance of one sample of each motor, correlation included.
         effects: Effects that may be used besides the rigid body; ``None``: all.
+        least_gain: Part of the squared held-out error, in the mean over motors, that each further
+            column must remove.
         choices: The last trial of every effect and joint.
     """
 
@@ -126,11 +128,12 @@ class ColumnSelection:
     sums: FoldSums
     weight: Array
     effects: Sequence[str] | None = None
+    least_gain: float = LEAST_GAIN
     choices: list[Choice] = field(default_factory=list)
 
     def with_weights(self, weight: Array) -> ColumnSelection:
         """Return the search with other (m,) weights of motors, and the trials so far."""
-        return ColumnSelection(self.columns, self.sums, weight, self.effects, list(self.choices))
+        return replace(self, weight=weight, choices=list(self.choices))
 
     def allowed(self, effect: str) -> bool:
         """Whether an effect may be used."""
@@ -188,7 +191,7 @@ class ColumnSelection:
             if number:
                 more = max(1, len(found) - len(best))
                 gain, error = self.compare(self.score(best), self.score(found))
-                if gain <= max(LEAST_GAIN * more, STANDARD_ERRORS * error):
+                if gain <= max(self.least_gain * more, STANDARD_ERRORS * error):
                     continue
             best, best_choices = found, self.choices
         self.choices = best_choices
@@ -237,10 +240,10 @@ class ColumnSelection:
     def _judged(self, before: Array, move: ModelChange, errors: Array) -> MoveTrial:
         gain, uncertainty = self.compare(before, errors)
         if not move.add:  # a smaller model need not gain, only not lose
-            worth = gain + TOLERATED_LOSS * LEAST_GAIN * len(move.remove)
+            worth = gain + TOLERATED_LOSS * self.least_gain * len(move.remove)
             return MoveTrial(move, worth, worth > 0.0, errors)
         more = max(1, len(move.add) - len(move.remove))
-        worth = gain - LEAST_GAIN * more
+        worth = gain - self.least_gain * more
         return MoveTrial(move, worth, worth > max(0.0, STANDARD_ERRORS * uncertainty), errors)
 
     def permitted(self, move: ModelChange) -> bool:
