@@ -241,7 +241,7 @@ def test_a_limit_that_is_tightened_meanwhile_ends_it_before_the_next_phase(
 def test_a_process_that_is_killed_in_any_phase_is_resumed_and_loses_nothing(
     fake: FakeArm, tmp_path: Path
 ) -> None:
-    plan = planned(tmp_path, Basis(np.array([1.2]), 0.4, DURATION / 2))
+    plan = planned(tmp_path, Basis(np.array([0.6]), 0.6, DURATION / 2))
     fake.position = POSE + np.radians(8.0)
     said = []
     for phase, after in (("approach", 0.2), ("rehearsal", 3.0), ("motion", 0.6)):
