@@ -47,10 +47,10 @@ def warmed(world: MujocoWorld) -> MujocoWorld:
     return replace(world, joint_friction=replace(friction, **more))
 
 
-def on_a_day(world: MujocoWorld, model, change):
+def on_a_day(world: MujocoWorld, model, change, duration: float = DURATION):
     """Another motion; its efforts with a change of the model's friction, kind by kind."""
     motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
-    truth = world.truth(motion, DURATION)
+    truth = world.truth(motion, duration)
     state = State(truth.q, truth.qd, truth.qdd)
     kinds = {term.NAME: term.torque(state) for term in model.terms if term.FRICTION}
     return world.record(replace(truth, effort=truth.effort + change(kinds)), 7)
@@ -128,7 +128,9 @@ def test_a_joint_that_differs_from_the_others_is_told_beside_them(world, model):
     other = 3
     signs = np.where(np.arange(world.arm.n) == other, -0.3, 0.3)
 
-    diagnosis = diagnose(on_a_day(world, model, lambda kinds: signs * sum(kinds.values())), model)
+    recording = on_a_day(world, model, lambda kinds: signs * sum(kinds.values()), 30.0)
+
+    diagnosis = diagnose(recording, model)
 
     assert diagnosis.findings == ()
     for_all, *others = diagnosis.known

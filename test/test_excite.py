@@ -465,8 +465,10 @@ def test_an_encoder_that_slips_on_the_way_stops_the_arm_where_it_was_told_to_be(
 def test_an_arm_that_moves_by_itself_is_not_driven(fake: FakeArm) -> None:
     from dvrk_gravity.ros import MotionError
 
+    begin = time.monotonic()
+
     def drift() -> None:
-        fake.position = fake.position + 0.001 * np.eye(7)[1]
+        fake.position = POSE + 0.1 * (time.monotonic() - begin) * np.eye(7)[1]
 
     fake.client.node.create_timer(0.01, drift)
     with mover(fake) as moving, pytest.raises(MotionError, match="shoulder_pitch moves by"):
@@ -597,11 +599,11 @@ def test_after_a_long_sleep_the_arm_is_held_and_sent_nowhere(fake: FakeArm) -> N
 
     def path(t: float) -> tuple[np.ndarray, np.ndarray]:
         if t > 0.3 and not slept:
-            slept.append(len(fake.told))
             time.sleep(ASLEEP + 0.2)
+            slept.append(len(fake.told))
             fake.position = POSE + np.radians(40.0)
             fake.follows = False
-            time.sleep(0.1)
+            time.sleep(0.3)
         return POSE + 0.05 * t, np.full(7, 0.05)
 
     with mover(fake) as moving:
