@@ -211,7 +211,9 @@ class FakeArm:
         self.message = JointState
         self.measured = node.create_publisher(JointState, "measured_js", 100)
         self.servo_jf = node.create_publisher(JointState, "servo_jf", 10)
-        node.create_subscription(JointState, "servo_jp", lambda m: self.on_servo_jp(m), 100)
+        self.servo_jp = node.create_subscription(
+            JointState, "servo_jp", lambda m: self.on_servo_jp(m), 100
+        )
         node.create_subscription(Empty, "hold", self.on_hold, 10)
         self.speak_timer = node.create_timer(0.01, self.speak)
 
@@ -224,6 +226,9 @@ class FakeArm:
         self.holds += 1
 
     def speak(self) -> None:
+        """Measure, where all commands lead that have arrived, however late this thread is."""
+        while taken := self.servo_jp.handle.take_message(self.message, False):
+            self.on_servo_jp(taken[0])
         if self.speaks:
             message = self.message(name=JOINT_NAMES, position=self.position.tolist())
             message.effort = self.effort
