@@ -19,7 +19,7 @@ OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip")
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
 	@echo "make calibrate-demo  from a simulated arm to a model with a certificate, three minutes (out/calibrate)"
-	@echo "make test    the test suite, three workers (WORKERS=2 for less)"
+	@echo "make test    the test suite, six workers (WORKERS=2 for less)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
 	@echo "make docs    the site in out/site; a warning is an error"
@@ -60,8 +60,8 @@ calibrate-demo: install/.done
 # Hundreds of processes are started: bytecode that is kept spares each of them the compiler.
 test: install/.done
 	@$(IN_WORKSPACE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
-# One more than cores of a small machine: tests that start nodes wait more than they compute.
-WORKERS ?= 3
+# Three for each core of a small machine: tests that start nodes wait more than they compute.
+WORKERS ?= 6
 
 lint: $(VENV)/.done
 	$(BIN)/ruff check .

@@ -20,6 +20,12 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 CONFIG = REPOSITORY / "config"
 MODEL_FILE = CONFIG / "mtmr_28002.yaml"
 
+# Silence after which nodes give up, s: as long as they allow. The arm is a thread of the tests, or
+# they themselves: a busy machine stalls it for tenths of a second.
+TIMEOUT = 1.0
+PATIENT = ("-p", f"timeout:={TIMEOUT}", "-p", "input_depth:=100")
+LATE = 1.0  # s that a busy machine may add to a time-out
+
 
 @cache
 def syntax(path: Path) -> tuple[ast.AST, ...]:

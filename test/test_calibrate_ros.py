@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import TIMEOUT
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm
@@ -15,7 +16,6 @@ from dvrk_gravity.simulate import PlantFile
 
 ARM = Arm.load("ecm")
 NAMESPACE = f"{PRIVATE}/ECM"
-TIMEOUT = 0.6  # s; a busy machine is late
 
 
 @pytest.fixture

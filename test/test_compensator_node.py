@@ -9,14 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import CONFIG, MODEL_FILE, FakeArm
+from conftest import CONFIG, MODEL_FILE, PATIENT, TIMEOUT, FakeArm
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.ros import NodeProcess
 
-# A loaded machine may stall a test for a while: only tests of the time-out use a short one.
-PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")
 # Friction that explains what the arm holds itself with; at rest it adds nothing.
 STICKY = ("-p", "coulomb_friction.joint_positive:=[1.,1.,1.,0.2,0.06,0.06,0.02]")
 # Changes of the torque that are not to be compared with what the last start accepted.
@@ -291,11 +289,11 @@ def test_started_disabled_it_commands_nothing_and_holds_nothing(arm, start):
 
 
 def test_when_input_stops_it_holds_in_time_and_resumes_only_when_told(arm, start):
-    start("-p", "timeout:=0.5")
+    start(*PATIENT)
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     silence = time.monotonic()
     arm.client.wait(lambda: bool(arm.holds), "the hold")
-    assert 0.3 < arm.holds[0] - silence < 1.2
+    assert 0.6 * TIMEOUT < arm.holds[0] - silence < TIMEOUT + 0.7
     arm.client.wait(lambda: arm.state.startswith("fault: no valid measured_js"), "the reason")
     mark = len(arm.commands)
     arm.run(0.5)
@@ -305,21 +303,21 @@ def test_when_input_stops_it_holds_in_time_and_resumes_only_when_told(arm, start
 
 
 def test_invalid_input_does_not_count_as_fresh(arm, start):
-    start("-p", "timeout:=0.5")
+    start(*PATIENT)
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     arm.run_until(lambda: bool(arm.holds), "the hold", position=[float("nan")] * 7)
     arm.client.wait(lambda: arm.state.startswith("fault"), "the fault")
 
 
 def test_a_stamp_that_stands_still_is_stale_input(arm, start):
-    start("-p", "timeout:=0.5")
+    start(*PATIENT)
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     arm.run_until(lambda: bool(arm.holds), "the hold", stamp=arm.stamp)
     arm.client.wait(lambda: "stamp" in arm.state, "the reason")
 
 
 def test_automatic_resume_goes_on_by_itself(arm, start):
-    start("-p", "timeout:=0.5", "-p", "resume:=automatic")
+    start(*PATIENT, "-p", "resume:=automatic")
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     arm.client.wait(lambda: bool(arm.holds), "the hold")
     mark = len(arm.commands)

@@ -24,6 +24,7 @@ from testing.mujoco_world import MujocoWorld
 pytestmark = pytest.mark.usefixtures("brief_simulation")
 
 MORE, LOAD = 1.2, 0.04  # of friction; part of a joint's load that is friction, as gears have it
+DURATION = 15.0  # s, of the motion that is diagnosed
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +47,10 @@ def warmed(world: MujocoWorld) -> MujocoWorld:
     return replace(world, joint_friction=replace(friction, **more))
 
 
-def on_a_day(world: MujocoWorld, model, change):
+def on_a_day(world: MujocoWorld, model, change, duration: float = DURATION):
     """Another motion; its efforts with a change of the model's friction, kind by kind."""
     motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
-    truth = world.truth(motion)
+    truth = world.truth(motion, duration)
     state = State(truth.q, truth.qd, truth.qdd)
     kinds = {term.NAME: term.torque(state) for term in model.terms if term.FRICTION}
     return world.record(replace(truth, effort=truth.effort + change(kinds)), 7)
@@ -63,7 +64,7 @@ def test_all_friction_that_has_grown_is_known_and_no_scale_of_all_efforts(world,
     motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
     arm = warmed(world)
 
-    diagnosis = diagnose(arm.record(arm.truth(motion), 7), model)
+    diagnosis = diagnose(arm.record(arm.truth(motion, DURATION), 7), model)
 
     assert diagnosis.findings == ()
     known = diagnosis.known[0]
@@ -92,7 +93,7 @@ def test_friction_that_has_halved_is_in_the_headline_with_what_to_do_about_it(wo
 def test_a_load_on_a_day_of_more_friction_is_told_as_the_load(world, model):
     motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
     arm, mass = warmed(world), 0.8
-    truth = arm.truth(motion)
+    truth = arm.truth(motion, DURATION)
     centre = np.array([0.02, 0.0, 0.1])
     loaded = payload(arm.setting(truth, np.ones(world.arm.n)), world.arm.n - 1, mass, centre).truth
 
@@ -127,7 +128,9 @@ def test_a_joint_that_differs_from_the_others_is_told_beside_them(world, model):
     other = 3
     signs = np.where(np.arange(world.arm.n) == other, -0.3, 0.3)
 
-    diagnosis = diagnose(on_a_day(world, model, lambda kinds: signs * sum(kinds.values())), model)
+    recording = on_a_day(world, model, lambda kinds: signs * sum(kinds.values()), 30.0)
+
+    diagnosis = diagnose(recording, model)
 
     assert diagnosis.findings == ()
     for_all, *others = diagnosis.known
@@ -143,7 +146,8 @@ def test_a_joint_that_differs_from_the_others_is_told_beside_them(world, model):
 
 def test_a_scale_of_two_joints_is_not_said_to_be_of_all(world, model):
     scales = np.array([1.0, 0.8, 0.8, 1.0, 1.0, 1.0])
-    truth = world.truth(draw_other(world.arm, 7, draw_calibration(world.arm, 5)))
+    motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
+    truth = world.truth(motion, DURATION)
 
     found = diagnose(world.record(replace(truth, effort=scales * truth.effort), 7), model).findings
 

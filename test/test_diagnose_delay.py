@@ -15,6 +15,7 @@ from testing.mujoco_world import MujocoWorld
 pytestmark = pytest.mark.usefixtures("brief_simulation")
 
 SEED, DELAY = 41, 0.05  # s; of a UR5 that shows no velocities, at 200 Hz
+DURATION = 15.0  # s, of the motion that is diagnosed
 SLOW = pytest.mark.slow
 
 
@@ -23,7 +24,7 @@ def test_efforts_that_are_late_are_no_friction_though_accelerations_are_noisy(mo
     world = MujocoWorld.draw("ur5", SEED)
     calibration = draw_calibration(world.arm, SEED)
     model = identify(world.record(world.truth(calibration), SEED), world.arm).model
-    truth = world.truth(draw_other(world.arm, motion, calibration))
+    truth = world.truth(draw_other(world.arm, motion, calibration), DURATION)
     late = [np.interp(truth.time - DELAY, truth.time, effort) for effort in truth.effort.T]
     recording = world.record(replace(truth, effort=np.column_stack(late)), motion)
 

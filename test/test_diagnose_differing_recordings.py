@@ -18,6 +18,7 @@ from testing.mujoco_world import MujocoWorld
 pytestmark = pytest.mark.usefixtures("brief_simulation")
 
 MASS, CENTRE = 1.2, np.array([0.0, 0.02, 0.08])  # kg, m
+DURATION = 20.0  # s, of each recording
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,8 @@ def recorded(world: MujocoWorld, seed: int, mass: float, name: str):
 
 @cache
 def _recorded(world: MujocoWorld, seed: int, mass: float):
-    truth = world.truth(draw_other(world.arm, seed, draw_calibration(world.arm, 5)))
+    motion = draw_other(world.arm, seed, draw_calibration(world.arm, 5))
+    truth = world.truth(motion, DURATION)
     if mass:
         setting = world.setting(truth, np.ones(world.arm.n))
         truth = payload(setting, world.arm.n - 1, mass, CENTRE).truth

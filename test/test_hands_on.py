@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import CONFIG, MODEL_FILE, FakeArm
+from conftest import CONFIG, MODEL_FILE, PATIENT, TIMEOUT, FakeArm
 from diagnostic_msgs.msg import KeyValue
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -16,8 +16,6 @@ from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray, String
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.ros import COMMANDS, PRIVATE, NodeProcess, private_domain
 
-# A loaded machine may stall a test for a while: only tests of a time-out use a short one.
-PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")
 MODEL = TorqueModel.load(MODEL_FILE)
 
 
@@ -221,7 +219,7 @@ def test_a_hold_comes_again_after_the_last_command_has_surely_arrived(arm, start
 
 def test_a_subscriber_that_stands_still_makes_no_storm_of_holds(arm, start):
     """The arm is to obey others again, whoever else listens to hold and does not answer."""
-    watchdog = start("watchdog", "-p", "watchdog_timeout:=1.0")
+    watchdog = start("watchdog", "-p", f"watchdog_timeout:={TIMEOUT}")
     start("compensator", *PATIENT)
     commanding(arm)
     watchdog.signal(signal.SIGSTOP)
@@ -236,7 +234,7 @@ def test_a_subscriber_that_stands_still_makes_no_storm_of_holds(arm, start):
 @pytest.mark.parametrize("verb", ["compensator", "watchdog"])
 def test_an_end_whose_hold_reaches_nobody_is_not_status_0(arm, start, verb):
     nodes = {
-        "watchdog": start("watchdog", "-p", "watchdog_timeout:=1.0"),
+        "watchdog": start("watchdog", "-p", f"watchdog_timeout:={TIMEOUT}"),
         "compensator": start("compensator", *PATIENT),
     }
     arm.run_until(
@@ -278,7 +276,7 @@ def test_it_does_not_take_the_arm_out_of_somebody_s_motion(arm, start):
 @pytest.mark.parametrize("topic", ["move_jp", "servo_jf"])
 def test_resuming_by_itself_leaves_an_arm_alone_that_somebody_moved_meanwhile(arm, start, topic):
     mover = arm.client.node.create_publisher(JointState, topic, 10)
-    start("compensator", "-p", "timeout:=0.5", "-p", "resume:=automatic")
+    start("compensator", *PATIENT, "-p", "resume:=automatic")
     commanding(arm)
     arm.client.wait(lambda: "no valid measured_js" in arm.state, "the fault of the input")
     mover.publish(JointState())
@@ -454,7 +452,7 @@ def follow(self, *arguments):
     global count
     count += 1
     if count == 50:
-        time.sleep(1.5)
+        time.sleep(2.5)
     return quick(self, *arguments)
 Supervisor._follow = follow
 sys.exit(run("dvrk_gravity.ros.verbs:CompensatorVerb", sys.argv[1:]))
@@ -463,13 +461,11 @@ sys.exit(run("dvrk_gravity.ros.verbs:CompensatorVerb", sys.argv[1:]))
 
 def test_a_process_that_stood_still_while_it_answered_sends_no_late_answer(arm):
     program = ("-c", STALLED)
-    with NodeProcess(
-        None, "--params-file", str(MODEL_FILE), "-p", "timeout:=0.5", program=program
-    ) as node:
+    with NodeProcess(None, "--params-file", str(MODEL_FILE), *PATIENT, program=program) as node:
         arm.await_compensator()
         arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
         arm.run(0.3)
-        assert "no valid measured_js for 0.5 s" in arm.state
+        assert f"no valid measured_js for {TIMEOUT:g} s" in arm.state
         assert len(arm.commands) == 49
         assert arm.holds
     assert node.process.returncode == 0
@@ -490,14 +486,14 @@ def test_a_watchdog_that_has_not_told_its_time_out_is_waited_for(arm, start):
 
 def test_the_watchdog_s_time_out_must_fit_and_its_hold_is_the_compensator_s_fault(arm, start):
     """Messages that come slowly suit the one and not the other."""
-    watchdog = start("watchdog", "-p", "watchdog_timeout:=0.4")
+    watchdog = start("watchdog", "-p", "watchdog_timeout:=0.8")
     arm.client.wait(lambda: bool(arm.client.state("watchdog")), "the watchdog")
     start("compensator", *PATIENT)
-    arm.run_until(lambda: "the watchdog holds the arm after 0.4 s" in arm.state, "the reason")
+    arm.run_until(lambda: "the watchdog holds the arm after 0.8 s" in arm.state, "the reason")
     if arm.commands:  # DDS found the watchdog after the arm: the two met in command
         arm.run_until(lambda: bool(arm.holds), "the hold")
         assert_silent(arm)
-    assert arm.client.set_parameters({"timeout": 0.4})[0]
+    assert arm.client.set_parameters({"timeout": 0.8})[0]
     arm.client.enable(True)
     commanding(arm)
     taken, reason = arm.client.set_parameters({"timeout": 0.9})
@@ -533,7 +529,7 @@ def test_two_who_publish_measured_js_are_not_followed(arm, start):
 
 
 def test_an_encoder_that_jumps_by_thirty_degrees_is_not_followed(arm, start):
-    start("compensator", "-p", "timeout:=0.5", "-p", "input_depth:=100")
+    start("compensator", *PATIENT)
     arm.run_until(lambda: arm.state.startswith("commanding"), "the end of the ramp")
     commanding(arm)
     torque = arm.efforts[-1]

@@ -25,6 +25,8 @@ from dvrk_gravity.effects import effects
 from dvrk_gravity.files import resources
 
 DOCS = REPOSITORY / "docs"
+# Those of api/ are written by `make docs`, which may run beside these tests.
+PAGES = [path for path in DOCS.rglob("*.md") if path.parent != DOCS / "api"]
 
 
 def script(name: str):
@@ -59,9 +61,7 @@ def anchors(page: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize(
-    "page", [*REPOSITORY.glob("*.md"), *DOCS.rglob("*.md")], ids=lambda p: p.name
-)
+@pytest.mark.parametrize("page", [*REPOSITORY.glob("*.md"), *PAGES], ids=lambda p: p.name)
 def test_links_within_the_documentation_lead_somewhere(page):
     links = re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8"))
     for path, fragment in links:
@@ -73,9 +73,8 @@ def test_links_within_the_documentation_lead_somewhere(page):
 def test_every_page_is_in_the_table_of_contents():
     """Sphinx warns of one that is not; here it takes no time."""
     listed = (DOCS / "index.md").read_text(encoding="utf-8").split()
-    pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")}
-    outside = {page for page in pages if not page.startswith("api/")} - {"index"}
-    assert outside <= set(listed)
+    pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in PAGES}
+    assert pages - {"index"} <= set(listed)
 
 
 def test_the_readme_is_read_in_two_screens():

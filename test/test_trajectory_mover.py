@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import TIMEOUT
 from test_excite import POSE, FakeArm, fake
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
@@ -102,7 +103,7 @@ def moved() -> Iterator[tuple[Any, Straight]]:
     path = Straight.within(POSE, POSE + 0.3, PlanLimits.of(arm), 0.5)
     with (
         Client(name="collect") as client,
-        TrajectoryMover(client, arm, ACTION, 200.0, 0.3) as mover,
+        TrajectoryMover(client, arm, ACTION, 200.0, TIMEOUT) as mover,
     ):
         yield mover, path
 
@@ -133,7 +134,7 @@ def test_a_path_is_one_goal_with_positions_velocities_and_accelerations(
     ("what", "says"),
     [
         ("stuck", "from its set point"),
-        ("silent", "no valid measured_js for 0.3 s"),
+        ("silent", f"no valid measured_js for {TIMEOUT:g} s"),
         ("ended", "the controller has ended the motion: path tolerance"),
         ("watched", "a hand"),
     ],

@@ -81,10 +81,10 @@ def test_a_hundred_megabytes_are_refused_at_once(tmp_path):
     file = tmp_path / "huge.yaml"
     with file.open("wb") as stream:
         stream.truncate(100_000_000)
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(ConfigError, match="at most 1000000 bytes"):
         yaml_file.load(file)
-    assert time.perf_counter() - begin < 0.5
+    assert time.process_time() - begin < 0.5
 
 
 def test_a_device_that_never_ends_is_refused_at_once():
