@@ -240,12 +240,19 @@ class Selection:
             if name in seen:
                 continue
             seen.add(name)
-            adjustable = hypothesis.refine or hypothesis.fixed_point
+            adjustable = hypothesis.refine or hypothesis.fixed_point or hypothesis.refine_first
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
                 again = self.evaluate(selected, refined(validation, trial.candidate, beside))
-                trial = again if again.gain > trial.gain else trial
+                trial = again if self._better(again, trial) else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
+
+    def _better(self, again: EffectTrial, trial: EffectTrial) -> bool:
+        """Return whether other settings are: more likely ones if they are as good."""
+        if again.likely == trial.likely or not trial.plausible:
+            return again.gain > trial.gain or not trial.plausible
+        first, second = (again, trial) if again.likely else (trial, again)
+        return (first if self.as_good(first, second) else second) is again
 
     def evaluate(self, rest: Beside, candidate: Candidate) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""

@@ -230,6 +230,18 @@ class Hypothesis(ABC):
         """Return whether (k,) theta is what one meets with, not only possible."""
         return True
 
+    def confined(self, theta: Array) -> Hypothesis | None:
+        """Return it where it is likely, after a fit of (k,) theta; ``None``: it is.
+
+        In steps: of what that is fitted to be it is asked again.
+        """
+        return None
+
+    @property
+    def unconfined(self) -> Hypothesis:
+        """It where it fits best, likely or not."""
+        return self
+
     def removed_fraction(self, theta: Array) -> float:
         """Return which fraction of the model's own (:attr:`removable`) theta removes.
 
