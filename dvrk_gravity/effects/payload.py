@@ -35,12 +35,9 @@ _WEIGHTLESS = np.zeros(3)
 _LEAST = 1e-4  # kg, of which the place can be found
 _HEAVY, _AWAY = 5.0, 1.0  # kg and m. Chosen
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
+_ROUNDING = 1e-9
 _AFAR = 2.0  # times what is likely, beyond which a load is not possible either. Chosen
 _NEAR = 2.0  # times a link's extent: standard deviations of a load's place before any data
-# Times that, where a load is sought that fits best farther away: beside other causes, or with other
-# weights of samples, it shifts and is near still. Chosen
-_WITHIN = 0.95
-_TURNED = 1e-3  # change of its direction at which that search ends, of 1. Chosen
 _REACH = 3.0  # m, of a place that is stated: a longer one is in other units. Chosen
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is reported, ...
 _PART_OF_WAY = 0.5  # ... or this part of its distance
@@ -257,17 +254,14 @@ class PayloadHypothesis(Hypothesis):
     def likely(self, theta: Array) -> bool:
         """A first moment alone is a light mass farther away than what is fastened to a link."""
         mass, *moment = self._basis @ theta
-        return bool(np.linalg.norm(moment) <= self._near * abs(mass))
+        return bool(np.linalg.norm(moment) <= (1.0 + _ROUNDING) * self._near * abs(mass))
 
     def confined(self, theta: Array) -> Hypothesis | None:
         """It is at the end of where a load is likely, if it is farther away."""
         moment = (self._basis @ theta)[1:]
         if not moment.any() or (self.likely(theta) and self.plausible(theta)):
             return None
-        return self._confined_towards(moment)
-
-    def _confined_towards(self, moment: Array) -> FarPayloadHypothesis:
-        place = _WITHIN * self._near * moment / np.linalg.norm(moment)
+        place = self._near * moment / np.linalg.norm(moment)
         return FarPayloadHypothesis(
             arm=self.arm, site=self.site, form=self.form,
             setting=dict(zip(AXES, place.tolist(), strict=True)),
@@ -286,7 +280,7 @@ class PayloadHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FarPayloadHypothesis(PayloadHypothesis):
-    """A link carries a point mass as far away as one is likely: a mass and a direction.
+    """A link carries a point mass as far away as one is likely: its mass is the one parameter.
 
     Where little inertia shows, the best fit is often a light mass far away. Whether a load explains
     as well then shows at the nearest place that is likely.
@@ -296,29 +290,22 @@ class FarPayloadHypothesis(PayloadHypothesis):
 
     @property
     def _basis(self) -> Array:
-        """Mass there, and first moments across."""
-        across = np.linalg.svd(self._place[None])[2][1:].T
-        return np.block([[np.ones((1, 1)), np.zeros((1, 2))], [self._place[:, None], across]])
+        return np.array([[1.0], *self._place[:, None]])
 
     @property
     def unconfined(self) -> Hypothesis:
         return PayloadHypothesis(arm=self.arm, site=self.site, form=self.form, setting=self.setting)
 
-    def confined(self, theta: Array) -> Hypothesis | None:
-        """It is in the direction that a fit shows, if that is another one."""
-        moment = (self._basis @ theta)[1:]
-        there = self._confined_towards(moment)
-        turned = np.linalg.norm(there._place - self._place) > _TURNED * self._near
-        return there if turned else None
+    def parameters(self, theta: Array) -> dict[str, float]:
+        return super().parameters(theta) | dict(self.setting)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PlacedPayloadHypothesis(PayloadHypothesis):
+class PlacedPayloadHypothesis(FarPayloadHypothesis):
     """A link carries a point mass at a place that is known: its mass is the one parameter."""
 
     STATED = True
 
-    fixed_point: tuple[str, ...] = ()
     refine_first: bool = False
 
     @property
@@ -327,11 +314,8 @@ class PlacedPayloadHypothesis(PayloadHypothesis):
         return 2.0 * _REACH  # of each coordinate
 
     @property
-    def _basis(self) -> Array:
-        return np.array([[1.0], *self._place[:, None]])
-
-    def parameters(self, theta: Array) -> dict[str, float]:
-        return super().parameters(theta) | dict(self.setting)
+    def unconfined(self) -> Hypothesis:
+        return self
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         place = ", ".join(f"{axis} {1e3 * self.setting[axis]:.4g}" for axis in AXES)

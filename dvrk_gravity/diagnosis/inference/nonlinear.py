@@ -80,12 +80,12 @@ def refined(
         candidate = validation.data.candidate(hypothesis)
         if max(moved) <= _TOLERANCE * size:
             break
-    for _ in range(_FIXED_POINTS if hypothesis.refine_first else 0):
+    if hypothesis.fixed_point:
         theta = validation.parameters([*others, candidate])
         likely = candidate.hypothesis.confined(theta[-candidate.size :])
-        if likely is None:
-            break
-        candidate = validation.data.candidate(likely)
+        if likely is not None:
+            candidate = validation.data.candidate(likely)
+            hypothesis = candidate.hypothesis
     for name in hypothesis.refine:
         if name in hypothesis.edges:
             middle = 0.5 * sum(plateau(validation, candidate, others, name))

@@ -231,10 +231,7 @@ class Hypothesis(ABC):
         return True
 
     def confined(self, theta: Array) -> Hypothesis | None:
-        """Return it where it is likely, after a fit of (k,) theta; ``None``: it is.
-
-        In steps: of what that is fitted to be it is asked again.
-        """
+        """Return it at the nearest likely settings, if those of (k,) theta are not likely."""
         return None
 
     @property
