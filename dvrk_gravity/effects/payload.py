@@ -12,7 +12,7 @@ import pinocchio as pin
 from dvrk_gravity.arms import GRAVITY, Arm, Tree, build_tree, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values, as_value
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting
+from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.links import (
     AXES,
     gravity_of,
@@ -35,6 +35,8 @@ _WEIGHTLESS = np.zeros(3)
 _LEAST = 1e-4  # kg, of which the place can be found
 _HEAVY, _AWAY = 5.0, 1.0  # kg and m. Chosen
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
+_ROUNDING = 1e-9
+_AFAR = 2.0  # times what is likely, beyond which a load is not possible either. Chosen
 _NEAR = 2.0  # times a link's extent: standard deviations of a load's place before any data
 _REACH = 3.0  # m, of a place that is stated: a longer one is in other units. Chosen
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is reported, ...
@@ -192,19 +194,38 @@ class PayloadHypothesis(Hypothesis):
     fixed_point: tuple[str, ...] = AXES
     refine_first: bool = True  # a link may turn about its frame's origin, where a mass is nothing
 
-    def _directions(self, setting: Setting) -> Array:
-        com = np.array([setting[axis] for axis in AXES])
-        return mass_directions(self.arm, self.site.index, com)
+    @property
+    def _place(self) -> Array:
+        return np.array([self.setting[axis] for axis in AXES])
+
+    @property
+    def _near(self) -> float:
+        """How far from the link's frame a load is likely to be, m."""
+        _, extent = link_sizes(self.arm)[self.site.index]
+        return _NEAR * extent
+
+    @property
+    def _farthest(self) -> float:
+        """How far from it one is possible, m."""
+        return max(_FARTHEST, _AFAR * self._near)
+
+    @property
+    def _basis(self) -> Array:
+        """(4, k) mass and first moment, kg and kg·m, by the k parameters."""
+        return np.eye(4)
+
+    def _directions(self) -> Array:
+        return mass_directions(self.arm, self.site.index, self._place) @ self._basis
 
     def regressor(self, motion: Motion) -> Array:
-        return motion.link_torque(self.site.index, self._directions(self.setting))
+        return motion.link_torque(self.site.index, self._directions())
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        mass = float(theta[0])
-        moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
+        mass, *moment = (self._basis @ theta).tolist()
+        moments = {f"first_moment_{a}": m for a, m in zip(AXES, moment, strict=True)}
         # Of a mass that is not known yet (about the axis it turns about, say) the moment still
         # shows which way it is: the search comes in from afar.
-        com = theta[1:] / max(abs(mass), _LEAST)
+        com = np.array(moment) / max(abs(mass), _LEAST)
         if self.against_reference and mass < 0.0:
             com = -com
         com *= min(1.0, _FARTHEST / max(float(np.linalg.norm(com)), _LEAST))
@@ -224,52 +245,81 @@ class PayloadHypothesis(Hypothesis):
 
     def plausible(self, theta: Array) -> bool:
         """Against a reference a mass may have been removed."""
-        taken_off = self.against_reference and theta[0] < 0.0
-        light = bool(abs(theta[0]) <= heaviest(self.arm))
-        return light and super().plausible(-theta if taken_off else theta)
+        mass, *moment = self._basis @ theta
+        if abs(mass) > heaviest(self.arm) or np.linalg.norm(moment) > self._farthest * abs(mass):
+            return False
+        taken_off = self.against_reference and mass < 0.0
+        return super().plausible(-theta if taken_off else theta)
 
     def likely(self, theta: Array) -> bool:
         """A first moment alone is a light mass farther away than what is fastened to a link."""
-        _, extent = link_sizes(self.arm)[self.site.index]
-        return float(np.linalg.norm(theta[1:])) <= _NEAR * extent * abs(float(theta[0]))
+        mass, *moment = self._basis @ theta
+        return bool(np.linalg.norm(moment) <= (1.0 + _ROUNDING) * self._near * abs(mass))
+
+    def confined(self, theta: Array) -> Hypothesis | None:
+        """It is at the end of where a load is likely, if it is farther away."""
+        moment = (self._basis @ theta)[1:]
+        if not moment.any() or (self.likely(theta) and self.plausible(theta)):
+            return None
+        place = self._near * moment / np.linalg.norm(moment)
+        return FarPayloadHypothesis(
+            arm=self.arm, site=self.site, form=self.form,
+            setting=dict(zip(AXES, place.tolist(), strict=True)),
+        )  # fmt: skip
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """A second payload becomes part of the link."""
         link, name = self.arm.body_names[self.site.index], self.effect
-        if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
-            moment = tuple(theta[1:].tolist())
-            named = {"mass": float(theta[0]), "first_moment": moment, "link": link}
+        mass, *moment = (self._basis @ theta).tolist()
+        if motion.model.term(name) is None and f"{name}.mass" not in values and mass > 0.0:
+            named = {"mass": mass, "first_moment": tuple(moment), "link": link}
             return {**values, **{f"{name}.{key}": value for key, value in named.items()}}
-        change = self._directions(self.setting) @ theta
+        change = self._directions() @ theta
         return with_link(self.arm, values, self.site.index, change)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PlacedPayloadHypothesis(PayloadHypothesis):
+class FarPayloadHypothesis(PayloadHypothesis):
+    """A link carries a point mass as far away as one is likely: its mass is the one parameter.
+
+    Where little inertia shows, the best fit is often a light mass far away. Whether a load explains
+    as well then shows at the nearest place that is likely.
+    """
+
+    fixed_point: tuple[str, ...] = ()
+
+    @property
+    def _basis(self) -> Array:
+        return np.array([[1.0], *self._place[:, None]])
+
+    @property
+    def unconfined(self) -> Hypothesis:
+        return PayloadHypothesis(arm=self.arm, site=self.site, form=self.form, setting=self.setting)
+
+    def parameters(self, theta: Array) -> dict[str, float]:
+        return super().parameters(theta) | dict(self.setting)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlacedPayloadHypothesis(FarPayloadHypothesis):
     """A link carries a point mass at a place that is known: its mass is the one parameter."""
 
     STATED = True
 
-    fixed_point: tuple[str, ...] = ()
     refine_first: bool = False
 
-    def _directions(self, setting: Setting) -> Array:
-        place = np.array([1.0, *(setting[axis] for axis in AXES)])
-        return (super()._directions(setting) @ place)[:, None]
+    @property
+    def _farthest(self) -> float:
+        """It is where it is stated to be."""
+        return 2.0 * _REACH  # of each coordinate
 
-    def parameters(self, theta: Array) -> dict[str, float]:
-        mass = float(theta[0])
-        moments = {f"first_moment_{axis}": mass * self.setting[axis] for axis in AXES}
-        return {"mass": mass, **moments, **{axis: self.setting[axis] for axis in AXES}}
+    @property
+    def unconfined(self) -> Hypothesis:
+        return self
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         place = ", ".join(f"{axis} {1e3 * self.setting[axis]:.4g}" for axis in AXES)
         return f"{super().claim(parameters)}, at {place} mm in the link's frame as stated"
-
-    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        place = [self.setting[axis] for axis in AXES]
-        free = PayloadHypothesis(arm=self.arm, site=self.site, form=self.form, setting=self.setting)
-        return free.merge(values, theta[0] * np.array([1.0, *place]), motion)
 
 
 def place_of(arm: Arm, text: str) -> tuple[int, Array]:

@@ -59,12 +59,18 @@ def begun(
 def refined(
     validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate]
 ) -> Candidate:
-    """Return a candidate with its non-linear settings at their best beside the others."""
+    """Return a candidate with its non-linear settings at their best beside the others.
+
+    At their best of those that are likely, see ``Hypothesis.confined``.
+    """
     from scipy.optimize import minimize_scalar  # slow to load
 
     hypothesis = candidate.hypothesis
     if hypothesis.EFFORT_READING:
         return _likeliest_form(validation, candidate, others)
+    if hypothesis.unconfined is not hypothesis:
+        hypothesis = hypothesis.unconfined
+        candidate = validation.data.candidate(hypothesis)
     for _ in range(_FIXED_POINTS if hypothesis.fixed_point else 0):
         theta = validation.parameters([*others, candidate])
         before, hypothesis = hypothesis.setting, hypothesis.relinearised(theta[-candidate.size :])
@@ -74,6 +80,12 @@ def refined(
         candidate = validation.data.candidate(hypothesis)
         if max(moved) <= _TOLERANCE * size:
             break
+    if hypothesis.fixed_point:
+        theta = validation.parameters([*others, candidate])
+        likely = candidate.hypothesis.confined(theta[-candidate.size :])
+        if likely is not None:
+            candidate = validation.data.candidate(likely)
+            hypothesis = candidate.hypothesis
     for name in hypothesis.refine:
         if name in hypothesis.edges:
             middle = 0.5 * sum(plateau(validation, candidate, others, name))

@@ -220,18 +220,16 @@ class Selection:
         """Return the best hypotheses beside the selected ones, settings refined, best first."""
         validation, settings = selected.validation, self.settings
         known = {each.hypothesis.key for each in selected.candidates} | {*self.excluded}
-        pool = [
-            candidate
-            for candidate in (self.moves(selected) if pool is None else pool)
-            if candidate.hypothesis.key not in known
-        ]
+        pool = self.moves(selected) if pool is None else pool
+        pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
         least = settings.least(validation)
         beside = selected.candidates
         screened = validation.screen(beside, pool, settings.screened, least)
         trials = [self.evaluate(selected, candidate) for candidate in screened]
         if not trials:
             return []
-        limit = (1.0 - settings.close) * max(trial.gain for trial in trials)
+        most = max((trial.gain for trial in trials if trial.plausible), default=0.0)
+        limit = (1.0 - settings.close) * most
         trials.sort(key=lambda trial: -trial.gain)
         result, seen = [], set()
         for trial in trials:
@@ -240,12 +238,18 @@ class Selection:
             if name in seen:
                 continue
             seen.add(name)
-            adjustable = hypothesis.refine or hypothesis.fixed_point
+            adjustable = hypothesis.refine or hypothesis.fixed_point or hypothesis.refine_first
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
                 again = self.evaluate(selected, refined(validation, trial.candidate, beside))
-                trial = again if again.gain > trial.gain else trial
+                trial = again if self._better(again, trial) else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
+
+    def _better(self, again: EffectTrial, trial: EffectTrial) -> bool:
+        """Return whether other settings are better: likely ones if they are as good."""
+        if not trial.plausible or again.likely == trial.likely:
+            return not trial.plausible or again.gain > trial.gain
+        return self.as_good(again, trial) if again.likely else not self.as_good(trial, again)
 
     def evaluate(self, rest: Beside, candidate: Candidate) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""

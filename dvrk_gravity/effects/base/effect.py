@@ -230,6 +230,15 @@ class Hypothesis(ABC):
         """Return whether (k,) theta is what one meets with, not only possible."""
         return True
 
+    def confined(self, theta: Array) -> Hypothesis | None:
+        """Return it at the nearest likely settings, if those of (k,) theta are not likely."""
+        return None
+
+    @property
+    def unconfined(self) -> Hypothesis:
+        """It where it fits best, likely or not."""
+        return self
+
     def removed_fraction(self, theta: Array) -> float:
         """Return which fraction of the model's own (:attr:`removable`) theta removes.
 
