@@ -10,14 +10,16 @@
 - *edge*: a joint's outermost position left out, where predictions are held.
 
 The console's columns are ten of gravity and five powers of each of six joints, fitted to each
-direction alone by least squares. Where fewer than five positions of a joint are left, its powers go
-only as far as these determine them.
+direction alone by least squares, and again with each joint weighted by what that leaves of it.
+Where fewer than five positions of a joint are left, its powers go only as far as these determine
+them.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -29,9 +31,11 @@ from dvrk_gravity.identification import Poses, predict_unseen, read_poses
 from dvrk_gravity.recording import Recording
 
 SHOWN = slice(1, 6)  # the joints that were posed
+ROUNDS = 10  # of fits and weights; later ones change nothing that is printed
+STEP = 1e-4  # N·m, about the resolution of the smallest joint's effort
 
 
-def console_refit(poses: Poses, unseen: Mask, arm: Arm) -> Array:
+def console_refit(poses: Poses, unseen: Mask, arm: Arm, weighted: bool = False) -> Array:
     """Return (n, 7) predictions of the console's structure at unseen poses, N·m."""
     del arm
     degrees = [
@@ -43,9 +47,17 @@ def console_refit(poses: Poses, unseen: Mask, arm: Arm) -> Array:
         train = ~unseen & (poses.direction[:, 1] == sign)
         test = poses.direction[unseen, 1] == sign
         x, y = _console(poses.q[train], degrees), poses.effort[train]
-        theta = np.linalg.lstsq(x.reshape(-1, x.shape[-1]), y.ravel(), rcond=None)[0]
+        theta = _least_squares(x, y, np.ones(y.shape[1]))
+        for _ in range(ROUNDS if weighted else 0):
+            theta = _least_squares(x, y, np.maximum(np.std(y - x @ theta, axis=0), STEP))
         predicted[test] = _console(poses.q[unseen][test], degrees) @ theta
     return predicted
+
+
+def _least_squares(x: Array, y: Array, unit: Array) -> Array:
+    """Return (p,) coefficients that fit (n, 7) efforts, each joint in its own unit."""
+    rows = (x / unit[:, None]).reshape(-1, x.shape[-1])
+    return np.asarray(np.linalg.lstsq(rows, (y / unit).ravel(), rcond=None)[0])
 
 
 def _console(q: Array, degrees: Sequence[int]) -> Array:
@@ -82,6 +94,7 @@ def main() -> None:
     poses, _ = read_poses([Recording.load(path) for path in given.poses], arm, "joint")
     methods: dict[str, Callable[[Poses, Mask, Arm], Array]] = {
         "console": console_refit,
+        "weighted": partial(console_refit, weighted=True),
         "fit_static": predict_unseen,
     }
     print(f"{'left out':<14}{'fit':<12}" + "".join(f"joint {j + 1:<4}" for j in range(1, 6)))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.signal import lfilter
 
@@ -370,10 +371,11 @@ def test_the_block_jackknife_and_clusters_give_the_covariance_that_was_drawn():
 
 def fit_without(
     amplitude: float, random: np.random.Generator
-) -> tuple[list[bool], list[bool], float, float]:
+) -> tuple[list[bool], list[bool], float, float, NDArray[np.float64]]:
     """Return whether intervals hold without and with what was omitted, and their mean widths.
 
-    Two of forty columns are fitted; the others have random amplitudes, and all are correlated.
+    Then (2, 2) squared errors and their second moment with it. Two of forty columns are fitted; the
+    others have random amplitudes, and all are correlated.
     """
     time = np.arange(1000) / 50.0
     waves = [f(k * 0.37 * time) for k in range(1, 21) for f in (np.sin, np.cos)]
@@ -395,26 +397,34 @@ def fit_without(
             low, high = spread.interval(solution.theta[k], unit)
             held[number].append(low <= truth[k] <= high)
             widths[number].append(high - low)
-    return *held, float(np.mean(widths[0])), float(np.mean(widths[1]))
+    squares = np.array([(solution.theta - truth[:2]) ** 2, np.diag(full.total)])
+    return *held, float(np.mean(widths[0])), float(np.mean(widths[1])), squares
 
 
 @pytest.mark.parametrize("amplitude", [0.2, 1.0])
 def test_intervals_hold_their_share_where_a_model_lacks_columns(amplitude):
+    """What the scores show of the omitted ones is no random error: its square is its moment.
+
+    So more than 95 % may be held, and intervals be no wider than errors are.
+    """
     random = np.random.default_rng(21)
-    bare, full = [], []
+    bare, full, squares = [], [], []
     for _ in range(200):
-        without, with_them, _, _ = fit_without(amplitude, random)
+        without, with_them, _, _, both = fit_without(amplitude, random)
         bare += without
         full += with_them
+        squares.append(both)
     assert np.mean(bare) < 0.75
-    assert 0.9 <= np.mean(full) <= 0.98
+    assert np.mean(full) >= band(0.95, len(full))[0]
+    error, moment = np.mean(squares, axis=(0, 2))
+    assert moment == pytest.approx(error, rel=0.1)
 
 
 def test_intervals_of_a_model_that_lacks_nothing_hardly_widen():
     random = np.random.default_rng(22)
     held, widths = [], []
     for _ in range(200):
-        _, with_them, before, after = fit_without(0.0, random)
+        _, with_them, before, after, _ = fit_without(0.0, random)
         held += with_them
         widths.append(after / before)
     assert np.median(widths) < 1.05
@@ -443,7 +453,7 @@ def test_what_a_model_lacks_moves_no_coefficient_held_by_its_sign_and_none_apart
 
 def test_a_torque_that_the_fit_reproduces_is_missing_nowhere():
     """Of a cable that looks like weight the weight has the bias, their sum hardly any."""
-    random, held = np.random.default_rng(24), []
+    random, held, moments = np.random.default_rng(24), [], []
     time, both = np.arange(1000) / 50.0, np.array([1.0] * 2 + [0.0] * 8)
     for _ in range(100):
         waves = [np.sin(k * 0.37 * time + 0.3 * k) for k in range(1, 11)]
@@ -459,9 +469,31 @@ def test_a_torque_that_the_fit_reproduces_is_missing_nowhere():
         off = both @ (np.append(solution.theta, np.zeros(9)) - truth)
         total = added.copy()
         total[0, 0] += sandwich(solution, gram[:1, :1]).total[0, 0]
-        assert both @ total @ both < 0.1 * total[0, 0]
+        moments.append((both @ total @ both, total[0, 0]))
         held.append(off**2 < 1.96**2 * both @ total @ both)
+    of_both, of_weight = np.mean(moments, axis=0)
+    assert of_both < 0.1 * of_weight
     assert np.mean(held) >= 0.9
+
+
+def test_what_the_scores_show_of_an_omitted_column_is_in_the_interval_of_what_it_shifts():
+    """Of two recordings that lack one column of ten, it is large in one: there intervals widen."""
+    random, time = np.random.default_rng(25), np.arange(1000) / 50.0
+    x = np.stack([np.sin(k * 0.37 * time + 0.3 * k) for k in range(1, 12)], axis=1)[:, None]
+    x[:, 0, 1] += x[:, 0, 0]
+    inside, outside, widths = np.arange(1), np.arange(1, 11), []
+    noise = random.normal(size=(1000, 1))
+    for size in (0.0, 1.0):
+        truth = np.zeros(11)
+        truth[[0, 1]] = 1.0, size
+        whole = NormalEquations.of(x, x @ truth + noise)
+        gram, side = whole.combined(np.ones(1))
+        solution = fit(whole.select(inside), np.ones(1), np.full(1, 1e3))
+        score = side - gram[:, inside] @ solution.theta
+        added = omitted_columns(solution, gram, score, gram, inside, outside, np.full(11, 1e3))
+        widths.append(float(np.sqrt(added[0, 0])))
+        assert abs(solution.theta[0] - 1.0) < 1.96 * np.sqrt(added[0, 0] + 1.0 / gram[0, 0])
+    assert widths[1] > 0.9 * abs(solution.theta[0] - 1.0) > 10.0 * widths[0]
 
 
 def test_a_column_that_the_fit_reproduces_says_nothing_of_the_others():

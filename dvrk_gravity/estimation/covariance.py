@@ -27,8 +27,18 @@ that counts as determined by the data: at a half, a 95 % interval still holds 92
 
 REPRODUCED = 0.01
 """Part of a column's square that a fit leaves, below which the fit reproduces it (a correlation of
-.995). Chosen on fits of eight UR5s and eight Pandas: from .01 to .001 as many intervals hold the
-truth, at .03 6 % fewer of the weights of Pandas. `benchmark/coverage.py --arms` counts with it."""
+.995). Chosen on 14 draws each of an ECM, a PSM, a UR5, a Panda and an MTM (seeds 0 to 13): with
+.001 as many intervals hold the truth, to a per cent, and those of parameters are 10 % wider.
+`benchmark/coverage.py --arms` counts with it."""
+
+NEGLIGIBLE = 1e-6
+"""Part of the largest variance below which a combination of scores has none, as of columns that are
+nearly the same. Chosen on the same draws: 1e-4 and 1e-8 hold as much."""
+
+RANGE = 12.0
+"""Natural logarithms, either way from where noise and omitted columns have equal shares in the
+scores, within which the amplitudes' variance is sought. Chosen: at the ends, one of the two is less
+than a hundred-thousandth of the other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +107,12 @@ def omitted_columns(
 
     Columns X2 of amplitudes a shift the coefficients by D a, D = P^-1 X1' W X2 (omitted-variable
     bias). Their own are off by -a, so that the torque is off by R a, R = X2 - X1 D: less than
-    either part where the fit reproduces X2. The scores R' W e have the second moment V + M S M: V
-    of the noise, M = R' W R, S of a. A sandwich does not see the shift, since the residual is
-    orthogonal to the fit's own columns. Every column is taken to cause as much as any other,
-    independently of it: S = lambda / diag(M). The mean square of the scores then gives lambda
-    (method of moments, Henderson 1953): about zero for a model that lacks nothing.
+    either part where the fit reproduces X2. A sandwich does not see the shift, since the residual
+    is orthogonal to the fit's own columns; the scores s = R' W e = M a + noise, M = R' W R, do.
+    So the second moment of a is that of its posterior given s. A priori every column leaves as much
+    as any other, independently of it: a ~ N(0, lambda / diag(M)), within the prior of a fit. lambda
+    maximises the likelihood of s (empirical Bayes; Casella 1985): about zero for a model that lacks
+    nothing.
 
     Args:
         solution: The fit.
@@ -117,18 +128,45 @@ def omitted_columns(
     shift = _inverse(solution) @ gram[np.ix_(inside, outside)]
     left = np.zeros((len(gram), len(outside)))  # R, in terms of all columns
     left[inside], left[outside, np.arange(len(outside))] = -shift, 1.0
-    products = left.T @ gram @ left
     least = REPRODUCED * own[outside]
-    seen = np.diag(products) > least
-    if not seen.any():
+    size = np.einsum("ik,ij,jk->k", left, gram, left, optimize=True)
+    seen = size > least
+    left /= np.sqrt(np.maximum(size, least))  # so that each leaves as much as any other
+    noise, vectors = np.linalg.eigh(left[:, seen].T @ meat @ left[:, seen])
+    acts = noise > NEGLIGIBLE * noise.max(initial=0.0)
+    if not acts.any():
         return np.zeros_like(gram)
-    size = np.maximum(np.diag(products), least)
-    noise = np.einsum("ik,ij,jk->k", left, meat, left, optimize=True)
-    excess = ((left.T @ score) ** 2 - noise)[seen] / size[seen]
-    shared = products[np.ix_(seen, seen)] ** 2 / np.outer(size[seen], size[seen])
-    typical = max(0.0, float(excess.sum() / shared.sum()))
-    variance = typical / (size + typical / scale[outside] ** 2)
-    return np.asarray((left * variance) @ left.T)
+    white = left[:, seen] @ (vectors[:, acts] / np.sqrt(noise[acts]))
+    shown, scores = white.T @ gram @ left, white.T @ score  # scores = shown a + unit noise
+    typical = _likeliest_variance(shown[:, seen], scores)
+    largest = scale[outside] ** 2 * np.maximum(size, least)
+    deviation = np.sqrt(typical / (1.0 + typical / largest))
+    left *= deviation
+    return left @ _posterior_moment(shown * deviation, scores) @ left.T
+
+
+def _likeliest_variance(shown: Array, scores: Array) -> float:
+    """Return the variance of (k,) amplitudes for (r,) scores of ``shown`` a and unit noise."""
+    from scipy.optimize import minimize_scalar  # slow to load
+
+    vectors, singular, _ = np.linalg.svd(shown, full_matrices=False)
+    explained, squares = singular**2, (vectors.T @ scores) ** 2
+    middle = -np.log(np.mean(explained))
+
+    def improbability(logarithm: float) -> float:
+        variance = 1.0 + np.exp(logarithm) * explained
+        return float(np.sum(np.log(variance) + squares / variance))
+
+    bounds = middle - RANGE, middle + RANGE
+    found = minimize_scalar(improbability, bounds=bounds, method="bounded")
+    return float(np.exp(found.x))
+
+
+def _posterior_moment(shown: Array, scores: Array) -> Array:
+    """Return (k, k) second moment of amplitudes, N(0, 1) a priori, given (r,) scores."""
+    covariance = np.linalg.inv(np.eye(shown.shape[1]) + shown.T @ shown)
+    mean = covariance @ shown.T @ scores
+    return np.asarray(covariance + np.outer(mean, mean))
 
 
 def autocorrelated_scores(
