@@ -7,7 +7,6 @@ from math import sqrt
 
 from dvrk_gravity.arms import SCALES, Arm, Joint, thousandth
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification.quality.uncertainty import NARROW
 from dvrk_gravity.identification.result import (
     Contradiction,
@@ -103,10 +102,10 @@ def judge(
     (:mod:`~dvrk_gravity.identification.quality.weights`); the held-out error; the standard error of
     the gravity torque, where it was recorded; the same anywhere within the arm's limits, and
     whether the joint moved at all, which cost no more than "good". An error of the gravity torque
-    that is less than the joint's own dry friction does not set it in motion: where 95 % of errors
-    are, they cost no more than "good" either. Errors too small to move the joint count as none,
-    unless a constant's are as small: then nothing is predicted. Friction that poses do not separate
-    costs no more than "good" either.
+    that is less than the joint's own dry friction does not set it in motion: it costs no more than
+    "good" either. Errors too small to move the joint count as none, unless a constant's are as
+    small: then nothing is predicted. Friction that poses do not separate costs no more than "good"
+    either.
 
     Args:
         errors: Held out, by joint.
@@ -266,11 +265,12 @@ def _of_holding(
     if here != GOOD:
         size, error = _milli(holding.torque, joint), _milli(holding.error, joint)
         reason = f"gravity torque uncertain: {size} ± {error}"
-        # A joint stays at rest where |e| <= friction; of e ~ N(0, error^2) only 68 % are within one
-        # standard error. A calibration's certificate demands 95 %, too (``calibration.release``).
-        if here == POOR and NORMAL_95 * holding.error <= holding.friction:
+        # A joint stays at rest where |e| <= friction: of e ~ N(0, error^2) at two poses of three, if
+        # both are equal, and it drifts slowly at the third. That is usable. A calibration's
+        # certificate demands 95 % (``calibration.release``).
+        if here == POOR and holding.error <= holding.friction:
             here = USABLE
-            reason += f", at 95 % less than its dry friction ({_milli(holding.friction, joint)})"
+            reason += f", less than its dry friction ({_milli(holding.friction, joint)})"
         yield JointVerdict(here, reason, MORE[static])
     elif anywhere == POOR:
         error, outside = _milli(holding.error_anywhere, joint), "outside the recorded poses"
