@@ -46,6 +46,7 @@ from dvrk_gravity.report import (
     plan_picture,
 )
 from dvrk_gravity.simulate import PlantFile
+from dvrk_gravity.units import fixed
 from testing.mujoco_arms import FILES
 
 COUNTS = {"mtmr": 20, "psm": 5, "ur5": 1, "ur10": 1, "panda": 1, "kinova": 1, "chain": 1}
@@ -115,8 +116,9 @@ def main(given: Sequence[str] | None = None) -> int:
             found.append(each)
             print(
                 f"{name} {seed}: {'certified' if each['certified'] else 'not certified'}, "
-                f"{each['within']} of {each['poses']} poses within, at most {each['drift']:.2f} "
-                f"deg; {each['minutes']:.1f} min of motion, {each['further']} further motions; "
+                f"{each['within']} of {each['poses']} poses within, at most "
+                f"{fixed(each['drift'], 2)} deg; {each['minutes']:.1f} min of motion, "
+                f"{each['further']} further motions; "
                 f"{100 * each['used']:.1f} % of a limit; {each['seconds']:.0f} s of a core",
                 flush=True,
             )
