@@ -109,3 +109,26 @@ def test_blocks_for_a_real_arm_are_not_run_and_named_files_are_written(tmp_path)
     )
     play.play(page, tmp_path / "out")
     assert (tmp_path / "out" / "limits.yaml").read_text() == "# limits.yaml\na: 1\n"
+
+
+PAGE = """```text
+joint     RMSE
+elbow     0.0122  good: held-out error 22 %
+…
+```
+"""
+
+
+@pytest.mark.parametrize(
+    ("printed", "stale"),
+    [
+        ("joint RMSE\nelbow 0.0122 good: held-out error 22 %\nmore", 0),
+        ("joint RMSE\nelbow 0.0130 good: held-out error 24 %", 0),  # another computer
+        ("joint RMSE\nelbow 0.0150 good: held-out error 22 %", 1),
+        ("joint RMSE\nelbow 0.0122 usable: held-out error 22 %", 1),
+        ("elbow 0.0122 good: held-out error 22 %", 1),
+        ("", 2),
+    ],
+)
+def test_a_figure_on_a_page_is_one_that_its_commands_print(printed, stale):
+    assert len(play.not_printed(PAGE, printed)) == stale
