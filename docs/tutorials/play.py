@@ -28,7 +28,7 @@ VERB = "python -m dvrk_gravity "
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _LINKED = re.compile(r"\]\(([\w./]+\.py)\)")
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?")
-_NEAR = 0.1  # of a figure: another computer rounds otherwise, and a search ends elsewhere. Chosen
+_TENTH = 0.1  # of a figure: another computer rounds otherwise, and a search ends elsewhere. Chosen
 _LAST = 2.0  # ... or units of its last digit
 _FILE = re.compile(r"(?:#|<!--) (\S+\.\w+)(?: -->)?\n")
 
@@ -108,7 +108,7 @@ def not_printed(page: str, printed: str) -> list[str]:
         for line in text.splitlines()
         if line.strip() != "…"
     ]
-    return [line for line in lines if not any(_alike(_parted(line), each) for each in found)]
+    return [line for line in lines if not any(_near(_parted(line), each) for each in found)]
 
 
 def _parted(line: str) -> tuple[list[str], list[str]]:
@@ -116,10 +116,10 @@ def _parted(line: str) -> tuple[list[str], list[str]]:
     return _NUMBER.sub("#", line).split(), _NUMBER.findall(line)
 
 
-def _alike(shown: tuple[list[str], list[str]], printed: tuple[list[str], list[str]]) -> bool:
+def _near(shown: tuple[list[str], list[str]], printed: tuple[list[str], list[str]]) -> bool:
     return shown[0] == printed[0] and all(
         abs(float(a) - float(b))
-        <= max(_NEAR * abs(float(a)), _LAST * 10.0 ** -len(a.partition(".")[2]))
+        <= max(_TENTH * abs(float(a)), _LAST * 10.0 ** -len(a.partition(".")[2]))
         for a, b in zip(shown[1], printed[1], strict=True)
     )
 
