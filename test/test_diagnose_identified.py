@@ -64,7 +64,8 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
     assert {known.joints for known in diagnosis.known} >= {(joint,) for joint in diagnosis.after}
     for joint, unit in zip(arm.joint_names, arm.effort_units, strict=True):
         said = [known.sentence for known in diagnosis.known if known.joints == (joint,)]
-        assert f"{quantity(diagnosis.expected[joint], unit)} expected" in "\n".join(said), joint
+        expected = f"the model expects {quantity(diagnosis.expected[joint], unit)}"
+        assert expected in "\n".join(said), joint
 
 
 def test_more_than_a_model_expects_of_itself_is_told_though_nothing_is_named():

@@ -233,11 +233,10 @@ def remaining_error(joint: str, rms: str, expected: str, times: float, least: fl
         times: The first over the second.
         least: From which multiple on an error is a finding.
     """
-    beyond = f"{times:.2g} times the" if times > 1.0 else "of"
-    small = f"; less than {least:g} times is no finding by itself" if 1.0 < times < least else ""
+    small = f", and less than {least:g} times that is no finding by itself"
     return (
-        f"{joint}: {rms} RMS remain, {beyond} {expected} expected from the model's uncertainty, "
-        f"its error at calibration and day-to-day friction variation{small}"
+        f"{joint}: {rms} RMS remain; the model expects {expected}"
+        f"{small if 1.0 < times < least else ''}"
     )
 
 
