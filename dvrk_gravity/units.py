@@ -76,6 +76,17 @@ def _shown(values: Sequence[float], half: float, unit: str) -> tuple[list[str], 
     return texts, f"{width:.{decimals}f}", name
 
 
+def fixed(size: float, decimals: int) -> str:
+    """Return a size with so many decimals; `< 0.01` of one that is not zero and would show as it.
+
+    Args:
+        size: In the unit that is shown, 0 or more.
+        decimals: Of the text.
+    """
+    text = f"{size:.{decimals}f}"
+    return f"< {10.0**-decimals:.{decimals}f}" if size > 0.0 and float(text) == 0.0 else text
+
+
 def pose(positions: Iterable[float], units: Sequence[str]) -> str:
     """Return a pose as a person writes it: `[10, -20] deg`, or each with its unit if they differ.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -539,17 +540,66 @@ def test_a_joint_that_was_not_moved_keeps_about_where_it_is(tmp_path: Path) -> N
 # --- the command line ------------------------------------------------------------------------
 
 
+def as_an_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the command take a simulated arm for one that is moved through ROS."""
+
+    @contextmanager
+    def driver_of(arm: Arm, *_: object) -> Iterator[SimulatedDriver]:
+        with SimulatedDriver(PlantFile.of(arm)) as driver:
+            yield driver
+
+    monkeypatch.setattr("dvrk_gravity.cli.collect.driver_of", driver_of)
+
+
+@pytest.mark.parametrize("stdin", [None, "a file"])
+def test_where_nobody_can_be_asked_an_arm_needs_consent_beforehand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], stdin
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    as_an_arm(monkeypatch)
+    if stdin is None:  # closed
+        monkeypatch.setattr("sys.stdin", None)
+    plan_of("ecm").save("plan.yaml")
+    words = ["plan.yaml", "--out", "bag", "--no-rehearsal"]
+    assert run("dvrk_gravity.cli.collect", words) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "--yes" in said
+    assert not Path("bag").exists()
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_that_a_model_states_no_uncertainty_is_said_once_with_the_way_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], known
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = plan_of("ecm", size=0.9)
+    plan.save("plan.yaml")
+    model = PlantFile.of(plan.arm).model
+    if known:
+        limits, n = plan.limits, plan.arm.n
+        found = coefficients_of(model.terms)
+        exact = {name: np.zeros((len(each), 0)) for name, each in found.items()}
+        model = replace(model, uncertainty=ModelUncertainty(
+            found, exact, np.zeros((n, 0)), np.zeros((3, 0)),
+            0.01 * plan.arm.effort_limit, 5.0, np.full(n, 0.1), limits.lower, limits.upper,
+            limits.velocity,
+        ))  # fmt: skip
+    model.save("model.yaml")
+    words = ["plan.yaml", "--out", "bag", "--simulated", "--no-rehearsal", "--model", "model.yaml"]
+    assert run("dvrk_gravity.cli.collect", words) == 0
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note")]
+    assert len(notes) == (not known)
+    assert known or ("10 %" in notes[0] and "identify" in notes[0])
+
+
 def test_collect_and_teach_by_their_commands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     plan_of("ecm", size=0.9).save("plan.yaml")
     words = ["plan.yaml", "--out", "bag", "--simulated", "--no-rehearsal"]
-    assert run("dvrk_gravity.cli.collect", words) == 2  # nobody can be asked here
-    said = capsys.readouterr()
-    assert said.err.count("\n") == 1
-    assert "--yes" in said.err
-    assert run("dvrk_gravity.cli.collect", [*words, "--yes"]) == 0
+    assert run("dvrk_gravity.cli.collect", words) == 0  # nobody is asked: no arm moves
     assert "Next: identify bag --arm ecm" in capsys.readouterr().out
     teach = ["--teach", "limits.yaml", "--arm", "ecm", "--from", "bag"]
     assert run("dvrk_gravity.cli.collect", teach) == 0
@@ -574,6 +624,7 @@ def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
     asked: int,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    as_an_arm(monkeypatch)
     plan = plan_of("ecm")
     short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
     replace(plan, motion=short).save("plan.yaml")
@@ -581,7 +632,7 @@ def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
     os.write(person, answers.encode())
     with os.fdopen(terminal) as stdin:
         monkeypatch.setattr("sys.stdin", stdin)
-        words = ["plan.yaml", "--out", "bag", "--simulated"]
+        words = ["plan.yaml", "--out", "bag"]
         assert run("dvrk_gravity.cli.collect", words) == status
     os.close(person)
     said = capsys.readouterr()

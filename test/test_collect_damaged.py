@@ -174,16 +174,6 @@ def test_an_integer_beyond_every_double_is_no_limit(tmp_path: Path) -> None:
         load_limits(tmp_path / "limits.yaml", plan_of("ecm").arm)
 
 
-def test_a_closed_standard_input_is_nobody_who_can_be_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.stdin", None)
-    plan_of("ecm").save("plan.yaml")
-    assert run("dvrk_gravity.cli.collect", ["plan.yaml", "--out", "bag", "--simulated"]) == 2
-    assert "--yes" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [

@@ -12,6 +12,7 @@ from dvrk_gravity.diagnosis import Diagnosis, beyond_range, diagnose, load
 from dvrk_gravity.effects import Site, WallHypothesis
 from dvrk_gravity.identification import identify
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.units import quantity
 from testing import lab_effects
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
@@ -59,7 +60,12 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
     assert diagnosis.verdict == "nothing_to_explain"
     for joint, after in diagnosis.after.items():
         assert after < 2.5 * diagnosis.expected[joint], joint
+    arm = diagnosis.model.arm
     assert {known.joints for known in diagnosis.known} >= {(joint,) for joint in diagnosis.after}
+    for joint, unit in zip(arm.joint_names, arm.effort_units, strict=True):
+        said = [known.sentence for known in diagnosis.known if known.joints == (joint,)]
+        expected = f"the model expects {quantity(diagnosis.expected[joint], unit)}"
+        assert expected in "\n".join(said), joint
 
 
 def test_more_than_a_model_expects_of_itself_is_told_though_nothing_is_named():

@@ -27,11 +27,12 @@ from dvrk_gravity.diagnosis import (
     load,
     ordered,
     parameter_text,
+    remaining_error,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, Residual
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.report import diagnosis_page, parameter_rows
-from dvrk_gravity.units import quantity
+from dvrk_gravity.units import fixed, quantity
 from testing.world import World
 
 CLEAR = Gain(0.4, 0.3, 0.5, 0.001)
@@ -219,6 +220,15 @@ def test_what_may_be_nothing_is_told_as_perhaps(every):
 
 
 @pytest.mark.parametrize(
+    ("size", "decimals", "text"),
+    [(0.004, 2, "< 0.01"), (0.006, 2, "0.01"), (0.0, 2, "0.00"), (0.04, 1, "< 0.1"),
+     (0.4, 0, "< 1"), (12.345, 2, "12.35")],
+)  # fmt: skip
+def test_a_size_that_is_not_zero_does_not_show_as_zero(size, decimals, text):
+    assert fixed(size, decimals) == text
+
+
+@pytest.mark.parametrize(
     ("estimate", "text"),
     [
         (Estimate(0.0123, 0.0119, 0.0127, "N·m"), "12.30 ± 0.40 mN·m more"),
@@ -302,6 +312,20 @@ def example_diagnosis() -> Diagnosis:
         (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
         TorqueModel(Arm.load("mtmr"), ()), band=8.0,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("times", "end"),
+    [
+        (0.8, "expects 8.00 mN·m"),
+        (1.36, "expects 8.00 mN·m, and less than 2.5 times that is no finding by itself"),
+        (3.0, "expects 8.00 mN·m"),
+    ],
+)
+def test_what_remains_is_beside_what_is_expected_and_no_bound_is_named_that_it_exceeds(times, end):
+    sentence = remaining_error("wrist_yaw", "10.9 mN·m", "8.00 mN·m", times, 2.5)
+    assert sentence.endswith(end)
+    assert "up to" not in sentence
 
 
 def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():

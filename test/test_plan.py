@@ -503,6 +503,14 @@ def test_the_verb_writes_plan_picture_and_motion_and_prints_what_it_promises(tmp
     printed = capsys.readouterr().out
     for part in ("standard error of", "coulomb_friction.joint[yaw]", "condition number", "used"):
         assert part in printed
+    # The tightest limits, how many more there are, and all of them in the file.
+    used = [
+        line for line in printed.splitlines() if line.endswith(("deg", "mm", "/s", "/s²", "m/s^2"))
+    ]
+    assert "more, " in printed
+    head = [line for line in out.read_text().splitlines() if line.startswith("# ")]
+    assert len(head) == 2 + 3 * Arm.load("ecm").n
+    assert len(used) < len(head)
     loaded = Plan.load(out)
     assert beyond(loaded, loaded.limits) <= 0.0
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")

@@ -9,8 +9,14 @@ from browser import CHROMIUM, NAMES, Browser, chromium
 from test_finding_sentences import example_diagnosis
 from test_report import TIME, fit_of
 
+from dvrk_gravity.calibration import Certificate, JointCertificate, Moved
 from dvrk_gravity.identification import Evaluation
-from dvrk_gravity.report import diagnosis_page, evaluation_page, identification_page
+from dvrk_gravity.report import (
+    certificate_page,
+    diagnosis_page,
+    evaluation_page,
+    identification_page,
+)
 
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason=f"no browser to look with: none of {', '.join(NAMES)} is installed"
@@ -18,6 +24,24 @@ pytestmark = pytest.mark.skipif(
 
 SIZES = (360, 800, 1600)  # px: a phone, half a screen, a whole one
 LONG = "a_recording_with_a_name_that_has_no_place_to_break_" * 2 + ".csv"
+
+
+POINTS, INCH = 8, 130  # of the smallest text in a picture; pixels of a picture in an inch
+
+
+def certificate_of(arm) -> Certificate:
+    joints = tuple(
+        JointCertificate(
+            name, "N·m", "rad", 0.0123, (0.01, 0.02), 0.1, "good", 0.003, (0.02, 0.01, 0.03),
+            -1.0, 1.0, 0.004, 0.02,
+        )
+        for name in arm.joint_names
+    )  # fmt: skip
+    return Certificate(
+        arm.name, "/MTMR", "an arm", "2026-01-01", {"numpy": "2"}, (), "certified", joints, 20, 0.2,
+        5.0, 1.0, 20, 0.05, 0.1, Moved(120.0, 0.0, 120000, 0.93, LONG), (LONG,), (LONG,),
+        {LONG: "0" * 64}, LONG,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +62,7 @@ def reports(tmp_path_factory) -> dict[str, Path]:
         "identify": identification_page(fit, LONG),
         "evaluate": evaluation_page(evaluation, fit.model, LONG),
         "diagnose": diagnosis_page(example_diagnosis(), [LONG]),
+        "calibrate": certificate_page(certificate_of(fit.model.arm), evaluation, fit.model.arm),
     }
     folder = tmp_path_factory.mktemp("reports")
     for name, text in pages.items():
@@ -45,24 +70,48 @@ def reports(tmp_path_factory) -> dict[str, Path]:
     return {name: folder / f"{name}.html" for name in pages}
 
 
-@pytest.mark.parametrize("name", ["identify", "evaluate", "diagnose"])
+@pytest.mark.parametrize("name", ["identify", "evaluate", "diagnose", "calibrate"])
 def test_a_report_fits_every_screen_and_can_be_read(name, reports, browser: Browser):
     for width in SIZES:
         for dark in (False, True):
             browser.open(reports[name], width, dark)
             folded = browser.value("document.querySelectorAll('details:not([open]) table').length")
-            assert folded >= 2, "tables are folded"
+            assert folded >= 2 - (name == "calibrate"), "tables are folded"
             browser.unfold()
             assert browser.overflow() <= 0, (width, dark)
             assert browser.pale_texts() == [], (width, dark)
             assert browser.errors == [], (width, dark)
+            outside, text = browser.value(
+                "[...document.images].reduce(([right, px], e) => ["
+                "Math.max(right, e.getBoundingClientRect().right - innerWidth),"
+                f"Math.min(px, e.width / e.naturalWidth * {INCH} / 72 * {POINTS})], [-1, 99])"
+            )
+            assert outside <= 0, "a picture is cropped"
+            assert text >= 8.0, "text in pictures is too small, px"
 
 
-def test_a_printed_report_is_light_and_hides_nothing(reports, browser: Browser):
+def test_long_lines_of_the_site_are_wrapped(tmp_path, browser: Browser):
+    style = Path(__file__).parents[1] / "docs" / "sphinx_parts" / "static" / "site.css"
+    for kind in ("console", "python", "none", "text"):
+        page = tmp_path / f"{kind}.html"
+        page.write_text(
+            f"<link rel=stylesheet href={style.as_uri()}><div class='highlight-{kind}'>"
+            f"<div class=highlight><pre style='overflow:auto'>$ {LONG} --out {LONG}</pre></div>"
+        )
+        browser.open(page, 360)
+        cut = "(e => e.scrollWidth - e.clientWidth)(document.querySelector('pre'))"
+        assert browser.value(cut) <= 0, kind
+
+
+def test_a_printed_report_is_light_and_neither_hides_nor_cuts_anything(reports, browser: Browser):
     for report in reports.values():
         browser.open(report, 700, dark=True, medium="print")
         heights = browser.value("[...document.querySelectorAll('table')].map(e => e.offsetHeight)")
         assert min(heights) > 0
+        assert browser.value(
+            "[...document.querySelectorAll('.table')].filter(e => e.scrollWidth > e.clientWidth)"
+            ".map(e => e.textContent)"
+        ) == []  # fmt: skip
         ground = browser.value("getComputedStyle(document.body).backgroundColor")
         assert ground == "rgb(255, 255, 255)"
 

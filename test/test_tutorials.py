@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +16,7 @@ SPEC = importlib.util.spec_from_file_location("play", PAGES / "play.py")
 play = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(play)
 
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(REPOSITORY)}
 DURATION = 16.0  # s
 BRIEF = "--no-rehearsal --duration 16"
 
@@ -109,3 +112,34 @@ def test_blocks_for_a_real_arm_are_not_run_and_named_files_are_written(tmp_path)
     )
     play.play(page, tmp_path / "out")
     assert (tmp_path / "out" / "limits.yaml").read_text() == "# limits.yaml\na: 1\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [p.stem for p in PAGES.glob("*.md") if "```text" in p.read_text()])
+def test_a_page_has_the_figures_that_its_commands_print(page, tmp_path):
+    words = [sys.executable, PAGES / "play.py", page, "--out", tmp_path]
+    played = subprocess.run(words, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
+    assert played.returncode == 0, played.stderr
+
+
+PAGE = """```text
+joint     RMSE
+elbow     0.0122  good: held-out error 22 %
+…
+```
+"""
+
+
+@pytest.mark.parametrize(
+    ("printed", "stale"),
+    [
+        ("joint RMSE\nelbow 0.0122 good: held-out error 22 %\nmore", 0),
+        ("joint RMSE\nelbow 0.0130 good: held-out error 24 %", 0),  # another computer
+        ("joint RMSE\nelbow 0.0150 good: held-out error 22 %", 1),
+        ("joint RMSE\nelbow 0.0122 usable: held-out error 22 %", 1),
+        ("elbow 0.0122 good: held-out error 22 %", 1),
+        ("", 2),
+    ],
+)
+def test_a_figure_on_a_page_is_one_that_its_commands_print(printed, stale):
+    assert len(play.not_printed(PAGE, printed)) == stale

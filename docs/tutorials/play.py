@@ -1,17 +1,19 @@
-"""Run the commands of tutorials, so that their figures can be printed again.
+"""Run the commands of tutorials, and compare what they print with the figures on the page.
 
     PYTHONPATH=. python docs/tutorials/play.py recover_a_known_truth --out out/tutorials
 
 Of a page's fenced blocks it runs those of ``sh``, whose lines are verbs of this package, and those
 of ``python``, all in one folder. A block whose first line is a comment with a file's name is
 written to that file, and a .py file that the page links is copied. Blocks of ``console`` are for a
-real arm, or for another program, and are not run.
+real arm, or for another program, and are not run. Blocks of ``text`` are excerpts of what is
+printed; a line of one that is not printed is named at the end, with exit status 1.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import os
 import re
 import shlex
@@ -19,12 +21,15 @@ import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
 HERE = Path(__file__).resolve().parent
 VERB = "python -m dvrk_gravity "
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _LINKED = re.compile(r"\]\(([\w./]+\.py)\)")
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?")
+_TENTH = 0.1  # of a figure: another computer rounds otherwise, and a search ends elsewhere. Chosen
+_LAST = 2.0  # ... or units of its last digit
 _FILE = re.compile(r"(?:#|<!--) (\S+\.\w+)(?: -->)?\n")
 
 
@@ -86,6 +91,54 @@ def play(page: Path, folder: Path, shorter: Mapping[str, str] | None = None) -> 
                     _run(command)
 
 
+def not_printed(page: str, printed: str) -> list[str]:
+    """Return the lines of a page's blocks of ``text`` that were not printed.
+
+    The words of a line are the same, and figures differ by a tenth, or two units of the last digit.
+
+    Args:
+        page: The page's text.
+        printed: What its commands printed.
+    """
+    found = [_parted(line) for line in printed.splitlines()]
+    lines = [
+        line
+        for language, text in _FENCE.findall(page)
+        if language == "text"
+        for line in text.splitlines()
+        if line.strip() != "…"
+    ]
+    return [line for line in lines if not any(_near(_parted(line), each) for each in found)]
+
+
+def _parted(line: str) -> tuple[list[str], list[str]]:
+    """Return a line's words and its numbers."""
+    return _NUMBER.sub("#", line).split(), _NUMBER.findall(line)
+
+
+def _near(shown: tuple[list[str], list[str]], printed: tuple[list[str], list[str]]) -> bool:
+    return shown[0] == printed[0] and all(
+        abs(float(a) - float(b))
+        <= max(_TENTH * abs(float(a)), _LAST * 10.0 ** -len(a.partition(".")[2]))
+        for a, b in zip(shown[1], printed[1], strict=True)
+    )
+
+
+class _Twice(io.StringIO):
+    """What keeps all that is printed, and prints it."""
+
+    def __init__(self, shown: TextIO) -> None:
+        super().__init__()
+        self._shown = shown
+
+    def write(self, text: str) -> int:
+        self._shown.write(text)
+        return super().write(text)
+
+    def flush(self) -> None:
+        self._shown.flush()
+
+
 @contextlib.contextmanager
 def _importable(folder: Path) -> Iterator[None]:
     """Let modules be imported from a folder, and forget them at the end."""
@@ -112,17 +165,24 @@ def _run(command: str) -> None:
         raise ValueError(f"{command}: exit status {status}")
 
 
-def main_of_script() -> None:
-    """Play the pages that are named."""
+def main_of_script() -> int:
+    """Play the pages that are named; return 1 if a figure on one is not printed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("pages", nargs="+", metavar="PAGE")
     parser.add_argument("--out", type=Path, required=True, help="folder of the files")
     arguments = parser.parse_args()
     out = arguments.out.resolve()
     os.environ.setdefault("MPLBACKEND", "Agg")
-    for page in arguments.pages:
-        play(HERE / f"{Path(page).stem}.md", out)
+    stale = []
+    for name in arguments.pages:
+        page = HERE / f"{Path(name).stem}.md"
+        with contextlib.redirect_stdout(_Twice(sys.stdout)) as printed:
+            play(page, out)
+        stale += not_printed(page.read_text(encoding="utf-8"), printed.getvalue())
+    for line in stale:
+        print(f"on the page, but not printed: {line}", file=sys.stderr)
+    return 1 if stale else 0
 
 
 if __name__ == "__main__":
-    main_of_script()
+    sys.exit(main_of_script())

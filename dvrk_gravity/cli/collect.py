@@ -104,6 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     read = [arguments.plan, arguments.model, arguments.limits]
     outputs.check({}, read, {"--out": arguments.out})
 
+    from dvrk_gravity.collecting import EffortSettings
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.planning import Plan, load_limits, require_arm
 
@@ -113,6 +114,13 @@ def run(arguments: argparse.Namespace) -> int:
         model = TorqueModel.load(arguments.model)
         require_arm(model, plan.arm, str(arguments.model))
         model = model.physical()
+        if model.uncertainty is None:
+            print(
+                f"note: {arguments.model} states no uncertainty: the arm is held where a motor's "
+                f"effort differs from it by more than {100 * EffortSettings().margin:g} % of the "
+                "motor's greatest. `identify` writes a model with its uncertainty",
+                flush=True,
+            )
 
     def limits() -> PlanLimits:
         if arguments.limits is not None:
@@ -120,10 +128,11 @@ def run(arguments: argparse.Namespace) -> int:
         return Plan.load(arguments.plan).limits
 
     limits()
+    free = arguments.yes or arguments.simulated is not None
     with driver_of(plan.arm, arguments, NAME) as driver:
         collected = carry_out(
             [plan], driver, arguments, model=model, limits=limits,
-            consent=(lambda question: True) if arguments.yes else asking(driver),
+            consent=(lambda question: True) if free else asking(driver),
         )  # fmt: skip
     finish(collected, plan.arm.source or plan.arm.name, PAUSED)
     return 0

@@ -114,6 +114,7 @@ def _arm(arguments: argparse.Namespace) -> Arm:
 def _play(scenario: Scenario, arm: Arm) -> tuple:
     """Play all parts and print a row of each."""
     from dvrk_gravity.report import shown_position
+    from dvrk_gravity.units import fixed
 
     units = shown_position(arm)
     widths = [max(len(name), 8) + 2 for name in arm.joint_names]
@@ -124,7 +125,7 @@ def _play(scenario: Scenario, arm: Arm) -> tuple:
 
     def row(phase: Phase) -> Phase:
         values = (
-            f"{factor * way:>{width}.2f}"
+            f"{fixed(factor * way, 2):>{width}}"
             for (factor, _), way, width in zip(units, phase.drift.tolist(), widths, strict=True)
         )
         print(f"{phase.title:<{_TITLES}}{''.join(values)}", flush=True)

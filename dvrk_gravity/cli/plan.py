@@ -15,7 +15,7 @@ from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.planning import Plan, PlanLimits
+    from dvrk_gravity.planning import MotionDesign, PlanLimits, SeparationDesign
 
 NAME = "plan"
 EXAMPLE = (
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import diagnosed_again
     from dvrk_gravity.planning import PlanLimits, load_limits
-    from dvrk_gravity.report import plan_picture
+    from dvrk_gravity.report import limits_text, plan_picture
 
     if not arguments.out.name:
         raise ConfigError("--out", str(arguments.out), "a .yaml file for the plan")
@@ -102,9 +102,10 @@ def run(arguments: argparse.Namespace) -> int:
         given = arguments.limits
         return PlanLimits.of(arm) if given is None else load_limits(given, arm)
 
-    plan, lines, enough = (_separating if separate else _informative)(arguments, limits_of)
-    about = arguments.arm or separate
-    plan.save(arguments.out, f"Planned by dvrk_gravity for {about}.")
+    design, lines, enough = (_separating if separate else _informative)(arguments, limits_of)
+    plan, about = design.plan, arguments.arm or separate
+    table = "\n".join(limits_text(design.slacks))
+    plan.save(arguments.out, f"Planned by dvrk_gravity for {about}. Its limits:\n\n{table}")
     text_file.write_bytes(picture, plan_picture(plan))
     written = f"{arguments.out}, {picture}"
     if arguments.csv is not None:
@@ -123,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _informative(
     arguments: argparse.Namespace, limits_of: Callable[[Arm], PlanLimits]
-) -> tuple[Plan, Iterable[str], bool]:
+) -> tuple[MotionDesign, Iterable[str], bool]:
     """Plan what teaches most."""
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.model import TorqueModel
@@ -155,12 +156,12 @@ def _informative(
                 SolverSettings(seconds=arguments.time), progress.update,
             )  # fmt: skip
     had_model = model is not None and model.uncertainty is not None
-    return design.plan, design_text(design, had_model), True
+    return design, design_text(design, had_model), True
 
 
 def _separating(
     arguments: argparse.Namespace, limits_of: Callable[[Arm], PlanLimits]
-) -> tuple[Plan, Iterable[str], bool]:
+) -> tuple[SeparationDesign, Iterable[str], bool]:
     """Plan what separates causes."""
     from dvrk_gravity.diagnosis import load_unseparated
     from dvrk_gravity.planning import SeparationSettings, design_separation
@@ -175,4 +176,4 @@ def _separating(
             unseparated, limits_of(unseparated.model.arm), arguments.duration, arguments.poses,
             arguments.seed, settings, progress.update,
         )  # fmt: skip
-    return design.plan, separation_text(design), design.separates
+    return design, separation_text(design), design.separates

@@ -22,6 +22,7 @@ from .html import table as table
 from .identification import identification_page as identification_page
 from .page import page as page
 from .plan_in_terminal import design_text as design_text
+from .plan_in_terminal import limits_text as limits_text
 from .plan_in_terminal import separation_text as separation_text
 from .plan_picture import plan_picture as plan_picture
 from .terminal import MOST_WARNINGS as MOST_WARNINGS

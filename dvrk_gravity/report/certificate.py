@@ -5,27 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from html import escape
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import Certificate, JointCertificate, Moved, shown_drift
 from dvrk_gravity.identification import Evaluation, in_words
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
+from dvrk_gravity.report.fit_pictures import torque_pictures
 from dvrk_gravity.report.fit_tables import level_of_verdict
 from dvrk_gravity.report.page import page
-from dvrk_gravity.report.units import effort_in_picture, effort_in_table
-from dvrk_gravity.units import interval, quantity
+from dvrk_gravity.report.units import effort_in_table
+from dvrk_gravity.units import fixed, interval, quantity
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_MEASURED, _PREDICTED, _DIFFERENCE = "#7f8fa6", "#c0392b", "#2c3e50"
-_SHOWN = 15.0  # s of the held-out motion
 _MOST = 7  # sentences of a list; the others are in the files
-_COLUMNS = 4
 
 
 def certificate_page(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> str:
@@ -54,10 +46,8 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
             "certificate of an arm.</p>"
         )
     yield drawn_arm(arm, [_remark(joint) for joint in certificate.joints])
-    yield html.picture(
-        html.inline(_picture(evaluation, arm), dpi=100),
-        "measured and predicted effort of the second motion",
-    )
+    yield "<h2>The second motion</h2>"
+    yield html.beside(*_pictures(evaluation, arm))
     yield "<h2>By joint</h2>"
     yield _by_joint(certificate, arm)
     yield "<h2>What stays unknown</h2>"
@@ -165,40 +155,16 @@ def _drift(value: float | None, joint: JointCertificate) -> str:
 
 
 def _position(value: float, joint: JointCertificate, decimals: int) -> str:
-    if joint.position_unit == "rad":
-        return f"{math.degrees(value):.{decimals}f} deg"
-    return f"{1e3 * value:.{decimals}f} mm"
+    turns = joint.position_unit == "rad"
+    shown = math.degrees(value) if turns else 1e3 * value
+    # A drift is a size; an end of the range may be negative.
+    text = f"{shown:.{decimals}f}" if shown < 0.0 else fixed(shown, decimals)
+    return f"{text} {'deg' if turns else 'mm'}"
 
 
-def _picture(evaluation: Evaluation, arm: Arm) -> Figure:
-    """Return small pictures, one a joint, of measured and predicted effort over time."""
-    from matplotlib.figure import Figure
-
+def _pictures(evaluation: Evaluation, arm: Arm) -> Iterator[str]:
+    """Yield a picture of each joint's measured and predicted effort over time."""
     trace = max(evaluation.traces, key=lambda each: len(each.measured))
-    assert trace.time is not None
     joints = [arm.joints[arm.joint_names.index(name)] for name in trace.joints]
-    rows = -(-len(joints) // _COLUMNS)
-    figure = Figure(figsize=(11.0, 1.55 * rows + 0.35), layout="constrained")
-    grid = figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel()
-    shown = np.flatnonzero(trace.time < trace.time[0] + _SHOWN)
-    time = trace.time[shown] - trace.time[0]
-    for axes in grid[len(joints) :]:
-        axes.set_axis_off()
-    for k, (axes, joint) in enumerate(zip(grid, joints, strict=False)):
-        measured, predicted = trace.measured[shown, k], trace.predicted[shown, k]
-        unit, factor = effort_in_picture(joint, measured, predicted)
-        axes.plot(time, factor * measured, color=_MEASURED, linewidth=1.8, label="measured")
-        axes.plot(time, factor * predicted, color=_PREDICTED, linewidth=0.9, label="predicted")
-        axes.plot(
-            time, factor * (measured - predicted), color=_DIFFERENCE, linewidth=0.7,
-            label="difference",
-        )  # fmt: skip
-        axes.set_title(f"{joint.name} [{unit}]", fontsize=8, loc="left", pad=2)
-        axes.tick_params(labelsize=7)
-        axes.grid(alpha=0.25)
-    handles, labels = grid[0].get_legend_handles_labels()
-    figure.legend(
-        handles, [*labels[:2], "difference (second motion, time in s)"], loc="outside lower center",
-        ncols=3, fontsize=8, frameon=False,
-    )  # fmt: skip
-    return figure
+    for name, address in zip(trace.joints, torque_pictures(trace, joints), strict=True):
+        yield html.picture(address, f"measured and predicted effort of {name}", name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -41,8 +41,9 @@ from dvrk_gravity.report.units import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
+_WHEN: tuple[Literal["before", "after"], ...] = ("before", "after")
 _VERDICTS = {
     "nothing_to_explain": "nothing to explain",
     "explained": "explained",
@@ -123,8 +124,7 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
     if finding.remedy:
         yield f"<p><b>What to do:</b> {escape(finding.remedy)}.</p>"
     if finding.picture is not None:
-        address = html.inline(_figure(finding.picture, arm))
-        yield html.picture(address, f"error of {finding.picture.joint} before and after")
+        yield html.beside(*_panels(finding.picture, arm))
     gain = finding.gain
     rows = parameter_rows(finding)
     rows.append(
@@ -249,40 +249,53 @@ def png(picture: Picture, arm: Arm) -> bytes:
         picture: Errors, N·m or N, and what they depend on.
         arm: The arm.
     """
-    return html.png(_figure(picture, arm))
-
-
-def _figure(picture: Picture, arm: Arm) -> Figure:
     from matplotlib.figure import Figure
 
+    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    both = figure.subplots(1, 2, sharey=True)
+    for axes, when in zip(both, _WHEN, strict=True):
+        axes.set_title(_drawn(axes, picture, arm, when))
+    both[1].set_ylabel("")
+    lines, names = both[1].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
+    return html.png(figure)
+
+
+def _panels(picture: Picture, arm: Arm) -> Iterator[str]:
+    """Yield the error before and the error after, on one scale."""
+    panels = [html.panel() for _ in _WHEN]
+    titles = [
+        _drawn(axes, picture, arm, when) for (_, axes), when in zip(panels, _WHEN, strict=True)
+    ]
+    low, high = zip(*(axes.get_ylim() for _, axes in panels), strict=True)
+    for (figure, axes), when, title in zip(panels, _WHEN, titles, strict=True):
+        axes.set_ylim(min(low), max(high))
+        html.legend(figure, axes)
+        yield html.picture(html.inline(figure), f"error of {picture.joint} {when}", title)
+
+
+def _drawn(axes: Axes, picture: Picture, arm: Arm, when: Literal["before", "after"]) -> str:
+    """Draw the error before or after; return the title."""
     joint = arm.joints[arm.joint_names.index(picture.joint)]
     unit, factor = effort_in_picture(joint, picture.before, picture.after)
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
-    for ax, error, title in (
-        (axes[0], picture.before, "before"),
-        (axes[1], picture.after, "after"),
-    ):
-        known = np.isfinite(error)
-        x, y = picture.x[known], factor * error[known]
-        ax.axhline(0.0, color="#888888", linewidth=0.6)
-        if picture.forward is None:
-            groups = [(np.ones(len(x), dtype=bool), "#99aabb", "#bb3322", "mean")]
-        else:
-            forward = picture.forward[known]
-            groups = [
-                (forward, "#e0b0a8", "#bb3322", "moving up"),
-                (~forward, "#a8bcd8", "#224488", "moving down"),
-            ]
-        for rows, pale, strong, label in groups:
-            ax.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
-            ax.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
-        ax.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS")
-        ax.set_xlabel(picture.variable)
-    lines, names = axes[1].get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
-    axes[0].set_ylabel(f"error at {picture.joint} [{unit}]")
-    return figure
+    error = picture.before if when == "before" else picture.after
+    known = np.isfinite(error)
+    x, y = picture.x[known], factor * error[known]
+    axes.axhline(0.0, color="#888888", linewidth=0.6)
+    if picture.forward is None:
+        groups = [(np.ones(len(x), dtype=bool), "#99aabb", "#bb3322", "mean")]
+    else:
+        forward = picture.forward[known]
+        groups = [
+            (forward, "#e0b0a8", "#bb3322", "moving up"),
+            (~forward, "#a8bcd8", "#224488", "moving down"),
+        ]
+    for rows, pale, strong, label in groups:
+        axes.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
+        axes.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
+    axes.set_xlabel(picture.variable)
+    axes.set_ylabel(f"error at {picture.joint} [{unit}]")
+    return f"{when}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS"
 
 
 def _means(x: Array, y: Array) -> tuple[Array, Array]:

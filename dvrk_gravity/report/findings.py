@@ -6,7 +6,10 @@ from dvrk_gravity import effects
 from dvrk_gravity.diagnosis import Finding
 
 _SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
-KNOWN = "within the model's uncertainty, its error at calibration, or day-to-day friction variation"
+KNOWN = (
+    "too small for findings, beside the model's uncertainty, its error at calibration and "
+    "day-to-day friction variation"
+)
 SEPARATE = "to separate them"
 BETWEEN = "differences from the reference within day-to-day variation"
 

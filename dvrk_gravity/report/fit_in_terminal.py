@@ -190,8 +190,8 @@ def expectation(result: Evaluation, model: TorqueModel) -> str:
     larger = f"; above it: {', '.join(above)} (`diagnose` finds out why)" if above else ""
     return (
         "expected: 95 % band of the RMSE that the model expects of itself here, by the posterior "
-        "of its parameters and its error on data that its fit had not seen; friction of another "
-        f"day and positions outside its range are not in it{larger}"
+        "of its parameters and its error on data that its fit had not seen; day-to-day friction "
+        f"variation and positions outside its range are not in it{larger}"
     )
 
 

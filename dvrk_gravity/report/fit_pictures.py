@@ -4,25 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
-from dvrk_gravity.report.html import inline, picture
+from dvrk_gravity.report.html import beside, inline, legend, panel, picture
 from dvrk_gravity.report.units import effort_in_picture
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 SHOWN = 15.0  # s of a trajectory
 DOTS = 4000
-_SIZE = (9.0, 2.8)  # inches
-# Parts of a picture around its axes: room for numbers, labels and legend. Finding it, picture by
-# picture, costs as much as drawing.
-_ROOM = {"left": 0.09, "right": 0.985, "bottom": 0.18, "top": 0.91, "wspace": 0.05}
 BINS = 25
 MEASURED, PREDICTED, DIFFERENCE = "#7f8fa6", "#c0392b", "#2c3e50"
 
@@ -42,22 +38,27 @@ def pictures_by_joint(traces: Sequence[Trace], arm: Arm) -> Iterator[str]:
     over_time, left = torque_pictures(longest, shown), residual_pictures(traces, shown)
     for name, torque, residual in zip(longest.joints, over_time, left, strict=True):
         yield f"<h3>{escape(name)}</h3>"
-        yield picture(torque, f"measured and predicted torque of {name}")
-        yield picture(residual, f"difference by position and velocity of {name}")
+        yield beside(
+            picture(torque, f"measured and predicted torque of {name}"),
+            *(
+                picture(address, f"difference by {variable} of {name}")
+                for variable, address in residual.items()
+            ),
+        )
 
 
 def torque_pictures(trace: Trace, joints: Sequence[Joint]) -> Iterator[str]:
     """Yield measured and predicted torque of each joint over time, or over the pose number."""
-    figure, (axes,) = _drawn_on(1)
+    figure, axes = panel()
     for column, joint in enumerate(joints):
         _torque(axes, trace, column, joint)
         if not figure.legends:
-            figure.legend(loc="upper right", ncols=3, fontsize=8, frameon=False)
-        yield inline(figure, dpi=100)
-        _erase([axes])
+            legend(figure, axes)
+        yield inline(figure)
+        _erase(axes)
 
 
-def _torque(axes: Any, trace: Trace, column: int, joint: Joint) -> None:
+def _torque(axes: Axes, trace: Trace, column: int, joint: Joint) -> None:
     if trace.time is None:
         x = np.arange(len(trace.measured), dtype=float)
         shown = np.argsort(trace.measured[:, column])
@@ -79,47 +80,35 @@ def _torque(axes: Any, trace: Trace, column: int, joint: Joint) -> None:
     axes.set_ylabel(f"{word} [{unit}]")
 
 
-def residual_pictures(traces: Sequence[Trace], joints: Sequence[Joint]) -> Iterator[str]:
-    """Yield the difference of each joint over its position and its velocity."""
+def residual_pictures(traces: Sequence[Trace], joints: Sequence[Joint]) -> Iterator[dict[str, str]]:
+    """Yield the difference of each joint over its position and its velocity, by their names."""
     positions = np.concatenate([trace.position for trace in traces])
     velocities = [trace.velocity for trace in traces if trace.velocity is not None]
     panels = [("position", "", positions)]
     if len(velocities) == len(traces):
         panels.append(("velocity", "/s", np.concatenate(velocities)))
     residual = np.concatenate([trace.measured - trace.predicted for trace in traces])
-    figure, axes = _drawn_on(len(panels))
-    for ax in axes:
-        ax.locator_params(axis="x", nbins=7)  # numbers that do not touch
+    figure, axes = panel()
     for column, joint in enumerate(joints):
         effort_unit, factor = effort_in_picture(joint, residual[:, column])
-        for ax, (label, rate, x) in zip(axes, panels, strict=True):
-            _scatter(ax, x[:, column], factor * residual[:, column])
-            ax.set_xlabel(f"{label} [{joint.unit}{rate}]")
-        axes[0].set_ylabel(f"difference [{effort_unit}]")
-        yield inline(figure, dpi=100)
-        _erase(axes)
+        axes.set_ylabel(f"difference [{effort_unit}]")
+        drawn = {}
+        for label, rate, x in panels:
+            _scatter(axes, x[:, column], factor * residual[:, column])
+            axes.set_xlabel(f"{label} [{joint.unit}{rate}]")
+            drawn[label] = inline(figure)
+            _erase(axes)
+        yield drawn
 
 
-def _drawn_on(panels: int) -> tuple[Figure, list[Any]]:
-    """Return a figure and its axes, for one picture after another: axes take long to make."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=_SIZE)
-    axes = figure.subplots(1, panels, sharey=True, squeeze=False, gridspec_kw=_ROOM)[0].tolist()
-    for ax in axes:
-        ax.grid(alpha=0.25)
-    return figure, axes
+def _erase(axes: Axes) -> None:
+    """Remove a picture's lines, and forget their limits, for the next: axes take long to make."""
+    for line in list(axes.lines):
+        line.remove()
+    axes.relim()
 
 
-def _erase(axes: Sequence[Any]) -> None:
-    """Remove a picture's lines, and forget their limits."""
-    for ax in axes:
-        for line in list(ax.lines):
-            line.remove()
-        ax.relim()
-
-
-def _scatter(axes: Any, x: Array, y: Array) -> None:
+def _scatter(axes: Axes, x: Array, y: Array) -> None:
     step = 1 + len(x) // DOTS
     axes.plot(x[::step], y[::step], ".", markersize=2.0, color=MEASURED)
     axes.axhline(0.0, color="#999999", linewidth=0.6)

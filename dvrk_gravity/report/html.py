@@ -10,9 +10,14 @@ from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_NUMBER = re.compile(r"[-+−]?(\d[\d.]*|\.\d+)(e[-+]?\d+)?( … .*)?")
+_PANEL = (4.0, 2.6)  # inches
+# Parts of a panel around its axes: room for numbers, labels and legend. Finding it, picture by
+# picture, costs as much as drawing.
+_ROOM = {"left": 0.17, "right": 0.98, "bottom": 0.18, "top": 0.89}
+_NUMBER = re.compile(r"(< |[-+−])?(\d[\d.]*|\.\d+)(e[-+]?\d+)?( … .*)?")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -46,9 +51,35 @@ def folded(title: str, *parts: str) -> str:
     return f"<details><summary>{escape(title)}</summary>\n{inside}\n</details>"
 
 
-def picture(address: str, meaning: str) -> str:
-    """Return a picture, by its address, with what it shows in words."""
-    return f'<div class="picture"><img alt="{escape(meaning)}" src="{address}"></div>'
+def panel() -> tuple[Figure, Axes]:
+    """Return a figure as broad as a phone, with text that can be read there, and its axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_PANEL)
+    axes = figure.subplots(gridspec_kw=_ROOM)
+    axes.tick_params(labelsize=8)
+    axes.locator_params(nbins=6)  # numbers that do not touch
+    axes.grid(alpha=0.25)
+    return figure, axes
+
+
+def legend(figure: Figure, axes: Axes) -> None:
+    """Name a panel's lines above it."""
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="upper right", ncols=3, fontsize=8, frameon=False,
+        borderaxespad=0.2, columnspacing=1.0, handlelength=1.2,
+    )  # fmt: skip
+
+
+def picture(address: str, meaning: str, title: str = "") -> str:
+    """Return a picture, by its address, with what it shows in words, and a title over it."""
+    over = f"<figcaption>{escape(title)}</figcaption>" if title else ""
+    return f'<figure>{over}<img alt="{escape(meaning)}" src="{address}"></figure>'
+
+
+def beside(*pictures: str) -> str:
+    """Return pictures side by side where there is room, one below the other on a phone."""
+    return f'<div class="pictures">{"".join(pictures)}</div>'
 
 
 def png(figure: Figure, dpi: float = 110.0) -> bytes:
@@ -56,7 +87,7 @@ def png(figure: Figure, dpi: float = 110.0) -> bytes:
     return _saved(figure, dpi, transparent=False)
 
 
-def inline(figure: Figure, dpi: float = 110.0) -> str:
+def inline(figure: Figure, dpi: float = 130.0) -> str:
     """Return a figure as an address that needs no network.
 
     Its ground is transparent: a page may be dark or light.

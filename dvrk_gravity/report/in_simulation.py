@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
-from dvrk_gravity.report.html import inline, picture, table
+from dvrk_gravity.report.html import beside, inline, legend, panel, picture, table
 from dvrk_gravity.report.units import milli_position, shown_position
+from dvrk_gravity.units import fixed
 
 _BEFORE, _AFTER = "#bb3322", "#2266aa"
 _LEAST_DRIFT = 0.5  # deg (or 0.9 mm), of a joint that is drawn
@@ -44,8 +45,7 @@ def section(result: InSimulation, arm: Arm) -> str:
         parts.append(table(("", *arm.joint_names), rows))
         joints = _drawn(result.drifts, arm)
         if joints:
-            address = _picture(result.drifts, joints, arm)
-            parts.append(picture(address, "drift over time"))
+            parts.append(beside(*_pictures(result.drifts, joints, arm)))
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
     return "\n".join(parts)
 
@@ -57,7 +57,8 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
     if result.before is not None and result.after is not None:
         said.append(
             f"{name}'s position after {WINDOW:g} s is off by "
-            f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} "
+            f"{fixed(1e3 * result.after[joint], 1)} instead of "
+            f"{fixed(1e3 * result.before[joint], 1)} "
             f"m{arm.units[joint]}"
         )
     for drift in result.drifts:
@@ -65,12 +66,13 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
         with_friction = f"with {100 * drift.friction:.0f} % of its friction"
         if before[joint] - after[joint] > _LEAST_DRIFT:
             said.append(
-                f"{with_friction} {name} drifts {after[joint]:.1f} "
-                f"instead of {before[joint]:.1f} {shown_position(arm)[joint][1]} in {DURATION:g} s"
+                f"{with_friction} {name} drifts {fixed(after[joint], 1)} "
+                f"instead of {fixed(before[joint], 1)} {shown_position(arm)[joint][1]} in "
+                f"{DURATION:g} s"
             )
         else:
             said.append(
-                f"{with_friction} {name} drifts by {after[joint]:.1f} "
+                f"{with_friction} {name} drifts by {fixed(after[joint], 1)} "
                 f"{shown_position(arm)[joint][1]}, as with the given model"
             )
     condition = ", if the extended model is true" if result.drifts else ""
@@ -89,7 +91,7 @@ def _units(arm: Arm) -> str:
 
 def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
     return [
-        (name, *(f"{value:.2f}" for value in values.tolist()))
+        (name, *(fixed(value, 2) for value in values.tolist()))
         for name, values in (("given", before), ("extended", after))
     ]
 
@@ -107,27 +109,20 @@ def _drawn(drifts: Sequence[Drift], arm: Arm) -> list[int]:
     return found[:_MOST_DRAWN]
 
 
-def _picture(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> str:
-    """Return the drift of some joints over time as a data URL: a row for each friction."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 2.3 * len(drifts)), layout="constrained")
-    axes = figure.subplots(len(drifts), len(joints), sharex=True, squeeze=False)
-    for row, drift in zip(axes, drifts, strict=True):
-        for cell, joint in zip(row, joints, strict=True):
-            for ways, color, name in (
+def _pictures(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> Iterator[str]:
+    """Yield the drift of some joints over time, for each friction."""
+    for drift in drifts:
+        for joint in joints:
+            factor, unit = shown_position(arm)[joint]
+            figure, axes = panel()
+            for ways, color, label in (
                 (drift.before, _BEFORE, "given model"),
                 (drift.after, _AFTER, "extended"),
             ):
-                for k, way in enumerate(shown_position(arm)[joint][0] * ways[:, :, joint]):
-                    label = name if k == 0 else None
-                    cell.plot(drift.time, way, color=color, linewidth=1.3, label=label)
-            cell.grid(alpha=0.3)
-            friction = f"{100 * drift.friction:.0f} % friction"
-            cell.set_title(f"{arm.joint_names[joint]}\n{friction}", fontsize=9)
-        row[0].set_ylabel(f"drift [{_units(arm)}]")
-    for cell in axes[-1]:
-        cell.set_xlabel("time [s]")
-    lines, names = axes[0][0].get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
-    return inline(figure)
+                lines = axes.plot(drift.time, factor * ways[:, :, joint].T, color=color)
+                lines[0].set_label(label)
+            axes.set_xlabel("time [s]")
+            axes.set_ylabel(f"drift [{unit}]")
+            legend(figure, axes)
+            title = f"{arm.joint_names[joint]}, {100 * drift.friction:.0f} % friction"
+            yield picture(inline(figure), f"drift over time of {title}", title)

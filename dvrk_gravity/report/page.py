@@ -17,7 +17,7 @@ _STYLE = """
 --line:#d5dae1;--good:#1a6b3c;--fair:#835400;--poor:#b3261e}
 @media screen and (prefers-color-scheme:dark){:root{--paper:#14171b;--card:#1d2228;--ink:#e6e9ee;
 --dim:#a3adb9;--line:#3a424c;--good:#6cc894;--fair:#e0b050;--poor:#ff8f85}
-.picture img{filter:invert(1) hue-rotate(180deg)}}
+figure img{filter:invert(1) hue-rotate(180deg)}}
 *{box-sizing:border-box}
 body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;padding:1.5rem 1rem;max-width:66rem;
 color:var(--ink);background:var(--paper);overflow-wrap:break-word}
@@ -40,15 +40,19 @@ svg .good>*:first-child{stroke:var(--good)}svg .good text{fill:var(--good)}
 svg .fair>*:first-child{fill:var(--fair);stroke:var(--fair)}svg .fair text{fill:var(--card)}
 svg .poor>*:first-child{fill:var(--poor);stroke:var(--poor)}svg .poor text{fill:var(--card)}
 svg path.fair{fill:var(--fair)}svg path.poor{fill:var(--poor)}
-.picture{margin:.4rem 0;overflow-x:auto}.picture img{display:block;width:100%;min-width:34rem}
+.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,18rem),1fr));
+gap:.6rem 1rem;margin:.6rem 0}
+figure{margin:0}figure img{display:block;width:100%;max-width:34rem}
+figcaption{font-size:.9rem;font-weight:600}
 .table{overflow-x:auto;margin:.6rem 0}table{border-collapse:collapse}
 td,th{padding:.25rem .8rem .25rem 0;text-align:left;border-bottom:1px solid var(--line);
 vertical-align:top}td.n+td:last-child:not(.n){min-width:7rem}
 .n+:not(.n){padding-left:.6rem}.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
 details{border-bottom:1px solid var(--line);padding:.5rem 0}
 summary{cursor:pointer;font-weight:600}
-@media print{body{max-width:none;padding:0}.picture img{min-width:0}
-.picture,.arm,tr{break-inside:avoid}h2,h3{break-after:avoid}
+@media print{body{max-width:none;padding:0}table{font-size:.68rem}
+td,th{padding-right:.4rem}td:first-child{overflow-wrap:anywhere;min-width:8em}
+figure,.arm,tr{break-inside:avoid}h2,h3{break-after:avoid}
 details::details-content{content-visibility:visible;display:block}}
 """
 

@@ -10,6 +10,7 @@ from dvrk_gravity.units import quantity
 
 _COLUMN = 20  # characters
 _PAIRS = 12  # of causes that are shown, those that are separated worst
+_TIGHTEST = 5  # limits that are shown; the plan's file has all of them
 _WORDS = {
     "position": "position", "velocity": "speed", "acceleration": "acceleration",
     "effort": "effort", "distance": "distance",
@@ -31,7 +32,7 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
         shown = (quantity(value, unit) for value in (known, expected))
         yield f"{name:<{broad}}" + "".join(f"{each:>{_COLUMN}}" for each in shown)
     yield ""
-    yield from _slacks(design.slacks)
+    yield from _tightest(design.slacks)
     yield ""
     yield (
         f"condition number {design.condition:.0f} (base parameters' columns, each divided by its "
@@ -58,17 +59,26 @@ def separation_text(design: SeparationDesign) -> Iterator[str]:
         if not each.separates:
             yield f"{each.words}: {each.why}"
     yield ""
-    yield from _slacks(design.slacks)
+    yield from _tightest(design.slacks)
 
 
-def _slacks(slacks: Sequence[Slack]) -> Iterator[str]:
+def _tightest(slacks: Sequence[Slack]) -> Iterator[str]:
+    """Yield what a plan leaves of the limits that it comes nearest to, and how many others are."""
+    first = sorted(slacks, key=lambda slack: -slack.used)
+    yield from limits_text(first[:_TIGHTEST])
+    if left := first[_TIGHTEST:]:
+        yield f"and {len(left)} more, {100 * left[0].used:.1f} % used at most: in the plan's file"
+    if not any(slack.limit == "effort" for slack in slacks):
+        yield "efforts are not known without --model, and not limited"
+
+
+def limits_text(slacks: Sequence[Slack]) -> Iterator[str]:
+    """Yield what a plan leaves of each limit, as a table."""
     broad = 1 + max(len(slack.of) for slack in slacks)
     yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>{_COLUMN}}"
     for slack in slacks:
         used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
         yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{_left(slack):>{_COLUMN}}"
-    if not any(slack.limit == "effort" for slack in slacks):
-        yield "efforts are not known without --model, and not limited"
 
 
 def _left(slack: Slack) -> str:

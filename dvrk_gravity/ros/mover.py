@@ -19,6 +19,7 @@ from dvrk_gravity.compensate import (
     Following,
     InputGate,
     MotionError,
+    Sample,
     StartRefusedError,
     require_within,
 )
@@ -145,14 +146,16 @@ class Mover:
                 f"{', '.join(self._link.further)}: a console takes positions by index, and needs "
                 "those of all its joints"
             )
-        heard: list[Array] = []
+        heard: list[Sample] = []  # no reading twice, however slowly they arrive
         end = time.monotonic() + LISTEN
         while time.monotonic() < end or len(heard) < HEARD:
             self._listen_until(time.monotonic() + 1.0 / self._rate)
             self._check()
-            heard.append(self._following.position)
+            sample = self._following.last
+            if sample is not None and (not heard or sample is not heard[-1]):
+                heard.append(sample)
         try:
-            position = self._following.at_rest(np.array(heard))
+            position = self._following.at_rest(np.array([each.position for each in heard]))
             require_within(self._arm, position)
         except (MotionError, StartRefusedError) as error:
             raise MotionError(f"{self.topic}: {error}") from error

@@ -33,7 +33,7 @@ _MOST_FUNCTIONS = 3  # functions: a bound on time
 _DOUBTFUL = 1.0 / 3.0
 _REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
 _MOST_MINOR = 3  # effects, one a joint. Chosen
-_ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
+ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
 _FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Chosen
 _LASTING = 0.6  # of an error that lasts as long as a motion does, and noise does not. Chosen
 
@@ -177,7 +177,7 @@ def unexplained_joints(
     if uncertainty is not None:  # an unloaded joint of a file: nothing is expected, nor noise known
         likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
     named = {joint for trial in unknown for joint in trial.candidate.hypothesis.joints}
-    large = np.flatnonzero(rms > np.where(white, _FAR_ABOVE, _ABOVE) * likely).tolist()
+    large = np.flatnonzero(rms > np.where(white, _FAR_ABOVE, ABOVE) * likely).tolist()
     return tuple(joint for joint in large if joint not in named)
 
 

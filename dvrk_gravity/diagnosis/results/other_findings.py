@@ -17,6 +17,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.regression import estimates
+from dvrk_gravity.diagnosis.inference.remaining import ABOVE
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.effect_findings import picture_of
@@ -203,14 +204,16 @@ def known(
             continue
         error = float(data.day_to_day_error[joint])
         if moves > error:
-            reach = float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))
+            most = NORMAL_95 * float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))
             sentence = sentences.within_uncertainty(
-                name, quantity(moves, unit), quantity(reach, unit), source,
-                moves <= NORMAL_95 * reach,
+                name, quantity(moves, unit), quantity(most, unit), source, moves <= most,
             )  # fmt: skip
             found.append(_of_size(PARAMETERS, name, moves, unit, sentence))
         if error > 0.0:
-            sentence = sentences.remaining_error(name, quantity(rest, unit), quantity(error, unit))
+            sentence = sentences.remaining_error(
+                name, quantity(rest, unit), quantity(expected[joint], unit),
+                rest / expected[joint], ABOVE,
+            )  # fmt: skip
             found.append(_of_size(ERROR, name, rest, unit, sentence))
     return tuple(found)
 

@@ -216,18 +216,27 @@ def payload(
     return f"found {found}, expected {quantity(known, 'kg')}: {verdict}"
 
 
-def within_uncertainty(joint: str, moved: str, reach: str, source: str, within: bool) -> str:
-    """Return how much of a joint's error the model's own uncertainty explains."""
+def within_uncertainty(joint: str, moved: str, most: str, source: str, within: bool) -> str:
+    """Return how much of a joint's error the model's own uncertainty explains, at 95 % at most."""
     how = "explained by" if within else "absorbed by the model's parameters, beyond"
     whose = "the uncertainty of the model's parameters" if within else "their uncertainty"
-    return f"{moved} RMS at {joint} {how} {whose} ({reach} RMS from its {source})"
+    return f"{moved} RMS at {joint} {how} {whose} (up to {most} RMS from its {source})"
 
 
-def remaining_error(joint: str, rms: str, expected: str) -> str:
-    """Return a joint's remaining error beside what the model expects of itself."""
+def remaining_error(joint: str, rms: str, expected: str, times: float, least: float) -> str:
+    """Return a joint's remaining error beside the one that the model expects of itself.
+
+    Args:
+        joint: The joint's name.
+        rms: The error.
+        expected: The one expected, as in the table of errors.
+        times: The first over the second.
+        least: From which multiple on an error is a finding.
+    """
+    small = f", and less than {least:g} times that is no finding by itself"
     return (
-        f"{joint}: {rms} RMS remain; expected up to {expected} from the model's error at "
-        "calibration and day-to-day friction variation"
+        f"{joint}: {rms} RMS remain; the model expects {expected}"
+        f"{small if 1.0 < times < least else ''}"
     )
 
 
