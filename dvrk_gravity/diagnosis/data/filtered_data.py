@@ -89,6 +89,8 @@ class FilteredData:
         repetition: How the motion repeats, if it does.
         common_time: (T,) s, increasing; the motion is the same whole periods apart.
         settings: Filter and blocks.
+        bases: :attr:`search_bases`, as soon as they are asked for: of the motion, however its
+            model is linearised.
     """
 
     motion: MeasuredMotion
@@ -100,6 +102,7 @@ class FilteredData:
     repetition: Repetition | None
     common_time: Array
     settings: FilterSettings
+    bases: dict[type[Effect], Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, motion: MeasuredMotion, settings: FilterSettings | None = None) -> FilteredData:
@@ -255,14 +258,16 @@ class FilteredData:
         """(T,) s."""
         return self.reduce_state(self.motion.time[:, None])[:, 0]
 
-    @cached_property
+    @property
     def search_bases(self) -> Mapping[type[Effect], Any]:
         """What effects need to be searched for in a residual, by effect: large."""
-        return {effect: effect.search_basis(self) for effect in effects()}
+        if not self.bases:
+            self.bases.update((effect, effect.search_basis(self)) for effect in effects())
+        return self.bases
 
     def release(self) -> None:
         """Drop what is large and can be computed again."""
-        self.__dict__.pop("search_bases", None)
+        self.bases.clear()
         self.motion.release()
 
     def reduce_state(self, values: Array) -> Array:
