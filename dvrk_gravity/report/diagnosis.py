@@ -50,6 +50,8 @@ _VERDICTS = {
     "ambiguous": "explained, by more than one possible cause",
     "unexplained": "unexplained",
 }
+# Parts of a picture around its axes, as in `fit_pictures`.
+_ROOM = {"left": 0.09, "right": 0.985, "bottom": 0.155, "top": 0.83, "wspace": 0.05}
 _BINS = 24
 _LEAST_IN_BIN = 3
 _LEAST_P = 0.001  # below, a figure of a p-value says nothing more
@@ -257,8 +259,8 @@ def _figure(picture: Picture, arm: Arm) -> Figure:
 
     joint = arm.joints[arm.joint_names.index(picture.joint)]
     unit, factor = effort_in_picture(joint, picture.before, picture.after)
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
+    figure = Figure(figsize=(9.0, 3.4))
+    axes = figure.subplots(1, 2, sharey=True, gridspec_kw=_ROOM)
     for ax, error, title in (
         (axes[0], picture.before, "before"),
         (axes[1], picture.after, "after"),
@@ -280,7 +282,7 @@ def _figure(picture: Picture, arm: Arm) -> Figure:
         ax.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS")
         ax.set_xlabel(picture.variable)
     lines, names = axes[1].get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
+    figure.legend(lines, names, loc="upper right", ncols=2, frameon=False, fontsize="small")
     axes[0].set_ylabel(f"error at {picture.joint} [{unit}]")
     return figure
 

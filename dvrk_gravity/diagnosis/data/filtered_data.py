@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches
+from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches, not_zero
 from dvrk_gravity.diagnosis.data.model_error import (
     friction_torque,
     friction_variation,
@@ -137,7 +137,7 @@ class FilteredData:
             return columns
         low = LowPass(self.band, self.motion.rate)
         flat = columns.reshape(len(columns), -1)
-        live = np.flatnonzero(_not_zero(flat))
+        live = np.flatnonzero(not_zero(flat))
         pieces = []
         for part in self.motion.parts:
             if part.stop - part.start <= 3 * low.edge:
@@ -329,11 +329,3 @@ class FilteredData:
         differs = repetition_noise(self.repetition, self.common_time, residual, self.usable)
         differs = np.where(np.isfinite(differs), differs, noise)
         return np.fmax(differs, band_noise(self.motion.rounding, self.band))
-
-
-def _not_zero(signals: Array) -> NDArray[np.bool_]:
-    """Return (k,) which columns of (N, k) signals are not zero throughout: most soon show it."""
-    found = np.asarray(np.any(signals[::100], axis=0))
-    silent = np.flatnonzero(~found)
-    found[silent] = np.any(signals[:, silent], axis=0)
-    return found
