@@ -33,6 +33,10 @@ from dvrk_gravity.estimation import (
 )
 from dvrk_gravity.recording import LowPass
 
+# Values filtered at a time: the filter's copies of twice as many are new memory each time, and take
+# 12 ns a value instead of 7.
+_FILTERED = 48_000
+
 FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
 """Where the noise floor was seen."""
 
@@ -49,7 +53,7 @@ class FilterSettings:
             `make sensitivity`.
         near: s, by which two samples may miss a whole period and still show the same: one kept
             sample at the default rate.
-        batch: Signals filtered at a time: the filter makes copies.
+        batch: Signals built at a time.
         blocks: How samples are divided into blocks.
     """
 
@@ -144,8 +148,9 @@ class FilteredData:
                 continue
             kept = range(part.stop - part.start)[low.edge : -low.edge : self.decimation]
             piece = np.zeros((len(kept), flat.shape[1]))
-            for first in range(0, len(live), self.settings.batch):
-                batch = live[first : first + self.settings.batch]
+            width = max(1, _FILTERED // (part.stop - part.start))
+            for first in range(0, len(live), width):
+                batch = live[first : first + width]
                 piece[:, batch] = low(flat[part, batch])[low.edge : -low.edge : self.decimation]
             pieces.append(piece)
         reduced = np.concatenate(pieces)
