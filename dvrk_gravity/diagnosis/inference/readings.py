@@ -73,8 +73,8 @@ def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedRea
     wrong: list[WrongReading] = []
     while True:
         motion, beside = loaded.motion, baseline(loaded.motion)
-        one = motion.reference is None and len(wrong) < _MOST
-        found = _better_reading(beside) if one else None
+        tested = motion.reference is None and len(wrong) < _MOST
+        found = _better_reading(beside) if tested else None
         say("building hypotheses")
         pool = _pool(beside)
         selection = Selection(beside.validation, pool, say)
