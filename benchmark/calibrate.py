@@ -47,7 +47,6 @@ from dvrk_gravity.report import (
     plan_picture,
 )
 from dvrk_gravity.simulate import PlantFile
-from dvrk_gravity.units import fixed
 from testing.mujoco_arms import FILES
 
 COUNTS = {"mtmr": 20, "psm": 5, "ur5": 1, "ur10": 1, "panda": 1, "kinova": 1, "chain": 1}

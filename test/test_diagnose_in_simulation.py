@@ -87,6 +87,34 @@ def test_an_arm_with_a_tenth_of_its_friction_is_compensated_for_a_tenth():
     assert of_a_tenth[1:3].min() > 5.0  # shoulder and elbow fall, for they weigh
 
 
+def test_an_arm_that_sticks_is_not_simulated_on_and_stays_where_it_is(monkeypatch):
+    model = World.draw(6, step=COARSE).model()
+    plant, pose = ModelArm.of(model).plant(), np.array([0.1, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2])
+    lighter = replace(
+        model,
+        terms=tuple(
+            replace(term, beta=0.6 * term.beta) if isinstance(term, Gravity) else term
+            for term in model.terms
+        ),
+    )
+
+    def simulated(compensating):
+        began = plant.time
+        return let_go(plant, compensating, pose, 1.01), plant.time - began
+
+    at_once, of_stuck = simulated(model)
+    falls, _ = simulated(lighter)
+
+    assert of_stuck < 0.2
+    assert np.abs(at_once).max() < 1e-15
+    assert at_once.shape == falls.shape == (51, N_JOINTS)
+    assert falls.any()
+    monkeypatch.setattr(comparison, "_REST", 2.0)
+    whole, of_whole = simulated(lighter)
+    assert of_whole == pytest.approx(1.01)
+    assert (whole == falls).all()
+
+
 def test_the_plant_of_identified_parameters_has_the_arm_s_mass_matrix():
     world = World.draw(6, step=COARSE)
     model = world.model()

@@ -29,6 +29,7 @@ from dvrk_gravity.arrays import Array
 PER_LINK = 10
 OF_WEIGHT = 4  # of these, what weight knows of: m, m c (3)
 _BLOCK = 1000  # samples worked on at a time: their arrays stay in the cache
+_BLOCK_OF_TORQUE = 4000  # likewise, of the fewer arrays that torque alone needs
 
 
 class TreeBody(NamedTuple):
@@ -100,8 +101,8 @@ def regressor(arm: Arm, q: Array, qd: Array | None, qdd: Array | None, gravity: 
     """
     out = np.empty((*q.shape, PER_LINK * len(arm.bodies)))
     tree = bodies(arm)
-    for part, coordinates in _blocks(tree, q, qd, qdd):
-        out[part] = _regressor(tree, coordinates, gravity, arm.n).transpose(2, 0, 1)
+    for part, coordinates, base in _blocks(tree, _BLOCK, gravity, q, qd, qdd):
+        out[part] = _regressor(tree, coordinates, base, arm.n).transpose(2, 0, 1)
     return out
 
 
@@ -118,8 +119,9 @@ def torque(
     qd, qdd = (None if each is None else each.reshape(-1, arm.n) for each in (qd, qdd))
     out = np.empty((q.size // arm.n, arm.n))
     tree, links = bodies(arm), parameters.reshape(-1, PER_LINK)
-    for part, coordinates in _blocks(tree, q.reshape(-1, arm.n), qd, qdd):
-        out[part] = _torque(tree, links, coordinates, gravity, arm.n).T
+    blocks = _blocks(tree, _BLOCK_OF_TORQUE, gravity, q.reshape(-1, arm.n), qd, qdd)
+    for part, coordinates, base in blocks:
+        out[part] = _torque(tree, links, coordinates, base, arm.n).T
     return out.reshape(q.shape)
 
 
@@ -131,15 +133,35 @@ class _Coordinate(NamedTuple):
     gain: Array
 
 
+class _Motion(NamedTuple):
+    """Motion of a body in its own frame.
+
+    Attributes:
+        spin: Its angular velocity and acceleration, (3, samples) each; ``None``: the arm rests.
+        a: (3, samples) acceleration of its origin, gravity taken off.
+    """
+
+    spin: tuple[Array, Array] | None
+    a: Array
+
+
 def _blocks(
-    tree: tuple[TreeBody, ...], q: Array, qd: Array | None, qdd: Array | None
-) -> Iterator[tuple[slice, list[_Coordinate]]]:
-    """Yield slices of the samples, and every body's coordinate there."""
-    for start in range(0, len(q), _BLOCK):
-        part = slice(start, start + _BLOCK)
+    tree: tuple[TreeBody, ...],
+    size: int,
+    gravity: Array,
+    q: Array,
+    qd: Array | None,
+    qdd: Array | None,
+) -> Iterator[tuple[slice, list[_Coordinate], _Motion]]:
+    """Yield slices of the samples, every body's coordinate there, and the base's motion."""
+    for start in range(0, len(q), size):
+        part = slice(start, start + size)
         arrays = [None if array is None else array[part].T for array in (q, qd, qdd)]
         count = len(q[part])
-        yield part, [_Coordinate(*(b.coordinate(array, count) for array in arrays)) for b in tree]
+        still = None if qd is None and qdd is None else (np.zeros((3, count)),) * 2
+        base = _Motion(still, np.repeat(-gravity[:, None], count, axis=1))
+        coordinates = [_Coordinate(*(b.coordinate(array, count) for array in arrays)) for b in tree]
+        yield part, coordinates, base
 
 
 class _Frame(NamedTuple):
@@ -173,20 +195,6 @@ class _Frame(NamedTuple):
         return self.rotation @ vector
 
 
-class _Motion(NamedTuple):
-    """Motion of a body in its own frame, (3, samples) each; gravity taken off the acceleration."""
-
-    w: Array
-    dw: Array
-    a: Array
-
-
-def _resting(gravity: Array, samples: int) -> _Motion:
-    """Return the motion of the base."""
-    still = np.zeros((3, samples))
-    return _Motion(still, still, np.repeat(-gravity[:, None], samples, axis=1))
-
-
 def _frame(body: TreeBody, position: Array) -> _Frame:
     if body.slides:
         return _Frame(body.rotation, None, body.offset + body.rotation[:, 2:] * position)
@@ -196,11 +204,13 @@ def _frame(body: TreeBody, position: Array) -> _Frame:
 
 def _carried(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motion:
     """Carry a parent's motion to the frame of a body, and add its joint's."""
-    a = parent.a
+    spin, a = parent
+    if spin is None:
+        return _Motion(None, frame.into(a))
+    w, dw = spin
     if frame.offset is not None:
-        across = _cross(parent.w, frame.offset)
-        a = a + _cross(parent.dw, frame.offset) + _cross(parent.w, across)
-    w, dw, a = frame.into(parent.w), frame.into(parent.dw), frame.into(a)
+        a = a + _cross(dw, frame.offset) + _cross(w, _cross(w, frame.offset))
+    w, dw, a = frame.into(w), frame.into(dw), frame.into(a)
     if frame.turn is None:
         # 2 w x z rate (Coriolis) and z gain
         a[0] += 2.0 * rate * w[1]
@@ -212,19 +222,17 @@ def _carried(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motio
         dw[1] -= rate * w[0]
         dw[2] += gain
         w[2] += rate
-    return _Motion(w, dw, a)
+    return _Motion((w, dw), a)
 
 
 def _torque(
     tree: tuple[TreeBody, ...],
     links: Array,
     coordinates: list[_Coordinate],
-    gravity: Array,
+    base: _Motion,
     joints: int,
 ) -> Array:
     """Return (joints, samples) efforts of (bodies, 10) parameters: down the tree, and back."""
-    samples = len(coordinates[0].position)
-    base = _resting(gravity, samples)
     frames: list[_Frame] = []
     motions: list[_Motion] = []
     for body, (position, rate, gain) in zip(tree, coordinates, strict=True):
@@ -233,7 +241,7 @@ def _torque(
         motions.append(_carried(parent, frames[-1], rate, gain))
     # What each body takes to move, and carries on.
     wrenches = [_wrench(link, motion) for link, motion in zip(links, motions, strict=True)]
-    out = np.zeros((joints, samples))
+    out = np.zeros((joints, base.a.shape[1]))
     for body, frame, (force, moment) in zip(
         reversed(tree), reversed(frames), reversed(wrenches), strict=True
     ):
@@ -251,10 +259,13 @@ def _torque(
 
 def _wrench(link: Array, motion: _Motion) -> tuple[Array, Array]:
     """Return force and moment about its origin, (3, samples), that move a body so."""
-    w, dw, a = motion
+    spin, a = motion
     if not link.any():
         return np.zeros(a.shape), np.zeros(a.shape)
     mass, first = link[0], link[1:4, None]
+    if spin is None:
+        return mass * a, _cross(first, a)
+    w, dw = spin
     xx, xy, yy, xz, yz, zz = link[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     force = mass * a + _cross(dw, first) + _cross(w, _cross(w, first))
@@ -262,12 +273,12 @@ def _wrench(link: Array, motion: _Motion) -> tuple[Array, Array]:
 
 
 def _regressor(
-    tree: tuple[TreeBody, ...], coordinates: list[_Coordinate], gravity: Array, joints: int
+    tree: tuple[TreeBody, ...], coordinates: list[_Coordinate], base: _Motion, joints: int
 ) -> Array:
     """Return (joints, columns, samples)."""
-    samples = len(coordinates[0].position)
+    samples = base.a.shape[1]
     out = np.zeros((joints, PER_LINK * len(tree), samples))
-    base, fixed = _resting(gravity, samples), dict[int, tuple[Array, Array]]()
+    fixed = dict[int, tuple[Array, Array]]()
     motions: list[_Motion] = []
     units: list[dict[int, tuple[Array, Array]]] = []
     for index, (body, (position, rate, gain)) in enumerate(zip(tree, coordinates, strict=True)):
@@ -298,8 +309,15 @@ def _units(
 
 def _fill(out: Array, motion: _Motion, units: dict[int, tuple[Array, Array]]) -> None:
     """Write the ten columns of a body, (7, 10, n), for every joint that moves it."""
-    w, dw, a = motion
-    (wx, wy, wz), (dx, dy, dz) = w, dw
+    spin, a = motion
+    for joint, (u, v) in units.items():
+        t = out[joint]
+        t[0] = v[0] * a[0] + v[1] * a[1] + v[2] * a[2]
+        t[1:4] = _cross(a, u)
+    if spin is None:
+        return
+    w = spin[0]
+    (wx, wy, wz), (dx, dy, dz) = spin
     # L = [dw] + [w][w], by its entries.
     xy, xz, yz = wx * wy, wx * wz, wy * wz
     xx, yy, zz = wx * wx, wy * wy, wz * wz
@@ -310,8 +328,6 @@ def _fill(out: Array, motion: _Motion, units: dict[int, tuple[Array, Array]]) ->
     )
     for joint, (u, v) in units.items():
         t = out[joint]
-        t[0] = v[0] * a[0] + v[1] * a[1] + v[2] * a[2]
-        t[1:4] = _cross(a, u)
         for k in range(3):
             t[1 + k] += rows[0][k] * v[0] + rows[1][k] * v[1] + rows[2][k] * v[2]
         s = _cross(u, w)

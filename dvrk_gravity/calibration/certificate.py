@@ -14,12 +14,11 @@ from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.effects import is_friction
 from dvrk_gravity.identification import POOR
-from dvrk_gravity.units import quantity
+from dvrk_gravity.units import fixed, quantity
 
 FORMAT = 1
 _UNCERTAIN = 0.5  # half of an interval over its value, from which friction is uncertain. Chosen
 _MANY = 4  # names in a sentence
-_LEAST = 0.01  # deg or mm of a drift: a fiftieth of what is allowed. Chosen
 
 
 @dataclass(frozen=True)
@@ -305,9 +304,9 @@ def _with_less_friction(
 
 
 def shown_drift(value: float, unit: str = "rad") -> str:
-    """Return a drift, rad or m, in deg or mm; less than a hundredth is no more than that."""
+    """Return a drift, rad or m, in deg or mm, in hundredths: a fiftieth of what is allowed."""
     shown, name = (math.degrees(value), "deg") if unit == "rad" else (1e3 * value, "mm")
-    return f"< {_LEAST:g} {name}" if shown < _LEAST else f"{shown:.2f} {name}"
+    return f"{fixed(shown, 2)} {name}"
 
 
 def largest_drift(value: float) -> str:

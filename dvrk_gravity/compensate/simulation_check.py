@@ -5,6 +5,7 @@ Both with the model's own friction. The drift is what a hand feels if the extend
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,7 +18,7 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects import Motion
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate import ModelArm, Plant, SimulatedArm, simulate
+from dvrk_gravity.simulate import Measurement, ModelArm, Plant, SimulatedArm, simulate
 
 WINDOW = 0.1  # s of open-loop prediction, which soon diverges
 STEP = 1e-3  # s
@@ -26,6 +27,10 @@ DURATION = 2.0  # s of drift, as long as the console watches it to accept a cali
 _WINDOWS = 60
 _POSES = 3
 _RATE = 50.0  # Hz of the drift's record
+_EVERY = round(1.0 / (_RATE * STEP))  # steps
+# s, in which an arm that moved by exactly nothing is stuck (``FrictionSolver``): nothing that acts
+# on it changes any more. More where its readings are late.
+_REST = 0.1
 _AWAY = f"steps of {1e3 * STEP:g} ms are too long for the model's torques, the arm runs away"
 _COMPLETED = 0.01  # of the usual torque: a smaller difference of inertia is not reported
 
@@ -206,12 +211,21 @@ def let_go(
     def effort(position: Array, velocity: Array) -> Array:
         return settings.limits.clip(settings.torque(position, velocity))
 
+    def control(arm: SimulatedArm, read: Measurement) -> None:
+        arm.servo_jf(effort(read.position, read.velocity))
+
     start = plant.q + offset
     arm.servo_jf(effort(start, np.zeros(len(start))))
-    recording = simulate(
-        arm, lambda arm, m: arm.servo_jf(effort(m.position, m.velocity)), duration, _RATE
-    )
-    return recording.position - start
+    steps, rows = round(duration / STEP), math.ceil(round(duration / STEP) / _EVERY)
+    piece = _EVERY * math.ceil((_REST + abs(plant.model.reading_errors.delay)) * _RATE)
+    found = np.empty((0, len(start)))
+    for first in range(0, steps, piece):
+        before = plant.q
+        moved = simulate(arm, control, min(piece, steps - first) * STEP, _RATE).position
+        found = np.concatenate([found, moved])
+        if not plant.v.any() and (plant.q == before).all() and (moved == moved[0]).all():
+            break
+    return np.pad(found, ((0, rows - len(found)), (0, 0)), mode="edge") - start
 
 
 def _drift(

@@ -32,7 +32,6 @@ from .inference.reading_search import effort_scales as effort_scales
 from .inference.reading_search import try_readings as try_readings
 from .inference.readings import correct_readings as correct_readings
 from .inference.readings import hypotheses as hypotheses
-from .inference.readings import prepared as prepared
 from .inference.recurring_misfit import AtCalibration as AtCalibration
 from .inference.recurring_misfit import Expected as Expected
 from .inference.regression import estimates as estimates

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -79,10 +80,14 @@ class ReadingHypothesis(Hypothesis):
     def regressor(self, motion: Motion) -> Array:
         """Return secants of the torque by the factor and, homed elsewhere, by the offset."""
         factor = float(np.clip(self.setting["factor"], _LEAST, _GREATEST))
-        columns = [_secant(lambda part: self._torque(motion, 1.0 + part, 0.0), factor - 1.0)]
-        if "offset" in self.setting:
-            offset = self.setting["offset"]
-            columns.append(_secant(lambda shift: self._torque(motion, factor, shift), offset))
+        scaled = partial(self._torque, motion, offset=0.0)
+        columns = [_secant(scaled, 1.0, factor, motion.modelled)]
+        offset = self.setting.get("offset")
+        if offset == 0.0 and factor == 1.0:
+            columns.append(-motion.slope @ self.site.column(self.arm))
+        elif offset is not None:
+            shifted = partial(self._torque, motion, factor)
+            columns.append(_secant(shifted, 0.0, offset))
         return np.stack(columns, axis=2)
 
     def _torque(self, motion: Motion, factor: float, offset: float) -> Array:
@@ -118,8 +123,17 @@ class ReadingHypothesis(Hypothesis):
         return {"factor": 1.0 + part, **({"offset": offset[0]} if offset else {})}
 
 
-def _secant(torque: Callable[[float], Array], at: float) -> Array:
-    """Return the (N, n) secant of a torque from zero, near zero its slope."""
-    if abs(at) < _SMALL:
-        return (torque(_SMALL) - torque(-_SMALL)) / (2.0 * _SMALL)
-    return (torque(at) - torque(0.0)) / at
+def _secant(
+    torque: Callable[[float], Array], start: float, at: float, there: Array | None = None
+) -> Array:
+    """Return the (N, n) secant of a torque from a start, near that its slope.
+
+    Args:
+        torque: The torque by a setting.
+        start: Its value without the fault.
+        at: Its value.
+        there: The torque at the start, where it is known.
+    """
+    if abs(at - start) < _SMALL:
+        return (torque(start + _SMALL) - torque(start - _SMALL)) / (2.0 * _SMALL)
+    return (torque(at) - (torque(start) if there is None else there)) / (at - start)

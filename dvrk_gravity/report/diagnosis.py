@@ -51,6 +51,8 @@ _VERDICTS = {
     "ambiguous": "explained, by more than one possible cause",
     "unexplained": "unexplained",
 }
+# Parts of a picture around its axes, as in `fit_pictures`.
+_ROOM = {"left": 0.09, "right": 0.985, "bottom": 0.155, "top": 0.83, "wspace": 0.05}
 _BINS = 24
 _LEAST_IN_BIN = 3
 _LEAST_P = 0.001  # below, a figure of a p-value says nothing more
@@ -251,13 +253,13 @@ def png(picture: Picture, arm: Arm) -> bytes:
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    both = figure.subplots(1, 2, sharey=True)
+    figure = Figure(figsize=(9.0, 3.4))
+    both = figure.subplots(1, 2, sharey=True, gridspec_kw=_ROOM)
     for axes, when in zip(both, _WHEN, strict=True):
         axes.set_title(_drawn(axes, picture, arm, when))
     both[1].set_ylabel("")
     lines, names = both[1].get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
+    figure.legend(lines, names, loc="upper right", ncols=2, frameon=False, fontsize="small")
     return html.png(figure)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import MAX_REMOVED, Hypothesis
 from dvrk_gravity.errors import EffectError
 
@@ -52,7 +52,8 @@ class Candidate:
                 hypothesis.effect,
                 f"`regressor` returns shape {np.shape(columns)}, expected (N, {n}, k)",
             )
-        joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
+        acting = not_zero(columns.reshape(len(columns), -1)).reshape(n, -1)
+        joints = np.flatnonzero(acting.any(axis=1))
         values = columns if len(joints) == columns.shape[1] else columns[:, joints]
         if not np.isfinite(values).all():
             raise EffectError(hypothesis.effect, f"`regressor` is not finite: {hypothesis}")
@@ -157,6 +158,14 @@ def are_possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]
         if other.hypothesis.joints == hypothesis.joints
     )
     return hypothesis.plausible(theta) and less <= MAX_REMOVED
+
+
+def not_zero(signals: Array) -> Mask:
+    """Return (k,) which columns of (N, k) signals are not zero throughout: most soon show it."""
+    found = np.asarray(np.any(signals[::100], axis=0))
+    silent = np.flatnonzero(~found)
+    found[silent] = np.any(signals[:, silent], axis=0)
+    return found
 
 
 def in_batches(items: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:

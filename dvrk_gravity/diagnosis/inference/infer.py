@@ -24,7 +24,6 @@ from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.readings import (
     WrongReading,
-    baseline_effects,
     correct_readings,
 )
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
@@ -95,6 +94,7 @@ def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
     search = _search(loaded, say)
     friction, springs = search.changed_joints()
     while friction or springs:
+        search.validation.data.release()
         say("comparing hypotheses with changed friction and springs")
         motion = replace(loaded.motion, changed_friction=friction, changed_springs=springs)
         posterior = _confirmed(_search(replace(loaded, motion=motion), say))
@@ -148,7 +148,7 @@ class _Search:
 def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     """Return readings, effects and unexplained structure that the samples of selection show."""
     read = correct_readings(loaded, say)
-    loaded, validation, pool = read.loaded, read.validation, read.pool
+    loaded, validation, pool = read.loaded, read.beside.validation, read.pool
     data = validation.data
     if contradiction(loaded.warnings) and not read.wrong:
         loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
@@ -156,8 +156,9 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
-    expected = baseline_effects(validation, pool)
-    selection = Selection(validation, sparse, say, expected=expected, at_calibration=at_calibration)
+    selection = Selection(
+        validation, sparse, say, expected=read.beside.candidates, at_calibration=at_calibration
+    )
     say("comparing hypotheses")
     chosen = selection.run()
 
@@ -177,7 +178,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     selected = explained(selection, kept)
     say("looking for unexplained structure")
     floor = noise(selection.at(kept))
-    selection.release()
+    loaded.motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
         loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse,
@@ -203,6 +204,7 @@ def _confirmed(search: _Search) -> Posterior:
         validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
         search.unexplained, search.at_calibration,
     )  # fmt: skip
+    validation.data.release()
     return Posterior(
         search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
         joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,

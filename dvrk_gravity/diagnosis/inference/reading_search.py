@@ -101,7 +101,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     pulling = tuple(term for term in motion.model.terms if not term.FRICTION)
     alternatives = [
         *readings(motion.arm, motion.moves),
-        *_clocks(few, usable),
+        *_clocks(few, usable, as_it_is),
         *effort_scales(few, usable, as_it_is),
     ]
     scores = []
@@ -116,17 +116,24 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
             continue
         # A reading that keeps the joints within the identified range may decide against one that
         # leaves it. For efforts alone the model's error is in both.
-        moved = same_motion[0].moves
-        expected = np.minimum(as_it_is, _expected(read)) if moved else np.zeros_like(as_it_is)
-        scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
+        most = as_it_is if same_motion[0].moves else np.zeros_like(as_it_is)
+        found = []
         for reading in same_motion:
             effort = few.effort @ reading.effort.T
             after = _beside_friction(effort - read.modelled, read, usable) ** 2 * usable
-            mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
-            # Log-likelihood of a sample.
-            gain = float((0.5 * np.log(scale / mean) - reading.density).sum())
+            # Monotonic in the model's error, which takes longer to find.
+            ends = [_gains(before, after, error) for error in (np.zeros_like(most), most)]
+            if (np.max(ends, axis=0) - reading.density).sum() > 0.0:
+                found.append((reading, effort, after))
+        if not found:
+            continue
+        expected = np.minimum(most, _expected(read)) if most.any() else most
+        scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
+        for reading, effort, after in found:
+            gain = float((_gains(before, after, expected) - reading.density).sum())
             if gain <= 0.0:
                 continue
+            mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
             pull = read.torque_at(read.q, replace(read.model, terms=pulling))
             if _driving((effort - pull) * read.qd, block):
                 continue
@@ -148,7 +155,13 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     return sorted(scores, key=lambda score: -score.gain)
 
 
-def _clocks(few: MeasuredMotion, usable: Mask) -> list[Reading]:
+def _gains(before: Array, after: Array, expected: Array) -> Array:
+    """Return (n,) log-likelihood gains of a sample, of (N, n) squared errors beside the model's."""
+    old, new = (np.maximum(square.mean(axis=0) + expected, 1e-12) for square in (before, after))
+    return np.asarray(0.5 * np.log(old / new))
+
+
+def _clocks(few: MeasuredMotion, usable: Mask, expected: Array) -> list[Reading]:
     """Return the clock with which the model's torques fit best, if the recorded one is wrong.
 
     Where velocities were measured they show the clock (``faults``); here only torques do,
@@ -159,7 +172,7 @@ def _clocks(few: MeasuredMotion, usable: Mask) -> list[Reading]:
     if few.static or few.timed or few.reference is not None:
         return []
     eye, counted = np.eye(few.arm.n), usable & few.moves
-    least = _expected(few) + 1e-12
+    least = expected + 1e-12
 
     def squares(log: float) -> Array:
         read = read_as(few, _clock(float(np.exp(log)), eye))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, split
+from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
@@ -55,67 +55,76 @@ class CorrectedReading:
     Attributes:
         loaded: The motion.
         wrong: Wrong readings, in the order in which they were corrected.
-        validation: The samples, ready for comparisons.
+        beside: The samples, ready for comparisons, with the baseline effects.
         pool: Hypotheses that need no search.
     """
 
     loaded: Loaded
     wrong: tuple[WrongReading, ...]
-    validation: CrossValidation
+    beside: Beside
     pool: list[Candidate]
 
 
 def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedReading:
-    """Return the motion as it is to be read; two recordings of one motion were read equally."""
+    """Return the motion as it is to be read; two recordings of one motion were read equally.
+
+    A better reading must gain about as much as the best effect does.
+    """
     wrong: list[WrongReading] = []
-    while loaded.motion.reference is None and len(wrong) < _MOST:
-        found = _wrong_reading(loaded, say)
-        if found is None:
-            break
+    while True:
+        motion, beside = loaded.motion, baseline(loaded.motion)
+        tested = motion.reference is None and len(wrong) < _MOST
+        found = _better_reading(beside) if tested else None
+        say("building hypotheses")
+        pool = _pool(beside)
+        selection = Selection(beside.validation, pool, say)
+        if found is None or found.score.gain <= _SHARE * _best_gain(selection, beside):
+            return CorrectedReading(loaded, tuple(wrong), beside, pool)
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
         loaded = _corrected(loaded, found.score.reading)
-    say("building hypotheses")
-    validation, pool = prepared(loaded.motion)
-    return CorrectedReading(loaded, tuple(wrong), validation, pool)
+        motion.release()
+        del beside, pool, selection  # a long recording leaves no room for two
 
 
-def _wrong_reading(loaded: Loaded, say: Callable[[str], None]) -> WrongReading | None:
+def _best_gain(selection: Selection, beside: Beside) -> float:
+    """Return the gain of the best effect."""
+    return max((trial.gain for trial in selection.best(beside) if trial.plausible), default=0.0)
+
+
+def _better_reading(present: Beside) -> WrongReading | None:
     """Return what is wrong with the present reading, if another one is significantly better.
 
-    The better one must pass a rough test, gain about as much as the best effect does, with the
-    model's parameters free within its uncertainty, and gain with certainty on held-out blocks.
+    The better one must pass a rough test, and gain with certainty on held-out blocks, with the
+    model's parameters free within its uncertainty: with fixed ones, a wrong reading inside the
+    identified range beats a right one outside it.
     """
-    motion = loaded.motion
+    motion = present.validation.data.motion
     tried = try_readings(motion)
-    passing = [score for score in tried if score.passes]
-    if not passing:
+    scores, read = list[ReadingScore](), present
+    for score in [score for score in tried if score.passes][:_COMPARED]:
+        other = baseline(read_as(motion, score.reading))
+        gain = _gain(score.reading, other, present)
+        if gain > max((each.gain for each in scores), default=-np.inf):
+            read = other
+        scores.append(replace(score, gain=gain))
+    if not scores:
         return None
-    say("building hypotheses")
-    validation, pool = prepared(motion)
-    beside = baseline_effects(validation, pool)
-    present = validation.score(beside)
-    best = Selection(validation, pool, say).best(Beside(validation, tuple(beside)))
-    least = _SHARE * max((trial.gain for trial in best if trial.plausible), default=0.0)
-    before = HeldOut(validation).error(beside) if motion.model.of_file else None
-    motion.release()
-    del validation, pool, best  # a long recording leaves no room for two
-    scores = _compared(motion, passing[:_COMPARED], present)
-    say("building hypotheses")
-    validation, pool = prepared(read_as(motion, scores[0].reading))
-    beside = baseline_effects(validation, pool)
-    read = validation.score(beside)
-    held_out = HeldOut(validation)
-    # What friction hides does not count, where a model states it poorly.
-    after = held_out.as_read() if before is None else held_out.error(beside)
-    if before is None:
-        before = error_as_read(motion, validation.data, held_out)
-    _, gain = reading_gain(scores[0], before, after, held_out)
-    certain = gain.low > 0.0 and gain.relative > held_out.settings.least_removed
-    enough = _gain(scores[0], validation, present, read) > least
-    inflation = validation.inflation(read.error, present.error - read.error)
-    p_value = likelihood_ratio(validation.gain(present, read, inflation), 1)
-    if not (enough and certain and bonferroni(p_value, len(tried)) < ALPHA):
+    scores.sort(key=lambda score: -score.gain)
+    held_out = HeldOut(read.validation)
+    if motion.model.of_file:
+        # What friction hides does not count, where a model states it poorly.
+        before = HeldOut(present.validation).error(present.candidates)
+        after = held_out.error(read.candidates)
+    else:
+        before = error_as_read(motion, read.validation.data, held_out)
+        after = held_out.as_read()
+    _, gained = reading_gain(scores[0], before, after, held_out)
+    certain = gained.low > 0.0 and gained.relative > held_out.settings.least_removed
+    old, new = present.score, read.score
+    inflation = read.validation.inflation(new.error, old.error - new.error)
+    p_value = likelihood_ratio(read.validation.gain(old, new, inflation), 1)
+    if not (certain and bonferroni(p_value, len(tried)) < ALPHA):
         return None
     limit = _ALTERNATIVE * scores[0].gain
     others = tuple(score for score in scores[1:] if score.gain > limit)
@@ -155,36 +164,15 @@ def error_as_read(motion: MeasuredMotion, data: FilteredData, held_out: HeldOut)
 
 def error_beside_baseline(motion: MeasuredMotion) -> Array:
     """Return (H, n) held-out errors of a motion with the baseline effects fitted."""
-    validation, pool = prepared(motion)
-    return HeldOut(validation).error(baseline_effects(validation, pool))
+    beside = baseline(motion)
+    return HeldOut(beside.validation).error(beside.candidates)
 
 
-def _compared(
-    motion: MeasuredMotion, scores: Sequence[ReadingScore], present: Score
-) -> list[ReadingScore]:
-    """Return readings by their gain with the model's parameters free, best first.
-
-    With fixed ones, a wrong reading inside the identified range beats a right one outside it.
-    """
-    if len(scores) == 1:
-        return list(scores)
-    found = []
-    for score in scores:
-        read = read_as(motion, score.reading)
-        if motion.model.of_file:
-            validation, pool = prepared(read)
-            beside = baseline_effects(validation, pool)
-        else:
-            validation, beside = CrossValidation.of(FilteredData.of(read)), []
-        gain = _gain(score, validation, present, validation.score(beside))
-        found.append(replace(score, gain=gain))
-    return sorted(found, key=lambda score: -score.gain)
-
-
-def _gain(score: ReadingScore, validation: CrossValidation, present: Score, read: Score) -> float:
+def _gain(reading: Reading, read: Beside, present: Beside) -> float:
     """Return the log-likelihood gain of a reading, in the units of the efforts as recorded."""
-    scaled = float((validation.samples * (validation.weight > 0.0)) @ score.reading.density)
-    return read.likelihood - present.likelihood - scaled
+    validation = read.validation
+    scaled = float((validation.samples * (validation.weight > 0.0)) @ reading.density)
+    return read.score.likelihood - present.score.likelihood - scaled
 
 
 def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
@@ -193,33 +181,31 @@ def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
         yield from effect.hypotheses(motion)
 
 
-def prepared(motion: MeasuredMotion) -> tuple[CrossValidation, list[Candidate]]:
-    """Return the filtered data of a motion, ready for comparisons, and these hypotheses."""
-    validation = CrossValidation.of(FilteredData.of(motion))
-    pool = [
-        candidate
-        for candidate in validation.data.candidates(hypotheses(motion))
-        if candidate.acts.any()
-    ]
-    beside = baseline_effects(validation, pool)
-    return validation, [begun(validation, candidate, beside) for candidate in pool]
+def _pool(beside: Beside) -> list[Candidate]:
+    """Return these hypotheses with their columns."""
+    validation = beside.validation
+    pool = _acting(validation, hypotheses(validation.data.motion))
+    return [begun(validation, candidate, beside.candidates) for candidate in pool]
 
 
-def baseline_effects(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Candidate]:
-    """Return the effects that any joint has and an arm's own file states poorly.
+def _acting(validation: CrossValidation, claims: Iterable[Hypothesis]) -> list[Candidate]:
+    """Return hypotheses with their columns, but for those that do nothing in a motion."""
+    return [each for each in validation.data.candidates(claims) if each.acts.any()]
 
-    Only those of plausible size. Where an identified model is tested, only a load that is stated.
 
-    Args:
-        validation: The samples.
-        pool: Hypotheses that need no search.
+def baseline(motion: MeasuredMotion) -> Beside:
+    """Return the filtered data of a motion, ready for comparisons, with the baseline effects.
+
+    These are the effects that any joint has and an arm's own file states poorly, of plausible
+    size. Where an identified model is tested, only a load that is stated.
     """
-    names = {term.NAME for term in effects.terms() if term.EVERYWHERE}
-    names &= poorly_stated(validation.data.motion)
+    validation = CrossValidation.of(FilteredData.of(motion))
+    names = {term.NAME for term in effects.terms() if term.EVERYWHERE} & poorly_stated(motion)
+    claims = (each for each in hypotheses(motion) if each.STATED or each.effect in names)
     found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
-    for candidate in pool:
+    for candidate in _acting(validation, claims):
         hypothesis = candidate.hypothesis
-        if hypothesis.STATED or (hypothesis.effect in names and candidate.size == 1):
+        if hypothesis.STATED or candidate.size == 1:
             found.setdefault((hypothesis.effect, hypothesis.joints), candidate)
     expected = list(found.values())
     while expected:
@@ -228,7 +214,7 @@ def baseline_effects(validation: CrossValidation, pool: Sequence[Candidate]) -> 
         if len(kept) == len(expected):
             break
         expected = kept
-    return expected
+    return Beside(validation, tuple(expected))
 
 
 def poorly_stated(motion: MeasuredMotion) -> set[str]:

@@ -342,10 +342,6 @@ class Selection:
         )
         return list(data.candidates(found))
 
-    def release(self) -> None:
-        """Drop what is large and can be computed again: named effects have been searched for."""
-        self.validation.data.release()
-
     def as_good(self, trial: EffectTrial, best: EffectTrial) -> bool:
         """Return whether the data cannot show that one hypothesis is worse than another."""
         settings, spread = self.settings, self.validation.spread(best.score, trial.score)

@@ -384,4 +384,8 @@ def compared_with(reference: bool) -> str:
 
 def spread(row: Array, *values: Array) -> Array:
     """Return (N, n, k) joint torques of k (N,) torques at a joint or motor, given its (n,) row."""
-    return np.stack([value[:, None] * row for value in values], axis=2)
+    columns = np.zeros((len(values[0]), len(row), len(values)))
+    for joint in np.flatnonzero(row).tolist():
+        for index, value in enumerate(values):
+            np.multiply(value, row[joint], out=columns[:, joint, index])
+    return columns

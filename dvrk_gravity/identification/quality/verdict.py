@@ -265,8 +265,8 @@ def _of_holding(
     if here != GOOD:
         size, error = _milli(holding.torque, joint), _milli(holding.error, joint)
         reason = f"gravity torque uncertain: {size} ± {error}"
-        # A joint stays at rest where |e| <= friction: of e ~ N(0, error^2) at two poses of three, if
-        # both are equal, and it drifts slowly at the third. That is usable. A calibration's
+        # A joint stays at rest where |e| <= friction: of e ~ N(0, error^2) at two poses of three,
+        # if both are equal, and it drifts slowly at the third. That is usable. A calibration's
         # certificate demands 95 % (``calibration.release``).
         if here == POOR and holding.error <= holding.friction:
             here = USABLE
