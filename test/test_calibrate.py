@@ -365,7 +365,7 @@ def test_a_diagnosis_says_once_that_there_is_nothing(uninterrupted):
 @pytest.mark.parametrize(
     ("drift", "unit", "text"),
     [
-        (0.0, "rad", "0.00 deg"), (1e-4, "rad", "< 0.01 deg"), (2e-4, "rad", "0.01 deg"),
+        (0.0, "rad", "0.00 deg"), (5e-5, "rad", "< 0.01 deg"), (2e-4, "rad", "0.01 deg"),
         (np.radians(14.44), "rad", "14.44 deg"), (1e-6, "m", "< 0.01 mm"), (9e-4, "m", "0.90 mm"),
     ],
 )  # fmt: skip

@@ -100,7 +100,7 @@ def installed(tmp_path_factory) -> Installed:
     folder = workspace / "work"
     folder.mkdir()
     world = World.draw(5, step=COARSE)
-    for name, seed in (("my_bag", 3), ("another_bag", 4)):
+    for name, seed in (("my_bag", 3), ("another_bag", 4), ("a_third_bag", 5)):
         world.record(seed, 1, duration=9.0).save(folder / name)
     (folder / "out" / "why").mkdir(parents=True)
     for name in ("my_arm.yaml", "identified.yaml", "out/why/extended_model.yaml"):
