@@ -257,9 +257,9 @@ class PayloadHypothesis(Hypothesis):
         return bool(np.linalg.norm(moment) <= (1.0 + _ROUNDING) * self._near * abs(mass))
 
     def confined(self, theta: Array) -> Hypothesis | None:
-        """It is at the end of where a load is likely, if it is farther away."""
+        """It is where a load is still likely, if its best place is not possible."""
         moment = (self._basis @ theta)[1:]
-        if not moment.any() or (self.likely(theta) and self.plausible(theta)):
+        if not moment.any() or self.plausible(theta):
             return None
         place = self._near * moment / np.linalg.norm(moment)
         return FarPayloadHypothesis(

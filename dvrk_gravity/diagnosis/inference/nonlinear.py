@@ -61,7 +61,7 @@ def refined(
 ) -> Candidate:
     """Return a candidate with its non-linear settings at their best beside the others.
 
-    At their best of those that are likely, see ``Hypothesis.confined``.
+    Where the best ones are not plausible, at the nearest likely ones.
     """
     from scipy.optimize import minimize_scalar  # slow to load
 

@@ -241,15 +241,9 @@ class Selection:
             adjustable = hypothesis.refine or hypothesis.fixed_point or hypothesis.refine_first
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
                 again = self.evaluate(selected, refined(validation, trial.candidate, beside))
-                trial = again if self._better(again, trial) else trial
+                trial = again if not trial.plausible or again.gain > trial.gain else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
-
-    def _better(self, again: EffectTrial, trial: EffectTrial) -> bool:
-        """Return whether other settings are better: likely ones if they are as good."""
-        if not trial.plausible or again.likely == trial.likely:
-            return not trial.plausible or again.gain > trial.gain
-        return self.as_good(again, trial) if again.likely else not self.as_good(trial, again)
 
     def evaluate(self, rest: Beside, candidate: Candidate) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""

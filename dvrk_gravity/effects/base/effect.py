@@ -231,7 +231,7 @@ class Hypothesis(ABC):
         return True
 
     def confined(self, theta: Array) -> Hypothesis | None:
-        """Return it at the nearest likely settings, if those of (k,) theta are not likely."""
+        """Return it at the nearest likely settings, if those of (k,) theta are not plausible."""
         return None
 
     @property
