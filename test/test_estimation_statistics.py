@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -429,6 +430,28 @@ def test_intervals_of_a_model_that_lacks_nothing_hardly_widen():
         widths.append(after / before)
     assert np.median(widths) < 1.05
     assert band(0.95, len(held))[0] <= np.mean(held)
+
+
+@pytest.mark.parametrize("amplitude", [0.5, -2.0])
+@pytest.mark.parametrize("others", [3, 12])
+def test_one_column_that_is_missing_counts_though_all_others_leave_nothing(amplitude, others):
+    """Noise of blocks has the missing column in it, too: its own score is the least certain one."""
+    random = np.random.default_rng(25)
+    x = random.normal(size=(400, 3 + others))
+    y = x[:, :2].sum(axis=1) + amplitude * x[:, 2] + 0.1 * random.normal(size=400)
+    equations = x[:, :2].T @ x[:, :2]
+    residual = y - x[:, :2] @ np.linalg.solve(equations, x[:, :2].T @ y)
+    blocks = np.einsum("bni,bn->bi", x.reshape(20, 20, -1), residual.reshape(20, 20))
+    solution = SimpleNamespace(precision=equations, data=equations, free=np.ones(2, dtype=bool))
+
+    moment = omitted_columns(
+        solution, x.T @ x, x.T @ residual, blocks.T @ blocks, np.arange(2),
+        np.arange(2, 3 + others), np.full(3 + others, 10.0),
+    )  # fmt: skip
+
+    shown = np.sqrt(np.diag(moment))
+    assert shown[2] == pytest.approx(abs(amplitude), rel=0.1)
+    assert (shown[3:] < 0.15 * abs(amplitude)).all()
 
 
 def test_what_a_model_lacks_moves_no_coefficient_held_by_its_sign_and_none_apart_from_it():

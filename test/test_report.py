@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.identification import (
@@ -27,6 +28,7 @@ from dvrk_gravity.report import (
     Remark,
     drawn_arm,
     identification_page,
+    inline,
     residual_pictures,
     torque_pictures,
 )
@@ -122,6 +124,13 @@ def test_an_axis_is_of_force_where_a_joint_slides_and_of_its_size(kind, size, la
     sized = replace(trace, measured=scale * trace.measured, predicted=scale * trace.predicted)
     list(torque_pictures(sized, [joint]))
     assert labels == [label]
+
+
+@pytest.mark.parametrize("name", [r"$\frac{q$", "a$_b^$", "<b>&"])
+def test_a_joint_s_name_is_text_whatever_characters_it_has(name):
+    figure = Figure(figsize=(1.0, 1.0))
+    figure.subplots().set_ylabel(f"error at {name} [N·m]")
+    assert inline(figure).startswith("data:image/png;base64,")
 
 
 def test_a_picture_holds_nothing_of_the_joint_before_it():

@@ -40,6 +40,10 @@ RANGE = 12.0
 scores, within which the amplitudes' variance is sought. Chosen: at the ends, one of the two is less
 than a hundred-thousandth of the other."""
 
+LEVEL = 0.05
+"""Significance at which scores refute that all omitted columns leave about nothing: that of the
+intervals."""
+
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
@@ -112,7 +116,7 @@ def omitted_columns(
     So the second moment of a is that of its posterior given s. A priori every column leaves as much
     as any other, independently of it: a ~ N(0, lambda / diag(M)), within the prior of a fit. lambda
     maximises the likelihood of s (empirical Bayes; Casella 1985): about zero for a model that lacks
-    nothing.
+    nothing. Of one that lacks little else, scores beyond noise count by themselves.
 
     Args:
         solution: The fit.
@@ -157,15 +161,32 @@ def _likeliest_variance(shown: Array, scores: Array) -> float:
         variance = 1.0 + np.exp(logarithm) * explained
         return float(np.sum(np.log(variance) + squares / variance))
 
-    bounds = middle - RANGE, middle + RANGE
+    # Of several minima the least: columns may leave little in many joints, and much in one.
+    grid = middle + np.linspace(-RANGE, RANGE, 25)
+    least = int(np.argmin([improbability(each) for each in grid]))
+    bounds = grid[max(least - 1, 0)], grid[min(least + 1, len(grid) - 1)]
     found = minimize_scalar(improbability, bounds=bounds, method="bounded")
     return float(np.exp(found.x))
 
 
 def _posterior_moment(shown: Array, scores: Array) -> Array:
-    """Return (k, k) second moment of amplitudes, N(0, 1) a priori, given (r,) scores."""
-    covariance = np.linalg.inv(np.eye(shown.shape[1]) + shown.T @ shown)
-    mean = covariance @ shown.T @ scores
+    """Return (k, k) second moment of amplitudes, N(0, 1) a priori, given (r,) scores.
+
+    Where such amplitudes leave less than noise does, few columns may still leave much: scores that
+    refute this, at a level of 5 % for all of them together (Bonferroni), have amplitudes of the
+    variance that they show themselves (Tipping 2001).
+    """
+    from scipy.special import chdtri  # slow to load
+
+    vectors, singular, directions = np.linalg.svd(shown, full_matrices=False)
+    explained, seen = singular**2, vectors.T @ scores
+    variance, refuted = np.ones(len(seen)), np.zeros(len(seen), dtype=bool)
+    if explained.mean() < 1.0:
+        refuted = seen**2 > (1.0 + explained) * chdtri(1, LEVEL / len(scores))
+    variance[refuted] = (seen[refuted] ** 2 - 1.0) / explained[refuted]
+    left = variance / (1.0 + variance * explained)
+    mean = directions.T @ (left * singular * seen)
+    covariance = np.eye(shown.shape[1]) + directions.T * (left - 1.0) @ directions
     return np.asarray(covariance + np.outer(mean, mean))
 
 

@@ -97,6 +97,10 @@ def inline(figure: Figure, dpi: float = 130.0) -> str:
 
 
 def _saved(figure: Figure, dpi: float, transparent: bool) -> bytes:
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # a joint's name may have dollar signs
     stream = io.BytesIO()
     # Compressed lightly: a third of the time, for a page larger by a quarter.
     figure.savefig(
