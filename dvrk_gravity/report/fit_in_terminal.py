@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from math import isnan
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification import (
@@ -173,15 +174,7 @@ def evaluation_text(
 def expectation(result: Evaluation, model: TorqueModel) -> str:
     """Return what a model expects of itself, and where its errors are larger."""
     if not result.expected:
-        of_file = "it is what the arm's file states" if model.of_file else ""
-        states = "" if model.uncertainty is not None else "it states no uncertainty"
-        why = (
-            of_file
-            or model.unsure
-            or states
-            or ("its known error is of another low-pass, of other coordinates, or of poses")
-        )
-        return f"expected: the model does not know its error here ({why})"
+        return f"expected: the model does not know its error here ({_why_unknown(result, model)})"
     above = [
         f"{name} {result.joints[name].rmse / band.high:.2g} times"
         for name, band in result.expected.items()
@@ -193,6 +186,26 @@ def expectation(result: Evaluation, model: TorqueModel) -> str:
         "of its parameters and its error on data that its fit had not seen; day-to-day friction "
         f"variation and positions outside its range are not in it{larger}"
     )
+
+
+def _why_unknown(result: Evaluation, model: TorqueModel) -> str:
+    """Return why a model does not know its error on what it was evaluated on."""
+    known = model.uncertainty
+    if model.of_file:
+        return "it is what the arm's file states"
+    if known is None:
+        return model.unsure or "it states no uncertainty"
+    if result.coordinates == "actuator" and not model.arm.direct_drive:
+        return "it is known in joint coordinates, these are errors at the motors"
+    of_poses = isnan(known.band)
+    if of_poses != (result.cutoff is None):
+        kinds = ("trajectories", "static poses")
+        return f"it is known for {kinds[of_poses]}, these are {kinds[not of_poses]}"
+    if result.cutoff is not None and f"{known.band:.3g}" != f"{result.cutoff:.3g}":
+        return (
+            f"it is known below {known.band:.3g} Hz, these are errors below {result.cutoff:.3g} Hz"
+        )
+    return "its uncertainty states no error on held-out data"
 
 
 def compared(
