@@ -9,7 +9,6 @@ from .kept import KeptDriver as KeptDriver
 from .logbook import Logbook as Logbook
 from .logbook import file_hash as file_hash
 from .release import holding as holding
-from .release import predicted_drift as predicted_drift
 from .release import random_poses as random_poses
 from .release import release_poses as release_poses
 from .rig import Rig as Rig

@@ -39,7 +39,8 @@ class JointCertificate:
         lower: Least position that was identified, rad or m.
         upper: Greatest one.
         drift: Largest drift at any pose, rad or m; ``None``: not tested.
-        predicted: The same, predicted by the model at a part of the friction; ``None``: not.
+        sure: Part of random poses at which a part of its friction is sure to hold it; ``None``:
+            not known, of a model that is unfit.
     """
 
     name: str
@@ -54,7 +55,7 @@ class JointCertificate:
     lower: float
     upper: float
     drift: float | None
-    predicted: float | None
+    sure: float | None
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class Certificate:
         friction: Part of its friction that the arm had meanwhile.
         held: Number of those at which no joint drifted by more than is allowed.
         allowed: That drift, rad (a tenth of it, m).
-        reduced: Part of the friction of which drift is predicted; ``None``: no prediction.
+        reduced: Part of the friction with which joints are sure to be held.
         motion: How the arm was moved.
         findings: What the diagnosis of the held-out motion found.
         unknown: What stays unknown, a sentence each.
@@ -127,7 +128,7 @@ class Certificate:
     friction: float
     held: int
     allowed: float
-    reduced: float | None
+    reduced: float
     motion: Moved
     findings: tuple[str, ...]
     unknown: tuple[str, ...]
@@ -172,7 +173,7 @@ def certify(
     held = sum(each <= settings.allowed for each in worst)
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
     unknown = (
-        *_uncertain(joints), *_beyond(joints), *_with_less_friction(arm, settings, joints),
+        *_uncertain(joints), *_beyond(joints), *_with_less_friction(settings, joints),
         *fit["identifiability"]["statements"], *check["outside"],
         *([] if release["poses"] else [release["why"]]),
     )  # fmt: skip
@@ -184,7 +185,7 @@ def certify(
     return Certificate(
         arm=arm.name, reasons=reasons, verdict=verdict, joints=joints, poses=len(worst),
         apart=release["apart"], seconds=settings.seconds, friction=release["friction"], held=held,
-        allowed=settings.allowed, reduced=release["reduced"], motion=motion, findings=findings,
+        allowed=settings.allowed, reduced=settings.friction, motion=motion, findings=findings,
         unknown=tuple(dict.fromkeys(unknown)), **known,
     )  # fmt: skip
 
@@ -195,15 +196,14 @@ def _joint(
     name, joint = arm.joint_names[k], arm.joints[k]
     error, holding = check["joints"][name], fit["holding"][name]
     band = error["expected"]
-    drift, predicted = (
-        max((pose[k] for pose in release[which]), default=None) for which in ("drift", "predicted")
-    )
+    drift = max((pose[k] for pose in release["drift"]), default=None)
     return JointCertificate(
         name, joint.effort_unit, joint.unit, error["rmse"],
         None if band is None else (band["ci95"][0], band["ci95"][1]),
         error["nrmse"], check["levels"][name],
         holding["error"] if math.isfinite(holding["error"]) else None, _friction(fit, joint),
-        holding["lower"], holding["upper"], drift, predicted,
+        holding["lower"], holding["upper"], drift,
+        fit["held"]["joints"].get(name),
     )  # fmt: skip
 
 
@@ -292,14 +292,13 @@ def _beyond(joints: Sequence[JointCertificate]) -> list[str]:
 
 
 def _with_less_friction(
-    arm: Arm, settings: CalibrationSettings, joints: Sequence[JointCertificate]
+    settings: CalibrationSettings, joints: Sequence[JointCertificate]
 ) -> list[str]:
     return [
-        f"{joint.name}: with {100 * settings.friction:g} % of its friction it may drift by "
-        f"{shown_drift(joint.predicted, arm.units[k])} in {settings.seconds:g} s, by the model's "
-        "uncertainty"
-        for k, joint in enumerate(joints)
-        if joint.predicted is not None and joint.predicted > settings.allowed * arm.scale[k]
+        f"{joint.name}: with {100 * settings.friction:g} % of its friction it is not sure to stay "
+        f"at {100 * (1 - joint.sure):.1f} % of poses"
+        for joint in joints
+        if joint.sure is not None and joint.sure < 1.0
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -80,7 +81,9 @@ class KeptDriver:
 
     Attributes:
         check: What was compared.
-        seconds: Of motion.
+        seconds: Of motion, rehearsals apart; of a path that was stopped, up to there.
+        rehearsed: Of rehearsals, s.
+        rehearsing: Whether paths are a rehearsal's.
     """
 
     def __init__(
@@ -96,11 +99,12 @@ class KeptDriver:
             driver: Moves the arm.
             limits: What is kept.
             arm: The arm.
-            note: Receives how the arm was moved, before every path: what ends the process then
-                does not lose it.
+            note: Receives how the arm was moved: before every path, as if it were whole, so that
+                what kills the process then does not lose it, and after it.
         """
-        self._driver, self.check, self.seconds = driver, LimitCheck(limits, arm), 0.0
-        self._note = note
+        self._driver, self.check, self._note = driver, LimitCheck(limits, arm), note
+        self.seconds = self.rehearsed = 0.0
+        self.rehearsing = False
 
     @property
     def topic(self) -> str:
@@ -137,11 +141,34 @@ class KeptDriver:
             MotionError: The path leaves the limits; nothing has moved.
         """
         self.check.look(path, duration)
-        self.seconds += duration
-        self._note(self.motion())
-        return self._driver.follow(path, duration, record, progress, watch)
+        made = 0.0
 
-    def motion(self, released: float = 0.0, rehearsed: float = 0.0) -> Moved:
-        """Return how the arm was moved, with the s for which it was released, and rehearsed."""
-        seconds, of = self.seconds - rehearsed + released, self.check
-        return Moved(seconds, rehearsed, of.samples, of.used, of.most)
+        def moved(part: float) -> None:
+            nonlocal made
+            made = part * duration
+            if progress is not None:
+                progress(part)
+
+        self._note(self._after(duration))
+        try:
+            longer = self._driver.follow(path, duration, record, moved, watch)
+            made = duration + longer
+        finally:
+            after = self._after(made)
+            self.seconds, self.rehearsed = after.seconds, after.rehearsed
+            self._note(after)
+        return longer
+
+    def motion(self, released: float = 0.0) -> Moved:
+        """Return how the arm was moved, with the s for which it was released."""
+        return Moved(
+            self.seconds + released, self.rehearsed, self.check.samples, self.check.used,
+            self.check.most,
+        )  # fmt: skip
+
+    def _after(self, seconds: float) -> Moved:
+        """Return how it was moved after so many s of a path."""
+        before = self.motion()
+        if self.rehearsing:
+            return replace(before, rehearsed=before.rehearsed + seconds)
+        return replace(before, seconds=before.seconds + seconds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from dvrk_gravity.calibration.kept import KeptDriver
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.release import PART, holding, random_poses
 from dvrk_gravity.calibration.work import Outcome, Work, model_file, trusted_model
-from dvrk_gravity.collecting import CollectSettings, Journal, MotionStoppedError, collect
+from dvrk_gravity.collecting import REHEARSAL, Journal, MotionStoppedError, collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import load_unseparated
 from dvrk_gravity.files import json_file, text_file
@@ -89,18 +90,19 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     )  # fmt: skip
 
 
-def held(work: Work, fit: Fit, seed: int) -> dict[str, float | str]:
-    """Return at which part of random poses friction is sure to hold, and the joint least held.
+def held(work: Work, fit: Fit, seed: int) -> dict[str, Any]:
+    """Return at which part of random poses friction is sure to hold all joints, and each of them.
 
     Poses are drawn as those of a release. Of a model that is unfit, none.
     """
     model, arm = fit.model, work.arm
     if model.verdict == POOR:
-        return {"part": 0.0, "least": ""}
+        return {"part": 0.0, "least": "", "joints": {}}
     poses = random_poses(arm, work.limits, model, seed)
-    ratio = holding(fit, poses, work.settings.friction)
-    least = arm.joint_names[int(np.argmin((ratio < 1.0).mean(axis=0)))]
-    return {"part": float(np.mean((ratio < 1.0).all(axis=1))), "least": least}
+    sure = holding(fit, poses, work.settings.friction) < 1.0
+    joints = dict(zip(arm.joint_names, sure.mean(axis=0).tolist(), strict=True))
+    least = min(joints, key=lambda name: joints[name])
+    return {"part": float(sure.all(axis=1).mean()), "least": least, "joints": joints}
 
 
 def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSettings:
@@ -124,33 +126,28 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     if book.entry(f"plan {name}") is None or not work.at(f"{name}.yaml").exists():
         return Outcome()
     plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
-    rehearsed = plan.duration / CollectSettings().rehearsal if of.rehearsal else 0.0
     if bag.exists():
         Journal(bag, "", "").remove()  # what a process that was killed just then has left
-        return Outcome(
-            f"{plan.duration:g} s, recorded before", (bag,), Moved(plan.duration, rehearsed)
-        )
+        # How the arm was moved was noted then.
+        return Outcome(f"{plan.duration:g} s, recorded before", (bag,), Moved(0.0, 0.0))
     if not work.rig.resumes:
         Journal(bag, "", "").remove()
-
-    def note(motion: Moved) -> None:
-        # How long the arm moves is known at the end.
-        book.moving(replace(motion, seconds=0.0, rehearsed=0.0))
-
     with work.rig.driver() as moves:
-        driver = KeptDriver(moves, work.limits, work.arm, note)
+        driver = KeptDriver(moves, work.limits, work.arm, book.moving)
+
+        def progress(phase: str, part: float) -> None:
+            driver.rehearsing = phase.startswith(REHEARSAL)
+            work.progress(f"{step}, {phase}", part)
+
         try:
             found = collect(
                 plan, driver, bag, model=trusted_model(work, book), rehearse=of.rehearsal,
                 resume=True, limits=work.limits_now, consent=work.consent, report=lambda line: None,
-                progress=lambda phase, part: work.progress(f"{step}, {phase}", part),
+                progress=progress,
             )  # fmt: skip
         except MotionStoppedError as error:
             raise MotionError(
                 f"{step}: stopped in its {error.phase}, {error.moment:.1f} s into the motion: "
                 f"{error.why}; the same command goes on from there"
             ) from error
-    motion = driver.motion(rehearsed=min(rehearsed, driver.seconds))
-    # Earlier processes may have made a part of it.
-    motion = replace(motion, seconds=max(motion.seconds, plan.duration))
-    return Outcome(f"{found.samples} samples in {name}", (bag,), motion)
+    return Outcome(f"{found.samples} samples in {name}", (bag,), driver.motion())

@@ -1,8 +1,7 @@
-"""Where an arm is released under compensation, and what drift its model expects there."""
+"""Where an arm is released under compensation, and whether its model is sure to hold it there."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +9,10 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.settings import CalibrationSettings
-from dvrk_gravity.compensate import let_go
-from dvrk_gravity.errors import ConfigError, PlanError
+from dvrk_gravity.errors import PlanError
 from dvrk_gravity.identification import Fit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PlanLimits, Straight, resting_positions, slacks
-from dvrk_gravity.simulate import ModelArm
 
 PART = 0.5  # of the limits, on the way from pose to pose
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
@@ -111,38 +108,3 @@ def holding(fit: Fit, poses: Array, part: float) -> Array:
     friction = np.array([fit.holding[name].friction for name in fit.model.arm.joint_names])
     with np.errstate(divide="ignore"):
         return np.asarray(WITHIN * fit.rest_error(poses) / (part * friction))
-
-
-def predicted_drift(
-    model: TorqueModel, poses: Array, settings: CalibrationSettings, seeds: Sequence[int]
-) -> Array | None:
-    """Return (k, n) largest drift with less friction of arms that the model may be of.
-
-    Each is drawn from the model's posterior, has a part of its friction, and is compensated by the
-    model. ``None`` where that cannot be simulated.
-
-    Args:
-        model: The model.
-        poses: (k, n) measured positions.
-        settings: Duration and friction.
-        seeds: Of the draws.
-    """
-    known, found = model.uncertainty, []
-    if known is None:
-        return None
-    try:
-        for seed in seeds:
-            u = np.random.default_rng(seed).standard_normal(known.size)
-            offset = model.joint_offset + known.offset @ u
-            truth = replace(model, terms=known.moved(model.terms, u), joint_offset=offset)
-            plant = ModelArm.of(truth).plant(settings.friction)
-            with np.errstate(over="ignore", invalid="ignore"):
-                ways = [
-                    let_go(plant, model, pose, settings.seconds, settings.friction)
-                    for pose in poses
-                ]
-            found.append([np.abs(way).max(axis=0) for way in ways])
-    except ConfigError:
-        return None
-    drift = np.max(found, axis=0)
-    return drift if np.isfinite(drift).all() else None

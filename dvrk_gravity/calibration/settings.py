@@ -16,8 +16,9 @@ class CalibrationSettings:
         further: Of each further motion, s: as those that separate causes.
         rounds: Further motions at most.
         search: Evaluations of the objective for each plan. A number, and not a time: interrupted or
-            not, on any computer, the same seed plans the same. Of an MTM, 10 take 1 s of one core
-            (`python benchmark/plan.py --arms mtmr` prints times).
+            not, on any computer, the same seed plans the same. 10 take 1 s of one core for a first
+            plan, and about ten times as long with a model. Chosen: six of six MTMs were certified
+            with 80 (`python benchmark/calibrate.py --arms mtmr --first 2 --count 6 --time 8`).
         least_gain: Of :func:`identify`. Less than it has itself, since what holds a joint with a
             tenth of its friction is small. Chosen: at an MTM's wrist platform and pitch .0003 left
             half to two thirds of the error of gravity torque that .004 does (seeds 1 and 2 of
@@ -37,7 +38,7 @@ class CalibrationSettings:
     check: float = 30.0
     further: float = 40.0
     rounds: int = 2
-    search: int = 600
+    search: int = 100
     least_gain: float = 3e-5
     poses: int = 20
     seconds: float = 10.0

@@ -23,7 +23,7 @@ from dvrk_gravity.calibration.motion_steps import (
     plan_further,
     plan_second,
 )
-from dvrk_gravity.calibration.release import PART, predicted_drift, release_poses
+from dvrk_gravity.calibration.release import PART, release_poses
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.calibration.work import (
     Outcome,
@@ -49,7 +49,6 @@ MODEL, CHECK, RELEASE = "model.yaml", "check.json", "release.json"
 CERTIFICATE = "certificate.json"
 _SOFTWARE = ("numpy", "scipy", "pin")
 _EVERY = 10  # of the samples that were fitted, those that poses are compared with
-_DRAWS = 3  # arms for which drift is predicted. Chosen: each takes as long as a release
 _POSES = 2000  # seeds of poses are so much further than those of motions
 
 
@@ -175,7 +174,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     model = TorqueModel.load(path)
     content: dict[str, Any] = {
         "seconds": of.seconds, "friction": rig.friction, "poses": [], "drift": [],
-        "predicted": [], "reduced": None, "apart": 0.0, "why": "", "simulated": rig.simulated,
+        "apart": 0.0, "why": "", "simulated": rig.simulated,
     }  # fmt: skip
     if model.verdict == POOR:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
@@ -208,17 +207,13 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
             driver.follow(way.at, way.duration)
             driver.hold()
             where = driver.connect()
+            note(driver.motion(of.seconds))
         drift.append(rig.release(path, where, of.seconds).tolist())
         if not np.isfinite(drift[-1]).all():
             raise MotionError(f"{step}: released, the arm measured no finite positions")
         moved.append(asdict(driver.motion(of.seconds)))
-    predicted = None
-    if rig.friction != of.friction:
-        predicted = predicted_drift(model, poses, of, range(_DRAWS))
     content |= {
-        "poses": poses.tolist(), "drift": drift, "apart": apart,
-        "predicted": [] if predicted is None else predicted.tolist(),
-        "reduced": None if predicted is None else of.friction, "simulated": rig.simulated,
+        "poses": poses.tolist(), "drift": drift, "apart": apart, "simulated": rig.simulated,
     }  # fmt: skip
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
     return Outcome(

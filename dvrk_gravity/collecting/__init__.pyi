@@ -5,6 +5,7 @@ from .driver import Watch as Watch
 from .driver import held_on_error as held_on_error
 from .effort_watch import EffortSettings as EffortSettings
 from .effort_watch import EffortWatch as EffortWatch
+from .journal import REHEARSAL as REHEARSAL
 from .journal import Journal as Journal
 from .pace import Paced as Paced
 from .run import Collected as Collected

@@ -284,6 +284,7 @@ class _Collection:
             self._progress(name, part)
 
         self._report(f"{name}: {way.duration:.0f} s; Ctrl-C holds the arm")
+        self._progress(name, 0.0)
         watch = EffortWatch(way.at, plan.arm, limits.effort, self._model)
         return self._driver.follow(turned, way.duration, record, shown, watch)
 

@@ -73,24 +73,17 @@ def _by_joint(certificate: Certificate, arm: Arm) -> str:
     effort, factor, decimals = effort_in_table(arm, [each.rmse for each in certificate.joints])
     head = [
         "joint", "held-out |e|/|τ|", f"RMSE, {effort}", "expected (95 %)", "gravity torque ±",
-        "dry friction (95 %)", "identified range", "drift", "verdict",
+        "dry friction (95 %)", "identified range", "drift",
+        f"sure to stay at {100 * certificate.reduced:g} % friction", "verdict",
     ]  # fmt: skip
     rows = [_row(joint, factor, decimals) for joint in certificate.joints]
-    reduced = certificate.reduced
-    if reduced is not None:
-        head.insert(-1, f"predicted at {100 * reduced:g} % friction")
-        for row, joint in zip(rows, certificate.joints, strict=True):
-            row.insert(-1, _drift(joint.predicted, joint))
     notes = [
         "Errors are those of a second motion that nothing was fitted on. Expected: 95 % band of "
         "that RMSE by the model itself. Gravity torque: its standard error at the recorded poses.",
         _of_drift(certificate),
+        "Sure to stay: part of random poses at which so little friction covers the 95 % band of "
+        "the gravity torque, what the model lacks included.",
     ]
-    if reduced is not None:
-        notes.append(
-            "Predicted: largest drift of three simulated arms drawn from the model's posterior, "
-            "with less friction."
-        )
     return html.table(head, rows) + f'<p class="small">{escape(" ".join(notes))}</p>'
 
 
@@ -146,6 +139,7 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> list[str]:
         friction or "not determined",
         f"{low} to {high}",
         _drift(joint.drift, joint),
+        "" if joint.sure is None else f"{100 * joint.sure:.1f} %",
         in_words(joint.level),
     ]
 
