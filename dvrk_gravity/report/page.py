@@ -47,7 +47,8 @@ figcaption{font-size:.9rem;font-weight:600}
 .table{overflow-x:auto;margin:.6rem 0}table{border-collapse:collapse}
 td,th{padding:.25rem .8rem .25rem 0;text-align:left;border-bottom:1px solid var(--line);
 vertical-align:top}td.n+td:last-child:not(.n){min-width:7rem}
-.n+:not(.n){padding-left:.6rem}.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+.n+:not(.n){padding-left:.6rem}.n{text-align:right;font-variant-numeric:tabular-nums}
+td.n{white-space:nowrap}
 details{border-bottom:1px solid var(--line);padding:.5rem 0}
 summary{cursor:pointer;font-weight:600}
 @media print{body{max-width:none;padding:0}table{font-size:.68rem}
