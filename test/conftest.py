@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import os
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
 
@@ -56,6 +57,22 @@ settings.register_profile(
     "repeatable", derandomize=True, deadline=None, database=None, max_examples=examples(50)
 )
 settings.load_profile("repeatable")
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Let each worker compile its share of the tests' modules: it loads what others compiled.
+
+    Of a clean checkout pytest compiles for as long as it collects, in each worker all modules.
+    What is wrong with a module is reported when it is collected.
+    """
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker is None or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    workers = int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+    modules = sorted(path.stem for path in Path(__file__).parent.glob("test_*.py"))
+    for name in modules[int(worker.removeprefix("gw")) :: workers]:
+        with suppress(Exception):
+            importlib.import_module(name)
 
 
 @pytest.fixture(scope="session")
