@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
 from dvrk_gravity.recording import Recording
-from testing.world import World
+from testing.world import COARSE, World
 
 pytestmark = pytest.mark.usefixtures("brief_simulation")
 
-WORLD, JOINT = World.draw(3), 1
+WORLD, JOINT = World.draw(3, step=COARSE), 1
 BEGIN, END = 10.9, 12.0  # s: nothing is held out between
 LIMIT = 0.59  # N·m: the joint takes more then, and never else
 UNSEEN = "acts in no held-out block that could confirm it"
