@@ -744,7 +744,10 @@ def test_the_simulator_is_driven_recorded_and_held(
     assert (np.ptp(recording.position, axis=0) > 0.05).all()
 
 
-@pytest.mark.parametrize("way", ["closed terminal", "closed pipe"])
+# That SIGHUP interrupts and holds is tested on the mover, above; the status in test_command_line.
+@pytest.mark.parametrize(
+    "way", [pytest.param("closed terminal", marks=pytest.mark.slow), "closed pipe"]
+)
 def test_however_the_process_is_ended_the_arm_is_held(
     domain: int, tmp_path: Path, way: str
 ) -> None:
