@@ -6,10 +6,13 @@ import importlib.util
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 from conftest import REPOSITORY
+
+from testing.world import COARSE
 
 PAGES = REPOSITORY / "docs" / "tutorials"
 SPEC = importlib.util.spec_from_file_location("play", PAGES / "play.py")
@@ -33,10 +36,11 @@ def known(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    """Record for a shorter time."""
+    """Record for a shorter time, in longer steps of the simulation."""
     spec = importlib.util.spec_from_file_location("record", PAGES / "record.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "SimulatedArm", partial(module.SimulatedArm, dt=COARSE))
     whole = module.record
     module.record = lambda plant, seed: whole(plant, seed, DURATION)
     monkeypatch.setitem(sys.modules, "record", module)
