@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
@@ -59,14 +60,26 @@ settings.register_profile(
 settings.load_profile("repeatable")
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Collect with compiled modules, and spare the garbage collector all that stays."""
+    gc.disable()
+    try:
+        compile_a_share(session.config)
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def compile_a_share(config: pytest.Config) -> None:
     """Let each worker compile its share of the tests' modules: it loads what others compiled.
 
     Of a clean checkout pytest compiles for as long as it collects, in each worker all modules.
     What is wrong with a module is reported when it is collected.
     """
     worker = os.environ.get("PYTEST_XDIST_WORKER")
-    if worker is None or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+    if worker is None or config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
         return
     workers = int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
     modules = sorted(path.stem for path in Path(__file__).parent.glob("test_*.py"))
