@@ -573,7 +573,6 @@ def test_nobody_who_can_be_asked_is_one_line(tmp_path, capsys):
     assert not out.exists()
 
 
-@pytest.mark.slow  # above, steps that are killed; test_collect_processes kills a process that moves
 def test_killed_in_its_motion_it_goes_on_there(tmp_path):
     out = tmp_path / "out"
     words = [

@@ -147,10 +147,8 @@ def command(fake: FakeArm) -> None:
     ("fault", "says"),
     [
         (vanish, f"for {TIMEOUT:g} s; if this computer is busy, raise --timeout"),
-        # What the process does about any stop the others show; test_trajectory_mover has a joint
-        # that sticks, test_collect a hand.
-        pytest.param(stick, "wrist_roll is ", marks=pytest.mark.slow),
-        pytest.param(grab, "shoulder_pitch's motor has 1.8 N·m", marks=pytest.mark.slow),
+        (stick, "wrist_roll is "),
+        (grab, "shoulder_pitch's motor has 1.8 N·m"),
         (command, f"another node ({PRIVATE}/fake_arm) commands {PRIVATE}/servo_jf"),
     ],
     ids=["the arm vanishes", "a joint sticks", "a hand holds it", "another node commands it"],
