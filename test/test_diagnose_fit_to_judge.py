@@ -101,3 +101,16 @@ def test_gravity_of_exchanged_joints_is_there():
 
 def test_gravity_that_one_joint_lacks_is_a_cause_to_look_for():
     accepted(with_effort(recorded().effort - weight() * (np.arange(7) == 2)))
+
+
+def test_where_weights_hardly_vary_they_are_not_missed():
+    """Errors of the efforts are larger than what the motion shows of the weights."""
+    still = recorded().position.mean(axis=0)
+    narrow = replace(
+        recorded(), position=still + 0.04 * (recorded().position - still), velocity=None
+    )
+    held = MODEL.torque(narrow.position)
+    error = np.random.default_rng(2).normal(0.0, 0.15, held.shape) * np.abs(held)
+    motion = load([replace(narrow, effort=held + error)], MODEL).motion
+
+    require_gravity(motion, "narrow")

@@ -43,10 +43,12 @@ from dvrk_gravity.model import TorqueModel, uncertainty_file
 from dvrk_gravity.planning import (
     Straight,
 )
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import Coordinates, Recording
 
 MODEL, CHECK, RELEASE = "model.yaml", "check.json", "release.json"
 CERTIFICATE = "certificate.json"
+MEASURED: Coordinates = "joint"
+"""Of what is collected: the compensator takes the same readings for the joints'."""
 _SOFTWARE = ("numpy", "scipy", "pin")
 _EVERY = 10  # of the samples that were fitted, those that poses are compared with
 _POSES = 2000  # seeds of poses are so much further than those of motions
@@ -106,7 +108,7 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     if k and book.motions(f"further_{k}") is None:
         return Outcome()
     fit = identify(
-        bags, work.arm, report=lambda stage, share: work.progress(step, share, stage),
+        bags, work.arm, MEASURED, report=lambda stage, share: work.progress(step, share, stage),
         least_gain=work.settings.least_gain,
     )  # fmt: skip
     path, sources = work.at(model_file(k)), ", ".join(bag.name for bag in bags)
@@ -135,8 +137,9 @@ def _diagnose(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     bags = [work.at("second"), *fitted_bags(work, book, k)[1:]]
     path = work.at(f"diagnosis_{k}.json")
     found = diagnose(
-        [str(bag) for bag in bags], model, lambda stage: work.progress(step, None, stage)
-    )
+        [str(bag) for bag in bags], model, lambda stage: work.progress(step, None, stage),
+        coordinates=MEASURED,
+    )  # fmt: skip
     found = replace(found, files=Files.of(path, model, bags))
     text_file.write(path, found.to_json())
     page = path.with_suffix(".html")
@@ -149,7 +152,7 @@ def _check(work: Work, book: Logbook, step: str) -> Outcome:
     """Compare the last model with the motion that it was not identified from."""
     last = last_model(book)
     model = TorqueModel.load(work.at(last))
-    found = evaluate(model, [str(work.at("second"))])
+    found = evaluate(model, [str(work.at("second"))], MEASURED)
     levels = by_errors(model.arm, found.joints, found.coordinates, found.with_friction)
     content = {
         **found.to_json(),
@@ -237,7 +240,7 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(),
         files=book.files, model=MODEL,
     )  # fmt: skip
-    evaluation = evaluate(work.at(MODEL), [str(work.at("second"))])
+    evaluation = evaluate(work.at(MODEL), [str(work.at("second"))], MEASURED)
     page = work.at(CERTIFICATE).with_suffix(".html")
     text_file.write(page, work.pages.certificate(certificate, evaluation))
     text_file.write(work.at(CERTIFICATE), certificate.to_json())

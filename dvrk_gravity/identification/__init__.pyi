@@ -30,7 +30,6 @@ from .quality.verdict import by_errors as by_errors
 from .quality.verdict import good_to as good_to
 from .quality.verdict import judge as judge
 from .quality.verdict import level_of as level_of
-from .quality.weights import GONE as GONE
 from .quality.weights import READ_WITHOUT as READ_WITHOUT
 from .quality.weights import HeldWeight as HeldWeight
 from .quality.weights import bears_weight as bears_weight

@@ -30,7 +30,7 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import NORMAL_95, beats
-from dvrk_gravity.identification import GONE, READ_WITHOUT, bears_weight
+from dvrk_gravity.identification import READ_WITHOUT, bears_weight
 from dvrk_gravity.intake import (
     CoordinateErrors,
     VelocityFault,
@@ -50,9 +50,9 @@ _BLOCKS = 24  # whose mean errors give that standard error
 # Standard errors by which a prediction must beat a constant. Chosen: of two predictions at each of
 # seven joints one in fifty does by chance.
 _DEVIATIONS = 3.0
-# Part of what inertia and friction leave of a joint's effort, squared, that the weights of all
-# joints explain, below which they are not in it. Chosen: smooth functions of the positions explain
-# some of any error.
+# Part of what inertia and friction leave of a joint's effort, and of its weight, squared, that the
+# weights of all joints explain, below which they are not in it. Chosen: smooth functions of the
+# positions explain some of any error. A weight that would be a smaller part cannot be judged.
 _EXPLAINED = 0.25
 _CONSTANT = 0.01  # of a weight's RMS: what varies less is not distinguished from a bias. Chosen
 _SAMPLES = 4000  # that are looked at: a bound on time
@@ -342,39 +342,41 @@ def require_gravity(motion: MeasuredMotion, source: str) -> None:
     size = np.sqrt(np.mean(weight**2, axis=0))
     varies = weight.std(axis=0) > _CONSTANT * size
     bearing = np.flatnonzero(bears_weight(size, arm) & motion.moves & varies)
-    held = {joint: _held(motion, rows, weight, joint) for joint in bearing.tolist()}
-    gone = {
-        joint: found
-        for joint, (found, share) in held.items()
-        if share < _EXPLAINED and found < GONE * size[joint]
-    }
-    if 2 * len(gone) <= len(held):
+    lacks = {joint: _lacks(motion, rows, weight, joint) for joint in bearing.tolist()}
+    gone = [joint for joint, lacking in lacks.items() if lacking]
+    judged = [joint for joint, lacking in lacks.items() if lacking is not None]
+    if 2 * len(gone) <= len(judged):
         return
     shown = ", ".join(
-        f"{arm.joint_names[joint]} ({found:.2g} of {quantity(size[joint], unit)})"
-        for joint, found in gone.items()
-        for unit in [arm.joints[joint].effort_unit]
+        f"{arm.joint_names[joint]} ({quantity(size[joint], arm.joints[joint].effort_unit)})"
+        for joint in gone
     )
     raise RecordingError(
         source,
-        f"gravity is not in the efforts of {shown}, RMS, that the model holds there: does the "
-        f"driver subtract it? {READ_WITHOUT} says so",
+        f"gravity is not in the efforts of {shown}, RMS by the model: does the driver subtract it? "
+        f"{READ_WITHOUT} says so",
     )
 
 
-def _held(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> tuple[float, float]:
-    """Return the RMS of a joint's effort that the (N, n) weights explain, and their share of it.
+def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bool | None:
+    """Return whether a joint's effort lacks the (N, n) weights; None: the motion would not show it.
 
-    Beside the rest of the model, a constant, friction and a rotor.
+    Beside a constant, friction and a rotor; and the rest of the model, as it is and at any scale,
+    for efforts may be of another scale, and what is free may imitate a weight.
     """
     usable = ~motion.silent[rows, joint]
     speed = motion.qd[rows, joint]
-    rest = motion.modelled[rows, joint] - weight[:, joint]
-    beside = [np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint], rest]
-    columns = np.stack(beside, axis=1)[usable]
-    both = np.column_stack([motion.effort[rows, joint][usable], weight[usable]])
-    both = both - columns @ np.linalg.lstsq(columns, both, rcond=None)[0]
-    effort, weights = both[:, 0], both[:, 1:]
-    explained = weights @ np.linalg.lstsq(weights, effort, rcond=1e-6)[0]
-    left = max(float(np.sum(effort**2)), 1e-300)
-    return float(np.sqrt(np.mean(explained**2))), float(np.sum(explained**2)) / left
+    effort, rest = motion.effort[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
+    beside = [np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]]
+    visible = False
+    for values, columns in ((effort - rest, beside), (effort, [*beside, rest])):
+        fixed = np.stack(columns, axis=1)[usable]
+        both = np.column_stack([values, weight])[usable]
+        both = both - fixed @ np.linalg.lstsq(fixed, both, rcond=None)[0]
+        left, weights = both[:, 0], both[:, 1:]
+        explained = weights @ np.linalg.lstsq(weights, left, rcond=1e-6)[0]
+        found, own, all_left = (float(each @ each) for each in (explained, weights[:, joint], left))
+        if found >= _EXPLAINED * min(own, all_left):
+            return False
+        visible |= own >= _EXPLAINED * all_left
+    return True if visible else None
