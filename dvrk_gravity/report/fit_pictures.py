@@ -11,7 +11,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
-from dvrk_gravity.report.html import beside, inline, legend, panel, picture
+from dvrk_gravity.report.html import beside, erase, inline, legend, panel, picture
 from dvrk_gravity.report.units import effort_in_picture
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def torque_pictures(trace: Trace, joints: Sequence[Joint]) -> Iterator[str]:
         if not figure.legends:
             legend(figure, axes)
         yield inline(figure)
-        _erase(axes)
+        erase(axes)
 
 
 def _torque(axes: Axes, trace: Trace, column: int, joint: Joint) -> None:
@@ -97,15 +97,8 @@ def residual_pictures(traces: Sequence[Trace], joints: Sequence[Joint]) -> Itera
             _scatter(axes, x[:, column], factor * residual[:, column])
             axes.set_xlabel(f"{label} [{joint.unit}{rate}]")
             drawn[label] = inline(figure)
-            _erase(axes)
+            erase(axes)
         yield drawn
-
-
-def _erase(axes: Axes) -> None:
-    """Remove a picture's lines, and forget their limits, for the next: axes take long to make."""
-    for line in list(axes.lines):
-        line.remove()
-    axes.relim()
 
 
 def _scatter(axes: Axes, x: Array, y: Array) -> None:

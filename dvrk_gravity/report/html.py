@@ -71,6 +71,13 @@ def legend(figure: Figure, axes: Axes) -> None:
     )  # fmt: skip
 
 
+def erase(axes: Axes) -> None:
+    """Remove a picture's lines, and forget their limits, for the next: axes take long to make."""
+    for line in list(axes.lines):
+        line.remove()
+    axes.relim()
+
+
 def picture(address: str, meaning: str, title: str = "") -> str:
     """Return a picture, by its address, with what it shows in words, and a title over it."""
     over = f"<figcaption>{escape(title)}</figcaption>" if title else ""

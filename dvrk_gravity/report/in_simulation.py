@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
-from dvrk_gravity.report.html import beside, inline, legend, panel, picture, table
+from dvrk_gravity.report.html import beside, erase, inline, legend, panel, picture, table
 from dvrk_gravity.report.units import milli_position, shown_position
 from dvrk_gravity.units import fixed
 
@@ -111,18 +111,20 @@ def _drawn(drifts: Sequence[Drift], arm: Arm) -> list[int]:
 
 def _pictures(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> Iterator[str]:
     """Yield the drift of some joints over time, for each friction."""
+    figure, axes = panel()
+    axes.set_xlabel("time [s]")
     for drift in drifts:
         for joint in joints:
             factor, unit = shown_position(arm)[joint]
-            figure, axes = panel()
             for ways, color, label in (
                 (drift.before, _BEFORE, "given model"),
                 (drift.after, _AFTER, "extended"),
             ):
                 lines = axes.plot(drift.time, factor * ways[:, :, joint].T, color=color)
                 lines[0].set_label(label)
-            axes.set_xlabel("time [s]")
             axes.set_ylabel(f"drift [{unit}]")
-            legend(figure, axes)
+            if not figure.legends:
+                legend(figure, axes)
             title = f"{arm.joint_names[joint]}, {100 * drift.friction:.0f} % friction"
             yield picture(inline(figure), f"drift over time of {title}", title)
+            erase(axes)
