@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Any
 
@@ -19,14 +20,16 @@ from dvrk_gravity.diagnosis.inference.alternatives import CONTAINED
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.significance import SignificanceSettings
 from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site, State
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, PlanError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import PoseSettings, Rival, Rivalry, Unseparated, noise_of
+from dvrk_gravity.planning import PlanLimits, PoseSettings, Rival, Rivalry, Unseparated, noise_of
 
 EXPECTED = "a cause as `diagnose` of this version writes it"
 _SLOW = 0.05  # rad/s, a tenth in m: a step at each reversal has no slope. As `plan` has it
 _NOISE_TIME = 0.1  # s, correlation time of noise where no model states one: as `plan` has it
 _AGAIN = 400  # samples of the diagnosed motion at which it is compared with a plan: a bound on time
+_Named = tuple[str, tuple[int, ...]]  # effect and joints
+_Beside = tuple[_Named, _Named]  # a cause that is true, and one beside it
 _STATES = 200  # at which the torques of two causes are compared: far more than parameters
 
 
@@ -100,7 +103,7 @@ class RivalCause:
         return f"{hypothesis.effect} at {where if at_link else ' and '.join(hypothesis.names)}"
 
     @property
-    def named(self) -> tuple[str, tuple[int, ...]]:
+    def named(self) -> _Named:
         """Effect and joints, by which findings name it."""
         return self.hypothesis.effect, self.hypothesis.joints
 
@@ -249,6 +252,60 @@ class Contest:
             lasted = len(motion.q) / motion.rate
         contest = cls(motion.model, pairs, noise, coherent, motion.static, lasted)
         return replace(contest, again=contest._again(motion))
+
+    @cached_property
+    def _wanted(self) -> tuple[frozenset[_Beside], frozenset[_Beside]]:
+        """Which cause a plan may show if it is true, beside which other, and which no motion does.
+
+        Of the likeliest form of each. Where the arm's limits are not known, a motion may show any.
+        """
+        likeliest = dict[_Named, RivalCause]()
+        for rival in (each for pair in self.pairs for each in (pair.first, pair.second)):
+            best = likeliest.get(rival.named)
+            if not rival.rejected and (best is None or rival.evidence > best.evidence):
+                likeliest[rival.named] = rival
+        none = [(False, False)] * len(self.pairs)
+        if self.pairs:
+            with suppress(ConfigError, PlanError):
+                none = self.unseparated().hidden(PlanLimits.of(self.model.arm))
+        senses = {True: set[_Beside](), False: set[_Beside]()}
+        for pair, hidden in zip(self.pairs, none, strict=True):
+            both = pair.first, pair.second
+            for i in (0, 1):
+                true, other = both[i], both[1 - i]
+                if pair.either[i] and likeliest[true.named] is true:
+                    senses[hidden[i]].add((true.named, other.named))
+        return frozenset(senses[False] - senses[True]), frozenset(senses[True])
+
+    @property
+    def hidden(self) -> frozenset[_Beside]:
+        """Effect and joints of causes that no motion of the arm within its limits shows.
+
+        Each with that of the other one that can do there all that it does.
+        """
+        return self._wanted[1]
+
+    def may_separate(self, rivals: Sequence[RivalCause]) -> bool:
+        """Return whether a motion may separate some causes."""
+        names = {each.named for each in rivals}
+        return any(set(beside) <= names for beside in self._wanted[0])
+
+    def inseparable(self, rivals: Sequence[RivalCause]) -> str:
+        """Return from which of some causes no motion separates the first; ``""``: from none."""
+        if not rivals:
+            return ""
+        first, (open_to, hidden) = rivals[0], self._wanted
+        within = "no motion of this arm within its limits can"
+        never, if_true = list[str](), list[str]()
+        for named, words in {each.named: each.words for each in rivals}.items():
+            if (first.named, named) in hidden:
+                (if_true if (named, first.named) in open_to else never).append(words)
+        parts = [f"{within} separate {first.words} from {' or '.join(never)}"] if never else []
+        if if_true:
+            parts.append(
+                f"if it is {first.words}, {within} show that it is not {' or '.join(if_true)}"
+            )
+        return "; ".join(parts)
 
     def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
         if not self.pairs:
