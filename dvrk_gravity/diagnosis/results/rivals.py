@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
@@ -19,6 +18,13 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import CONTAINED
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.significance import SignificanceSettings
+from dvrk_gravity.diagnosis.results.hypothesis_file import (
+    as_read,
+    given,
+    is_plain,
+    kind_of,
+    written,
+)
 from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site, State
 from dvrk_gravity.errors import ConfigError, PlanError
 from dvrk_gravity.model import TorqueModel
@@ -111,7 +117,7 @@ class RivalCause:
     def known_elsewhere(self) -> bool:
         """Whether its torque is known in other motions, and its record holds all of it."""
         sized = np.isfinite(self.theta).all() and np.isfinite(self.covariance).all()
-        plain = all(_is_plain(value) for _, value in _given(self.hypothesis))
+        plain = all(is_plain(value) for _, value in given(self.hypothesis))
         return bool(sized and plain and not self.hypothesis.refits_model)
 
     def rival(self, seen: Motion | None = None, rows: Array | slice = slice(None)) -> Rival:
@@ -135,7 +141,7 @@ class RivalCause:
             "joints": list(self.hypothesis.names),
             "hypothesis": type(self.hypothesis).__name__,
             "site": {"kind": site.kind.value, "index": site.index},
-            "given": {name: _written(value) for name, value in _given(self.hypothesis)},
+            "given": {name: written(value) for name, value in given(self.hypothesis)},
             "theta": self.theta.tolist(),
             "covariance": self.covariance.tolist(),
             "evidence": self.evidence,
@@ -149,9 +155,9 @@ class RivalCause:
             ConfigError: Naming the entry.
         """
         try:
-            kind = _kind(entry["effect"], entry["hypothesis"])
+            kind = kind_of(entry["effect"], entry["hypothesis"])
             site = Site(Kind(entry["site"]["kind"]), int(entry["site"]["index"]))
-            given = {name: _read(value) for name, value in entry["given"].items()}
+            given = {name: as_read(value) for name, value in entry["given"].items()}
             theta, covariance = (np.array(entry[name], float) for name in ("theta", "covariance"))
             if theta.ndim != 1 or covariance.shape != (len(theta),) * 2:
                 raise ValueError("covariance")
@@ -368,61 +374,3 @@ def _contains(model: TorqueModel, larger: RivalCause, smaller: RivalCause) -> bo
     torque = (smaller.rival().columns(motion) @ smaller.theta).ravel()
     left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
     return bool(left @ left <= CONTAINED * (torque @ torque))
-
-
-def _given(hypothesis: Hypothesis) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of what differs from a hypothesis' defaults, but for arm and site."""
-    for each in fields(hypothesis):
-        value = getattr(hypothesis, each.name)
-        made = each.default_factory
-        default = each.default if made is MISSING else made()
-        array = isinstance(value, np.ndarray)
-        if each.name not in ("arm", "site") and (array or value != default):
-            yield each.name, value
-
-
-def _is_plain(value: Any) -> bool:
-    """Return whether a file can hold a value."""
-    if isinstance(value, Mapping):
-        return all(isinstance(name, str) and _is_plain(each) for name, each in value.items())
-    if isinstance(value, tuple | list):
-        return all(map(_is_plain, value))
-    return value is None or isinstance(value, str | bool | int | float | np.generic | np.ndarray)
-
-
-def _written(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return {"array": value.tolist()}
-    if isinstance(value, Mapping):
-        return {"mapping": {name: _written(each) for name, each in value.items()}}
-    if isinstance(value, tuple | list):
-        return [_written(each) for each in value]
-    plain = value.item() if isinstance(value, np.generic) else value
-    # JSON has no infinity, which is the standard deviation of a parameter without a prior.
-    infinite = isinstance(plain, float) and not np.isfinite(plain)
-    return {"number": str(plain)} if infinite else plain
-
-
-def _read(value: Any) -> Any:
-    if isinstance(value, list):
-        return tuple(map(_read, value))
-    if isinstance(value, dict):
-        ((kind, content),) = value.items()
-        if kind == "array":
-            return np.array(content, dtype=float)
-        if kind == "number":
-            return float(content)
-        return {name: _read(each) for name, each in content.items()}
-    return value
-
-
-def _kind(effect: str, name: str) -> type[Hypothesis]:
-    """Return the class of an effect's hypotheses with a name."""
-    of = effects.named(effect)  # an installed one is loaded by that
-    pending: list[type[Hypothesis]] = Hypothesis.__subclasses__()
-    while pending:
-        kind = pending.pop()
-        pending += kind.__subclasses__()
-        if kind.__name__ == name and getattr(kind, "EFFECT", None) is of:
-            return kind
-    raise ValueError(f"{name} of {effect}")
