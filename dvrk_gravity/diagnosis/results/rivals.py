@@ -297,20 +297,25 @@ class Contest:
         return any(set(beside) <= names for beside in self._wanted[0])
 
     def inseparable(self, rivals: Sequence[RivalCause]) -> str:
-        """Return from which of some causes no motion separates the first; ``""``: from none."""
-        if not rivals:
-            return ""
-        first, (open_to, hidden) = rivals[0], self._wanted
-        within = "no motion of this arm within its limits can"
-        never, if_true = list[str](), list[str]()
-        for named, words in {each.named: each.words for each in rivals}.items():
-            if (first.named, named) in hidden:
-                (if_true if (named, first.named) in open_to else never).append(words)
-        parts = [f"{within} separate {first.words} from {' or '.join(never)}"] if never else []
-        if if_true:
-            parts.append(
-                f"if it is {first.words}, {within} show that it is not {' or '.join(if_true)}"
-            )
+        """Return which of some causes no motion separates from which; ``""``: from none."""
+        (open_to, hidden), within = self._wanted, "no motion of this arm within its limits can"
+        names, parts = dict[_Named, str](), list[str]()
+        for rival in rivals:  # of several forms the likeliest comes first
+            names.setdefault(rival.named, rival.words)
+        for number, (named, words) in enumerate(names.items()):
+            never, if_true = list[str](), list[str]()
+            for place, (other, its) in enumerate(names.items()):
+                if (named, other) in hidden:
+                    if (other, named) in open_to:
+                        if_true.append(its)
+                    elif place > number or (other, named) not in hidden:
+                        never.append(its)
+            if never:
+                parts.append(f"{within} separate {words} from {' or '.join(never)}")
+            if if_true:
+                parts.append(
+                    f"if it is {words}, {within} show that it is not {' or '.join(if_true)}"
+                )
         return "; ".join(parts)
 
     def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
