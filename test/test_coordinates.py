@@ -14,9 +14,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import put_right
 from dvrk_gravity.effects import Gravity, readings
 from dvrk_gravity.identification import evaluate
-from dvrk_gravity.intake import decide_coordinates
+from dvrk_gravity.intake import CoordinateErrors, decide_coordinates
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.simulate import SimulatedArm, record_motion
+from testing.hide import hide
 from testing.world import COARSE, World
 
 KNOWN = World.draw(5, step=COARSE)
@@ -62,6 +65,31 @@ def test_what_was_said_of_coordinates_is_doubted_by_every_verb_alike():
     said = replace(of_motors(), coordinates="actuator")
     right = put_right([said], WEIGHT, None, {})
     assert (right.faults, right.warnings) == ((), ())
+
+
+@pytest.mark.parametrize(
+    "steps", [0.3 * np.cos(np.arange(12)), -0.12 + 0.15 * np.sin(np.arange(12))]
+)
+def test_coordinates_that_are_better_in_some_folds_only_are_not_clearly_better(steps):
+    blocks = {"joint": np.ones(12), "actuator": np.exp(steps)}
+    errors = CoordinateErrors({"joint": 0.22, "actuator": 0.17}, blocks)
+    assert not errors.clearly_not("joint")
+    sure = replace(errors, blocks={**blocks, "actuator": np.exp(-0.3 + 0.1 * steps)})
+    assert sure.clearly_not("joint")
+
+
+def test_a_narrow_motion_with_more_friction_is_not_read_as_the_motors():
+    """A plain model predicts a fifth of its torque less badly in the motors' coordinates."""
+    world, random = World.draw(12057, step=COARSE), np.random.default_rng([57, 4])
+    rubbing, _ = hide(world, "coulomb_friction", random)
+    motion = Multisine.draw(world.arm, int(random.integers(1 << 30)))
+    part, slow = random.uniform(0.1, 0.3), random.uniform(0.3, 0.6)
+    motion = replace(motion, amplitude=part * motion.amplitude, frequency=slow * motion.frequency)
+    plant = SimulatedArm(rubbing.plant(), rubbing.sensors, 57, dt=rubbing.step)
+    recording = record_motion(plant, motion, random.uniform(9.0, 13.0), 100.0)
+    decision = decide_coordinates(recording, world.arm, None)
+    assert decision.coordinates == "joint"
+    assert decision.errors.best == "actuator"
 
 
 def diagnosed(model: TorqueModel, folder, capsys) -> tuple[list[str], dict]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -61,6 +63,20 @@ def off(validation: CrossValidation, chosen: list[Candidate]) -> NDArray[np.floa
 def left(validation: CrossValidation, chosen: list[Candidate]) -> float:
     """Return the greatest RMS that is left of a joint's effort, N·m."""
     return float(np.sqrt(np.mean(validation.residual(chosen) ** 2, axis=0)).max())
+
+
+def test_where_errors_are_correlated_masses_move_less_for_what_counts_little():
+    (validation, tilt), _ = told(0)
+    with_it, without = validation.score(tilt), validation.score([])
+    held = replace(validation, held=10.0).score([])
+
+    assert held.negative_log_prior < without.negative_log_prior
+    # What they must be off by counts by itself: as Student's, for it was estimated.
+    spared = without.negative_log_prior - with_it.negative_log_prior
+    left = with_it.likelihood - without.likelihood - spared
+    once = left + validation.significance.of_model(spared)
+    assert validation.evidence(tilt, [], 1.0) == pytest.approx(once)
+    assert validation.evidence(tilt, [], 10.0) == -validation.evidence([], tilt, 10.0) > 3.0
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -310,6 +310,39 @@ def test_what_is_the_same_torque_everywhere_is_said_to_be(model):
     assert "the same torque within the limits" in expected.why
 
 
+def test_a_curve_that_bends_like_a_weight_is_never_shown_beside_it(model):
+    """Of small errors a motion may show it: a parabola is no sine, but over a wide range."""
+    motion = passed(model, part=0.2)
+    spring = cause(motion, "elastic_cable", 1, [0.5, 0.02], 0.05)
+    offset = cause(motion, "torque_offset", 1, 0.5, 0.05)
+    both = contest(model, (offset, spring))
+    coarse, fine = (replace(both, coherent=error * np.ones(model.arm.n)) for error in (10.0, 1e-4))
+    assert coarse.hidden == {(spring.named, offset.named)}
+    assert not coarse.may_separate((offset, spring))
+    assert fine.hidden == frozenset()
+    assert fine.may_separate((offset, spring))
+
+
+def test_no_motion_that_is_planned_gives_more_than_the_best_one_can(unclear, design):
+    """What a motion shows is not among what none does, however short it is."""
+    shown = [each for each in design.expected if each.planned > STRONG]
+    assert shown
+    assert unclear.hidden == frozenset()
+
+
+def test_a_diagnosis_says_what_no_motion_separates_and_names_no_command(model):
+    motion = passed(model)
+    offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
+    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
+    same = contest(model, (offset, twin))
+    line = "can separate torque_offset at pitch from torque_offset at yaw"
+    assert same.inseparable((offset, twin)) == f"no motion of this arm within its limits {line}"
+    diagnosis = found(same)
+    assert diagnosis.separated_by == ""
+    assert line in " ".join(" ".join(diagnosis_text(diagnosis)).split())
+    assert line in diagnosis_page(diagnosis, ["run.csv"])
+
+
 def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
     """Fitted on both recordings it will not be held where the first one ended."""
     narrow, wide = passed(model), passed(model, part=0.2)

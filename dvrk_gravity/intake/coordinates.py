@@ -11,7 +11,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation import Folds, NormalEquations, beats, fit, make_folds
+from dvrk_gravity.estimation import Folds, NormalEquations, beats, fit, make_folds, paired
 from dvrk_gravity.intake.absent_joints import Source
 from dvrk_gravity.intake.design import build_design, training_equations
 from dvrk_gravity.intake.motion import CalibrationMotion, read, read_motions
@@ -23,6 +23,9 @@ from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 LOOKED_AT = 40.0
 # Ratio of the two held-out errors above which neither is clearly better. Chosen.
 CLEAR = 0.97
+# Greatest p-value of Student's test over the folds: that of a wrong correction in a diagnosis. A
+# plain model predicts little of a narrow motion: there either may be better by chance.
+ALPHA = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +46,13 @@ class CoordinateErrors:
         return min(self.whole, key=lambda system: self.whole[system])
 
     def clearly_not(self, system: Coordinates) -> bool:
-        """Whether the other coordinates fit clearly better."""
+        """Whether the other coordinates fit clearly better, in all folds together and in each."""
         best = self.best
-        return best != system and self.whole[best] <= CLEAR * self.whole[system]
+        if best == system or self.whole[best] > CLEAR * self.whole[system]:
+            return False
+        steps = (np.log(np.maximum(self.blocks[each], 1e-12)) for each in (system, best))
+        student = paired(np.subtract(*steps))[:1]  # none of few folds
+        return all(p_value < ALPHA for p_value in student)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +101,13 @@ def decide_coordinates(
         return Decision("joint") if misfit is None else _by_misfit(misfit)
     joint, actuator = (errors.whole[system] for system in get_args(Coordinates))
     best = errors.best
-    other = errors.whole["actuator" if best == "joint" else "joint"]
-    if errors.whole[best] > CLEAR * other:
+    if not errors.clearly_not("actuator" if best == "joint" else "joint"):
         reason = (
-            "read as joint coordinates; actuator coordinates would fit about equally well "
+            "read as joint coordinates; actuator ones fit neither clearly better nor clearly worse "
             f"(held-out error over torque {joint:.3f} and {actuator:.3f})"
         )
         return Decision("joint", reason, (), errors)
+    other = errors.whole["actuator" if best == "joint" else "joint"]
     reason = (
         f"read as {best} coordinates: held-out error over torque of a plain model "
         f"{errors.whole[best]:.3f}, in the other coordinates {other:.3f}"

@@ -19,10 +19,13 @@ from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
 from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
+from dvrk_gravity.planning.resting import resting_positions
 from dvrk_gravity.planning.rivalry import Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
 
 _STATES = 500  # of a motion, at which torques are compared in words
+_ANYWHERE = 600  # states of any motion: ten times the parameters of a model and two causes
+_LONGEST = 600.0  # s, as long a motion as `plan` makes
 _NARROW = 0.05  # of a joint's limits: it was hardly moved at identification. Chosen
 _SURE = 0.95  # probability from which a plan counts as one that separates. A convention
 
@@ -87,6 +90,22 @@ class Unseparated:
             self.model.arm, self.rivalries, self.passing, both, uncertain,
             kept=kept, scattered=scattered,
         )  # fmt: skip
+
+    def hidden(self, limits: PlanLimits) -> list[tuple[bool, bool]]:
+        """Return of each rivalry whether no motion within limits shows the first, or the second.
+
+        Of at most ten minutes, at any positions, velocities and accelerations. See
+        :meth:`Separation.hidden`.
+
+        Raises:
+            PlanError: Limits that no position keeps.
+        """
+        arm, random = self.model.arm, np.random.default_rng(0)
+        q = resting_positions(limits, arm, None, random, _ANYWHERE)
+        # In every direction or at rest, at all speeds: the torque of most is greatest at an edge.
+        rates = random.choice([-1.0, 0.0, 1.0], (2, *q.shape)) * random.uniform(size=(2, len(q), 1))
+        state = State(q, rates[0] * limits.velocity, rates[1] * limits.acceleration)
+        return self.objective(_LONGEST).hidden(state, _LONGEST)
 
 
 @dataclass(frozen=True)
@@ -169,11 +188,16 @@ def design_separation(
         search = MotionSearch(series_basis(lasts), within, objective, model, seed, of.solver)
         motion = search.best(report)
         gram = search.gram(motion)
-    found = zip(unseparated.rivalries, objective.expected(gram), strict=True)
+    found = zip(
+        unseparated.rivalries, objective.expected(gram), unseparated.hidden(limits), strict=True
+    )
     expected = tuple(
-        ExpectedEvidence(rivalry.words, rivalry.again, value, chance,
-                         "" if chance >= _SURE else _why(unseparated, rivalry, motion))
-        for rivalry, (value, chance) in found
+        ExpectedEvidence(
+            rivalry.words, rivalry.again, value, chance,
+            "" if chance >= _SURE
+            else nothing_shows(rivalry, hidden) or _why(unseparated, rivalry, motion),
+        )
+        for rivalry, (value, chance), hidden in found
     )  # fmt: skip
     return SeparationDesign(
         Plan(model.arm, motion, limits), expected, tuple(slacks(motion, limits, model.arm, model))
@@ -225,6 +249,29 @@ def _poses(
     return path, grams(path.poses).sum(axis=0)
 
 
+def nothing_shows(rivalry: Rivalry, hidden: tuple[bool, bool]) -> str:
+    """Return what no motion within limits separates; ``""`` if one may separate all.
+
+    Args:
+        rivalry: Two causes.
+        hidden: Whether no motion shows the first if it is true, and whether none the second.
+    """
+    if all(none or not wanted for none, wanted in zip(hidden, rivalry.either, strict=True)):
+        return (
+            "they are the same torque within the limits, but for less than errors: no motion of "
+            "this arm there can separate them"
+        )
+    for none, rival, other in zip(
+        hidden, (rivalry.first, rivalry.second), (rivalry.second, rivalry.first), strict=True
+    ):
+        if none:
+            return (
+                f"if it is {rival.words}, no motion of this arm within its limits can show that it "
+                f"is not {other.words}"
+            )
+    return ""
+
+
 def _why(unseparated: Unseparated, rivalry: Rivalry, motion: FourierMotion | PosePath) -> str:
     """Return where both differ most in the best that was found, and what errors are expected."""
     arm = unseparated.model.arm
@@ -243,8 +290,6 @@ def _why(unseparated: Unseparated, rivalry: Rivalry, motion: FourierMotion | Pos
     unit, most = arm.joints[joint].effort_unit, float(apart[where, joint])
     least = quantity(float(error[joint]), unit)
     differ = f"they differ by at most {quantity(most, unit)} on {arm.joint_names[joint]}"
-    if most < float(error[joint]):
-        return f"they are the same torque within the limits: {differ}, and errors are {least}"
     return (
         f"{differ}, at {pose(state.q[where], arm.units)}: too little beside errors of {least} and "
         "what the model and their own sizes are uncertain by"

@@ -44,6 +44,8 @@ def diagnosis_text(
             yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
         if any(diagnosis.separating(finding) for finding in findings):
             yield f"{SEPARATE}: {diagnosis.separated_by}"
+        for line in filter(None, map(diagnosis.inseparable, findings)):
+            yield laid_out(f"note: {line}", width)
     if diagnosis.caveat:
         yield laid_out(f"note: {diagnosis.caveat}", width)
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]

@@ -165,7 +165,15 @@ def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> Sele
         )
         and overlap(validation, selected, trial.candidate, rest.candidates) > _OVERLAP
     ]
-    equal = tuple(trial for trial in alternatives if selection.as_good(trial, current))
+    equal = tuple(
+        trial
+        for trial in alternatives
+        if selection.as_good(trial, current)
+        and validation.evidence(
+            whole.candidates, [*rest.candidates, trial.candidate], current.inflation
+        )
+        <= selection.settings.equal_least
+    )
     worse = [trial for trial in alternatives if trial not in equal]
     names = {trial.named for trial in (current, *equal)}
     forms = tuple(trial for trial in trials if trial.named in names and trial not in equal)

@@ -53,6 +53,8 @@ class CrossValidation:
         weight: (n,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
         intraclass: (n,) correlation of a joint's errors in two copies of a motion.
         significance: p-values of gains.
+        held: Independent samples that count as one, by which the prior of the model's parameters
+            is multiplied beside sums over all; see :meth:`evidence`.
     """
 
     data: FilteredData
@@ -60,6 +62,7 @@ class CrossValidation:
     weight: Array
     intraclass: Array
     significance: Significance
+    held: float = 1.0
 
     @classmethod
     def of(cls, data: FilteredData) -> CrossValidation:
@@ -161,7 +164,7 @@ class CrossValidation:
             candidates: Of k parameters.
             own: Parameters of the model itself before them, in units of their standard deviations.
         """
-        ridges = [np.ones(own), *(candidate.ridge for candidate in candidates)]
+        ridges = [np.full(own, self.held), *(candidate.ridge for candidate in candidates)]
         return np.diag(self._prior_weight * np.concatenate(ridges))
 
     @property
@@ -277,6 +280,26 @@ class CrossValidation:
         gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
         spared = before.negative_log_prior - after.negative_log_prior
         return float(gained) + self.significance.of_model(spared)
+
+    def evidence(
+        self, candidates: Sequence[Candidate], others: Sequence[Candidate], inflation: float
+    ) -> float:
+        """Return the log-likelihood by which some candidates explain more than others do.
+
+        Where errors are correlated, so many samples count as one of what is left; of what the
+        model's parameters must be off by, what is known of them counts whole. So it is in the
+        fits as well: else the parameters move, at a cost, for what counts little.
+
+        Args:
+            candidates: Some candidates.
+            others: Others.
+            inflation: Log-likelihood that counts as one unit.
+        """
+        held = replace(self, held=inflation)
+        first, second = held.score(candidates), held.score(others)
+        spared = second.negative_log_prior - first.negative_log_prior
+        left = first.likelihood - second.likelihood - spared
+        return left / inflation + self.significance.of_model(spared)
 
     def inflation(self, error: Array, torque: Array) -> Array:
         """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""

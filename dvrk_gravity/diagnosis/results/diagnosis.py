@@ -183,14 +183,20 @@ class Diagnosis(Tabular):
     @property
     def separated_by(self) -> str:
         """The command that plans what separates causes; ``""``: there are none that a plan may."""
-        if self.contest is None or not self.contest.pairs:
+        contest = self.contest
+        both = () if contest is None else ((pair.first, pair.second) for pair in contest.pairs)
+        if contest is None or not any(map(contest.may_separate, both)):
             return ""
-        return sentences.separating_command(self.files.findings, self.contest.poses)
+        return sentences.separating_command(self.files.findings, contest.poses)
 
     def separating(self, several: Finding | Ambiguity) -> str:
         """Return the command that plans what separates its causes; ``""``: no plan may."""
-        pairs = () if self.contest is None else self.contest.pairs
-        return self.separated_by if any(pair.first in several.rivals for pair in pairs) else ""
+        may = self.contest is not None and self.contest.may_separate(several.rivals)
+        return self.separated_by if may else ""
+
+    def inseparable(self, several: Finding | Ambiguity) -> str:
+        """Return which of its causes no motion separates, in words; ``""``: a motion may all."""
+        return "" if self.contest is None else self.contest.inseparable(several.rivals)
 
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
-from functools import partial
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
@@ -18,15 +18,24 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import CONTAINED
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.significance import SignificanceSettings
+from dvrk_gravity.diagnosis.results.hypothesis_file import (
+    as_read,
+    given,
+    is_plain,
+    kind_of,
+    written,
+)
 from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site, State
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, PlanError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import PoseSettings, Rival, Rivalry, Unseparated, noise_of
+from dvrk_gravity.planning import PlanLimits, PoseSettings, Rival, Rivalry, Unseparated, noise_of
 
 EXPECTED = "a cause as `diagnose` of this version writes it"
 _SLOW = 0.05  # rad/s, a tenth in m: a step at each reversal has no slope. As `plan` has it
 _NOISE_TIME = 0.1  # s, correlation time of noise where no model states one: as `plan` has it
 _AGAIN = 400  # samples of the diagnosed motion at which it is compared with a plan: a bound on time
+_Named = tuple[str, tuple[int, ...]]  # effect and joints
+_Beside = tuple[_Named, _Named]  # a cause that is true, and one beside it
 _STATES = 200  # at which the torques of two causes are compared: far more than parameters
 
 
@@ -100,7 +109,7 @@ class RivalCause:
         return f"{hypothesis.effect} at {where if at_link else ' and '.join(hypothesis.names)}"
 
     @property
-    def named(self) -> tuple[str, tuple[int, ...]]:
+    def named(self) -> _Named:
         """Effect and joints, by which findings name it."""
         return self.hypothesis.effect, self.hypothesis.joints
 
@@ -108,7 +117,7 @@ class RivalCause:
     def known_elsewhere(self) -> bool:
         """Whether its torque is known in other motions, and its record holds all of it."""
         sized = np.isfinite(self.theta).all() and np.isfinite(self.covariance).all()
-        plain = all(_is_plain(value) for _, value in _given(self.hypothesis))
+        plain = all(is_plain(value) for _, value in given(self.hypothesis))
         return bool(sized and plain and not self.hypothesis.refits_model)
 
     def rival(self, seen: Motion | None = None, rows: Array | slice = slice(None)) -> Rival:
@@ -132,7 +141,7 @@ class RivalCause:
             "joints": list(self.hypothesis.names),
             "hypothesis": type(self.hypothesis).__name__,
             "site": {"kind": site.kind.value, "index": site.index},
-            "given": {name: _written(value) for name, value in _given(self.hypothesis)},
+            "given": {name: written(value) for name, value in given(self.hypothesis)},
             "theta": self.theta.tolist(),
             "covariance": self.covariance.tolist(),
             "evidence": self.evidence,
@@ -146,9 +155,9 @@ class RivalCause:
             ConfigError: Naming the entry.
         """
         try:
-            kind = _kind(entry["effect"], entry["hypothesis"])
+            kind = kind_of(entry["effect"], entry["hypothesis"])
             site = Site(Kind(entry["site"]["kind"]), int(entry["site"]["index"]))
-            given = {name: _read(value) for name, value in entry["given"].items()}
+            given = {name: as_read(value) for name, value in entry["given"].items()}
             theta, covariance = (np.array(entry[name], float) for name in ("theta", "covariance"))
             if theta.ndim != 1 or covariance.shape != (len(theta),) * 2:
                 raise ValueError("covariance")
@@ -250,6 +259,65 @@ class Contest:
         contest = cls(motion.model, pairs, noise, coherent, motion.static, lasted)
         return replace(contest, again=contest._again(motion))
 
+    @cached_property
+    def _wanted(self) -> tuple[frozenset[_Beside], frozenset[_Beside]]:
+        """Which cause a plan may show if it is true, beside which other, and which no motion does.
+
+        Of the likeliest form of each. Where the arm's limits are not known, a motion may show any.
+        """
+        likeliest = dict[_Named, RivalCause]()
+        for rival in (each for pair in self.pairs for each in (pair.first, pair.second)):
+            best = likeliest.get(rival.named)
+            if not rival.rejected and (best is None or rival.evidence > best.evidence):
+                likeliest[rival.named] = rival
+        none = [(False, False)] * len(self.pairs)
+        if self.pairs:
+            with suppress(ConfigError, PlanError):
+                none = self.unseparated().hidden(PlanLimits.of(self.model.arm))
+        senses = {True: set[_Beside](), False: set[_Beside]()}
+        for pair, hidden in zip(self.pairs, none, strict=True):
+            both = pair.first, pair.second
+            for i in (0, 1):
+                true, other = both[i], both[1 - i]
+                if pair.either[i] and likeliest[true.named] is true:
+                    senses[hidden[i]].add((true.named, other.named))
+        return frozenset(senses[False] - senses[True]), frozenset(senses[True])
+
+    @property
+    def hidden(self) -> frozenset[_Beside]:
+        """Effect and joints of causes that no motion of the arm within its limits shows.
+
+        Each with that of the other one that can do there all that it does.
+        """
+        return self._wanted[1]
+
+    def may_separate(self, rivals: Sequence[RivalCause]) -> bool:
+        """Return whether a motion may separate some causes."""
+        names = {each.named for each in rivals}
+        return any(set(beside) <= names for beside in self._wanted[0])
+
+    def inseparable(self, rivals: Sequence[RivalCause]) -> str:
+        """Return which of some causes no motion separates from which; ``""``: from none."""
+        (open_to, hidden), within = self._wanted, "no motion of this arm within its limits can"
+        names, parts = dict[_Named, str](), list[str]()
+        for rival in rivals:  # of several forms the likeliest comes first
+            names.setdefault(rival.named, rival.words)
+        for number, (named, words) in enumerate(names.items()):
+            never, if_true = list[str](), list[str]()
+            for place, (other, its) in enumerate(names.items()):
+                if (named, other) in hidden:
+                    if (other, named) in open_to:
+                        if_true.append(its)
+                    elif place > number or (other, named) not in hidden:
+                        never.append(its)
+            if never:
+                parts.append(f"{within} separate {words} from {' or '.join(never)}")
+            if if_true:
+                parts.append(
+                    f"if it is {words}, {within} show that it is not {' or '.join(if_true)}"
+                )
+        return "; ".join(parts)
+
     def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
         if not self.pairs:
             return ()
@@ -311,61 +379,3 @@ def _contains(model: TorqueModel, larger: RivalCause, smaller: RivalCause) -> bo
     torque = (smaller.rival().columns(motion) @ smaller.theta).ravel()
     left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
     return bool(left @ left <= CONTAINED * (torque @ torque))
-
-
-def _given(hypothesis: Hypothesis) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of what differs from a hypothesis' defaults, but for arm and site."""
-    for each in fields(hypothesis):
-        value = getattr(hypothesis, each.name)
-        made = each.default_factory
-        default = each.default if made is MISSING else made()
-        array = isinstance(value, np.ndarray)
-        if each.name not in ("arm", "site") and (array or value != default):
-            yield each.name, value
-
-
-def _is_plain(value: Any) -> bool:
-    """Return whether a file can hold a value."""
-    if isinstance(value, Mapping):
-        return all(isinstance(name, str) and _is_plain(each) for name, each in value.items())
-    if isinstance(value, tuple | list):
-        return all(map(_is_plain, value))
-    return value is None or isinstance(value, str | bool | int | float | np.generic | np.ndarray)
-
-
-def _written(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return {"array": value.tolist()}
-    if isinstance(value, Mapping):
-        return {"mapping": {name: _written(each) for name, each in value.items()}}
-    if isinstance(value, tuple | list):
-        return [_written(each) for each in value]
-    plain = value.item() if isinstance(value, np.generic) else value
-    # JSON has no infinity, which is the standard deviation of a parameter without a prior.
-    infinite = isinstance(plain, float) and not np.isfinite(plain)
-    return {"number": str(plain)} if infinite else plain
-
-
-def _read(value: Any) -> Any:
-    if isinstance(value, list):
-        return tuple(map(_read, value))
-    if isinstance(value, dict):
-        ((kind, content),) = value.items()
-        if kind == "array":
-            return np.array(content, dtype=float)
-        if kind == "number":
-            return float(content)
-        return {name: _read(each) for name, each in content.items()}
-    return value
-
-
-def _kind(effect: str, name: str) -> type[Hypothesis]:
-    """Return the class of an effect's hypotheses with a name."""
-    of = effects.named(effect)  # an installed one is loaded by that
-    pending: list[type[Hypothesis]] = Hypothesis.__subclasses__()
-    while pending:
-        kind = pending.pop()
-        pending += kind.__subclasses__()
-        if kind.__name__ == name and getattr(kind, "EFFECT", None) is of:
-            return kind
-    raise ValueError(f"{name} of {effect}")
