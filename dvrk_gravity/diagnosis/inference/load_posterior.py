@@ -9,7 +9,9 @@ body's marginal likelihood. A body on which few places explain the data thereby 
 
 Before any data the logarithm of a mass at an unknown place is as likely to be anywhere (Jeffreys'
 prior of a scale), down to what the data resolve. Were it the mass itself, a moment without inertia,
-as slow motion shows it, would be a heavy mass near the axis.
+as slow motion shows it, would be a heavy mass near the axis. Any distance from the link's frame is
+as likely, within the link's extent: links are slender. Were it any point of the space about it,
+hardly a load would be near the frame, and the same moment farther out is a lighter mass.
 """
 
 from __future__ import annotations
@@ -99,8 +101,8 @@ class LoadPosterior:
             rows = random.choice(_DRAWS, _DRAWS, p=weight / weight.sum())
             places.append(place[rows])
             masses.append(problem.sign * mass[rows])
-            # As likely at any place of any body: a small one has fewer.
-            evidence.append(likelihood + np.log(weight.mean() * extent**3))
+            # As likely at any distance on any body: a short one has fewer.
+            evidence.append(likelihood + np.log(weight.mean() * extent))
             explained.append(float(form.explained(place).max()))
         share = np.exp(np.array(evidence) - max(evidence))
         # A load was found: on a body where it has no torque it would be none, of any mass.
@@ -297,10 +299,17 @@ def _tempered(form: _Form, extent: float, random: np.random.Generator) -> tuple[
 
     Args:
         form: The likelihood.
-        extent: m, standard deviation of the place about the link's frame before any data.
+        extent: m, of the half normal distance from the link's frame before any data, in whatever
+            direction.
         random: Source of draws.
     """
-    place = extent * random.normal(size=(_DRAWS, 3))
+
+    def log_prior(place: Array) -> Array:
+        square = np.maximum((place**2).sum(axis=1), 1e-300)
+        return np.asarray(-0.5 * square / extent**2 - np.log(square))
+
+    place = random.normal(size=(_DRAWS, 3))
+    place *= extent * random.normal(size=(_DRAWS, 1)) / np.linalg.norm(place, axis=1)[:, None]
     value, evidence, warmth = form.log_likelihood(place), 0.0, 0.0
     while warmth < 1.0:
         step = _next_step(value, 1.0 - warmth)
@@ -313,8 +322,7 @@ def _tempered(form: _Form, extent: float, random: np.random.Generator) -> tuple[
         for _ in range(_MOVES):
             there = place + _STEP * random.normal(size=place.shape) @ root.T
             found = form.log_likelihood(there)
-            rise = warmth * (found - value)
-            rise -= 0.5 * ((there / extent) ** 2 - (place / extent) ** 2).sum(axis=1)
+            rise = warmth * (found - value) + log_prior(there) - log_prior(place)
             taken = np.log(random.uniform(size=_DRAWS)) < rise
             place[taken], value[taken] = there[taken], found[taken]
     return place, evidence
