@@ -41,6 +41,7 @@ _MOVES = 4  # Metropolis steps of each place at a temperature. Chosen
 _KEPT = 0.5  # of the draws, that a temperature leaves effective; a convention
 _STEP = 2.38 / np.sqrt(3.0)  # of a random walk in three dimensions (Gelman, Roberts, Gilks 1996)
 _TRACE = 1e-9
+_THICK = 0.1  # of a link's extent, within which any point is as likely. Chosen
 _EXPLAINED = 0.5  # of what the best body explains, that another must that may carry it. Chosen
 
 
@@ -101,8 +102,8 @@ class LoadPosterior:
             rows = random.choice(_DRAWS, _DRAWS, p=weight / weight.sum())
             places.append(place[rows])
             masses.append(problem.sign * mass[rows])
-            # As likely at any distance on any body: a short one has fewer.
-            evidence.append(likelihood + np.log(weight.mean() * extent))
+            # As likely at any place of any body: a small one has fewer.
+            evidence.append(likelihood + np.log(weight.mean() * extent**3))
             explained.append(float(form.explained(place).max()))
         share = np.exp(np.array(evidence) - max(evidence))
         # A load was found: on a body where it has no torque it would be none, of any mass.
@@ -303,13 +304,17 @@ def _tempered(form: _Form, extent: float, random: np.random.Generator) -> tuple[
             direction.
         random: Source of draws.
     """
+    thickness = _THICK * extent
 
     def log_prior(place: Array) -> Array:
-        square = np.maximum((place**2).sum(axis=1), 1e-300)
-        return np.asarray(-0.5 * square / extent**2 - np.log(square))
+        square = (place**2).sum(axis=1)
+        return np.asarray(-0.5 * square / extent**2 - np.log(square + thickness**2))
 
     place = random.normal(size=(_DRAWS, 3))
     place *= extent * random.normal(size=(_DRAWS, 1)) / np.linalg.norm(place, axis=1)[:, None]
+    square = (place**2).sum(axis=1)
+    inside = square / (square + thickness**2)
+    place = place[random.choice(_DRAWS, _DRAWS, p=inside / inside.sum())]
     value, evidence, warmth = form.log_likelihood(place), 0.0, 0.0
     while warmth < 1.0:
         step = _next_step(value, 1.0 - warmth)
