@@ -53,7 +53,10 @@ def recorded(
 def test_a_load_in_slow_motion_is_no_displaced_centre_of_mass_nor_taken_off(
     name, seed, speed, mass, place
 ):
-    """Nor is it on the insertion, whose bias some grams far away would explain."""
+    """Nor is it on the insertion, whose bias some grams far away would explain.
+
+    Its mass is in the interval, though the load is near the frame and only its moment shows.
+    """
     bare = recorded(name, seed, speed, 1)
     loaded = recorded(name, seed, speed, 2, ("link2", mass, place))
 
@@ -62,6 +65,8 @@ def test_a_load_in_slow_motion_is_no_displaced_centre_of_mass_nor_taken_off(
     assert [(each.effect, each.joints) for each in found] == [
         ("payload", ("pitch",)), ("torque_offset", ("insertion",)),
     ]  # fmt: skip
+    weighed = found[0].parameters["mass"]
+    assert weighed.low <= mass <= weighed.high
 
 
 @pytest.mark.parametrize(

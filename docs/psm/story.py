@@ -125,8 +125,15 @@ def _steps() -> Iterator[str]:
     diagnosis = diagnose(DATA / LOADED, model, coordinates="actuator")
     yield from _shown(diagnosis)
     yield from _compared(diagnosis)
+    yield ""
+    yield _prose(
+        "Most of the width of the mass's interval comes from springs, which may have changed by a "
+        "tenth of a joint's torque since calibration; next comes the model's known error, part of "
+        "which may look like a load. Noise contributes little, so a longer recording does not "
+        "help. A faster motion shows more inertia; a stated place (section 6) needs none."
+    )
     draw_weight(model, loaded)
-    yield "\n![What the model leaves, and the torque of the weight](psm/weight.png)\n"
+    yield "![What the model leaves, and the torque of the weight](psm/weight.png)\n"
     sliding = _sliding(model, loaded)
     yield _prose(
         "The weight is on link 2 and not on the sliding carriage. There, the insertion's effort "

@@ -9,7 +9,9 @@ body's marginal likelihood. A body on which few places explain the data thereby 
 
 Before any data the logarithm of a mass at an unknown place is as likely to be anywhere (Jeffreys'
 prior of a scale), down to what the data resolve. Were it the mass itself, a moment without inertia,
-as slow motion shows it, would be a heavy mass near the axis.
+as slow motion shows it, would be a heavy mass near the axis. Any distance from the link's frame is
+as likely, within the link's extent: links are slender. Were it any point of the space about it,
+hardly a load would be near the frame, and the same moment farther out is a lighter mass.
 """
 
 from __future__ import annotations
@@ -39,6 +41,7 @@ _MOVES = 4  # Metropolis steps of each place at a temperature. Chosen
 _KEPT = 0.5  # of the draws, that a temperature leaves effective; a convention
 _STEP = 2.38 / np.sqrt(3.0)  # of a random walk in three dimensions (Gelman, Roberts, Gilks 1996)
 _TRACE = 1e-9
+_THICK = 0.1  # of a link's extent, within which any point is as likely. Chosen
 _EXPLAINED = 0.5  # of what the best body explains, that another must that may carry it. Chosen
 
 
@@ -297,10 +300,21 @@ def _tempered(form: _Form, extent: float, random: np.random.Generator) -> tuple[
 
     Args:
         form: The likelihood.
-        extent: m, standard deviation of the place about the link's frame before any data.
+        extent: m, of the half normal distance from the link's frame before any data, in whatever
+            direction.
         random: Source of draws.
     """
-    place = extent * random.normal(size=(_DRAWS, 3))
+    thickness = _THICK * extent
+
+    def log_prior(place: Array) -> Array:
+        square = (place**2).sum(axis=1)
+        return np.asarray(-0.5 * square / extent**2 - np.log(square + thickness**2))
+
+    place = random.normal(size=(_DRAWS, 3))
+    place *= extent * random.normal(size=(_DRAWS, 1)) / np.linalg.norm(place, axis=1)[:, None]
+    square = (place**2).sum(axis=1)
+    inside = square / (square + thickness**2)
+    place = place[random.choice(_DRAWS, _DRAWS, p=inside / inside.sum())]
     value, evidence, warmth = form.log_likelihood(place), 0.0, 0.0
     while warmth < 1.0:
         step = _next_step(value, 1.0 - warmth)
@@ -313,8 +327,7 @@ def _tempered(form: _Form, extent: float, random: np.random.Generator) -> tuple[
         for _ in range(_MOVES):
             there = place + _STEP * random.normal(size=place.shape) @ root.T
             found = form.log_likelihood(there)
-            rise = warmth * (found - value)
-            rise -= 0.5 * ((there / extent) ** 2 - (place / extent) ** 2).sum(axis=1)
+            rise = warmth * (found - value) + log_prior(there) - log_prior(place)
             taken = np.log(random.uniform(size=_DRAWS)) < rise
             place[taken], value[taken] = there[taken], found[taken]
     return place, evidence

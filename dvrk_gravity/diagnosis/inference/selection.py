@@ -241,7 +241,9 @@ class Selection:
             adjustable = hypothesis.refine or hypothesis.fixed_point or hypothesis.refine_first
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
                 again = self.evaluate(selected, refined(validation, trial.candidate, beside))
-                trial = again if not trial.plausible or again.gain > trial.gain else trial
+                # Away from the setting that its fit determines it is not the torque of its cause.
+                settled = hypothesis.refine_first or not trial.plausible
+                trial = again if settled or again.gain > trial.gain else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
 
