@@ -133,7 +133,9 @@ def run(arguments: argparse.Namespace) -> int:
             [plan], driver, arguments, model=model, limits=limits,
             consent=(lambda question: True) if free else asking(driver),
         )  # fmt: skip
-    following = f"identify {collected.bag} --arm {plan.arm.source or plan.arm.name} --out model.yaml"
+    following = (
+        f"identify {collected.bag} --arm {plan.arm.source or plan.arm.name} --out model.yaml"
+    )
     if arguments.model is not None:
         following = f"evaluate {collected.bag} --model {arguments.model}"
     finish(collected, following, PAUSED)
