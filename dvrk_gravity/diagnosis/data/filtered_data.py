@@ -173,9 +173,8 @@ class FilteredData:
         if further >= 0.5 * rate:  # next to nothing is between the two
             return values
         low = LowPass(further, rate)
-        number = np.repeat(
-            np.arange(len(self.motion.parts)), [p.stop - p.start for p in self.motion.parts]
-        )
+        lengths = [part.stop - part.start for part in self.motion.parts]
+        number = np.repeat(np.arange(float(len(lengths))), lengths)
         part = self.reduce_state(number[:, None])[:, 0]
         pieces = (values[part == each] for each in np.unique(part))
         return np.concatenate([low(piece) if len(piece) > low.edge else piece for piece in pieces])
