@@ -369,3 +369,17 @@ def test_a_residual_below_a_lower_band_is_as_large_as_if_it_had_been_filtered_so
     kept = data.reduce(noise)
     assert data.below(kept, data.band) is kept
     assert data.below(kept, 0.999 * data.band) is kept  # next to nothing lies between
+
+
+@pytest.mark.parametrize(
+    ("positions", "degrees"), [(2, (1,)), (5, (1, 2, 3, 4)), (9, (1, 2, 3, 4, 6))]
+)
+def test_no_curve_is_supposed_that_a_grid_of_poses_leaves_open_between_its_positions(
+    positions, degrees
+):
+    arm = motion().arm
+    grid = np.tile(np.linspace(-1.0, 1.0, positions), 40)[:, None] * np.ones(arm.n)
+    grid += 0.003 * np.random.default_rng(1).normal(size=grid.shape)  # as poses are reached
+    poses = replace(motion(), q=grid)
+    found = [each.degree for each in effects.ElasticCable.hypotheses(poses) if each.site.index == 3]
+    assert tuple(found) == degrees
