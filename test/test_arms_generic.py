@@ -104,7 +104,8 @@ def test_units_of_a_recording_are_checked_by_the_arm_s_own_reach(made_up):
     wrong[:, 2] *= 1e3
     (found,) = check(recording(made_up, wrong, effort))
     assert (found.kind, found.joint, found.unusable) == ("position_unit", "insertion", True)
-    assert found.text.endswith("expected m, not mm")
+    assert "expected m, not mm; declare it" in found.text
+    assert "--columns NAME=insertion.position[mm]" in found.text
     (found,) = check(recording(made_up, position, effort * [1, 1, 1e3, 1]))
     assert (found.kind, found.joint) == ("effort_unit", "insertion")
     assert found.text.endswith("an arm reaches 60: expected N, not mN")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.cli import calibrate, excite, options
+from dvrk_gravity.cli import collect as collect_verb
 from dvrk_gravity.collecting import (
     Collected,
     CollectSettings,
@@ -588,9 +591,47 @@ def test_that_a_model_states_no_uncertainty_is_said_once_with_the_way_out(
     model.save("model.yaml")
     words = ["plan.yaml", "--out", "bag", "--simulated", "--no-rehearsal", "--model", "model.yaml"]
     assert run("dvrk_gravity.cli.collect", words) == 0
-    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note")]
+    said = capsys.readouterr().out
+    assert "Next: evaluate bag --model model.yaml" in said
+    notes = [line for line in said.splitlines() if line.startswith("note")]
     assert len(notes) == (not known)
     assert known or ("10 %" in notes[0] and "identify" in notes[0])
+
+
+@pytest.mark.parametrize(
+    ("words", "rehearses"),
+    [
+        ([], True),
+        (["--no-rehearsal"], False),
+        (["--simulated"], False),
+        (["--simulated", "--rehearsal"], True),
+        (["--simulated", "plant.yaml", "--no-rehearsal"], False),
+    ],
+)
+@pytest.mark.parametrize("verb", [collect_verb, excite, calibrate], ids=lambda verb: verb.NAME)
+def test_a_simulated_arm_is_rehearsed_only_where_that_is_asked_for(verb, words, rehearses) -> None:
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+    asked = [] if verb is collect_verb else ["--arm", "ecm", "--out", "bag"]
+    assert options.rehearses(parser.parse_args([*words, *asked])) == rehearses
+
+
+@pytest.mark.parametrize(
+    ("further", "says"),
+    [
+        (["--seed", "2"], "evaluate bag --model MODEL"),
+        (["--seed", "2", "--duration", "9"], "identify bag --arm ecm --out model.yaml; or"),
+        ([], "identify bag --arm ecm --out model.yaml\n"),
+    ],
+)
+def test_the_next_step_of_a_further_motion_is_to_evaluate_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    further: list[str], says: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    words = ["--arm", "ecm", "--out", "bag", "--simulated", "--duration", "8", *further]
+    assert run("dvrk_gravity.cli.excite", words) == 0
+    assert says in capsys.readouterr().out
 
 
 def test_collect_and_teach_by_their_commands(
@@ -598,9 +639,11 @@ def test_collect_and_teach_by_their_commands(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     plan_of("ecm", size=0.9).save("plan.yaml")
-    words = ["plan.yaml", "--out", "bag", "--simulated", "--no-rehearsal"]
+    words = ["plan.yaml", "--out", "bag", "--simulated"]
     assert run("dvrk_gravity.cli.collect", words) == 0  # nobody is asked: no arm moves
-    assert "Next: identify bag --arm ecm" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Next: identify bag --arm ecm --out model.yaml" in said
+    assert "rehears" not in said  # an arm in this process has nothing to meet
     teach = ["--teach", "limits.yaml", "--arm", "ecm", "--from", "bag"]
     assert run("dvrk_gravity.cli.collect", teach) == 0
     out = capsys.readouterr().out

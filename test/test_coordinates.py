@@ -13,7 +13,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import put_right
 from dvrk_gravity.effects import Gravity, readings
-from dvrk_gravity.identification import evaluate
+from dvrk_gravity.identification import coordinates_of, evaluate
 from dvrk_gravity.intake import CoordinateErrors, decide_coordinates
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
@@ -56,6 +56,39 @@ def test_every_verb_reads_a_recording_in_the_same_coordinates(recording, truth):
     assert [finding.effect for finding in right.faults] == (
         [] if truth == "joint" else ["wrong_coordinates"]
     )
+
+
+def poses(recording: Recording) -> Recording:
+    few = recording.rows(slice(None, None, 20))
+    return replace(few, time=None, velocity=None)
+
+
+def part(recording: Recording) -> Recording:
+    return replace(
+        recording, joints=recording.joints[:-1], position=recording.position[:, :-1],
+        velocity=recording.velocity[:, :-1], effort=recording.effort[:, :-1],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("shown", [poses, part])
+@pytest.mark.parametrize(("recording", "truth"), [(recorded, "joint"), (of_motors, "actuator")])
+def test_where_no_plain_model_can_be_fitted_the_model_at_hand_decides_in_every_verb(
+    shown, recording, truth
+):
+    seen = shown(recording())
+    model, still = KNOWN.model(), {ARM.joint_names[-1]: 0.0}
+    decision = coordinates_of(model, [seen], None, {} if shown is poses else still)
+    assert decision.coordinates == truth
+    if shown is poses:
+        assert evaluate(model, seen).coordinates == truth
+    right = put_right([seen], model, None, still)
+    assert right.recordings[0].head.coordinates == truth
+    assert right.faults == ()
+    said = [str(warning) for warning in right.warnings]
+    assert len(said) == (truth == "actuator")
+    assert all("read as actuator coordinates" in s and "--coordinates" in s for s in said)
+    # What was said of them is not decided again.
+    assert put_right([seen], model, "joint", still).recordings[0].head.coordinates == "joint"
 
 
 def test_what_was_said_of_coordinates_is_doubted_by_every_verb_alike():

@@ -10,8 +10,8 @@ import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, beyond_range, diagnose, load
 from dvrk_gravity.effects import Site, WallHypothesis
-from dvrk_gravity.identification import identify
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.recording import DEFAULT_CUTOFF, Recording
 from dvrk_gravity.units import quantity
 from testing import lab_effects
 from testing.lab_motion import draw_calibration, draw_other
@@ -114,6 +114,12 @@ def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path
     again = type(extended).load(tmp_path / "extended.yaml")
     assert again.uncertainty is not None
     assert diagnose(recording, again).findings == ()
+    # Errors below the band of those that `evaluate` compares, as of the model before.
+    assert again.uncertainty.band == DEFAULT_CUTOFF
+    evaluation = evaluate(again, recording)
+    assert set(evaluation.expected) == set(evaluation.joints)
+    for joint, expected in evaluation.expected.items():
+        assert evaluation.joints[joint].rmse < expected.high, joint
 
 
 def test_an_extended_model_knows_the_range_where_it_was_right_and_no_other():

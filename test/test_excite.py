@@ -203,6 +203,7 @@ class FakeArm:
         self.client, self.time = Client(name="fake_arm"), Time
         self.position = POSE.copy()
         self.follows, self.speaks = True, True
+        self.order = list(range(7))  # of the joints in what it measures
         self.told: list[np.ndarray] = []
         self.holds = 0
         self.slow = 1.0
@@ -230,7 +231,8 @@ class FakeArm:
         while taken := self.servo_jp.handle.take_message(self.message, False):
             self.on_servo_jp(taken[0])
         if self.speaks:
-            message = self.message(name=JOINT_NAMES, position=self.position.tolist())
+            names = [JOINT_NAMES[i] for i in self.order]
+            message = self.message(name=names, position=self.position[self.order].tolist())
             message.effort = self.effort
             message.header.stamp = self.stamp()
             self.measured.publish(message)
@@ -367,6 +369,9 @@ def fault(fake: FakeArm, name: str) -> None:
             fake.speaks = False
         elif name == "stopped":
             fake.slow = 0.0
+        elif name == "frozen":
+            stamp = fake.stamp()
+            fake.stamp = lambda: stamp
         elif name == "stuck":
             fake.follows = False
         elif name == "invalid":
@@ -547,6 +552,10 @@ def test_a_command_that_cannot_be_read_here_is_noticed_by_who_may_give_it(
     [
         ("silent", f"no valid measured_js for {TIMEOUT:g} s"),
         ("stopped", rf"no valid measured_js for {TIMEOUT:g} s \(stamp_backwards: "),
+        (
+            "frozen",
+            rf"has not advanced for {TIMEOUT:g} s; if this computer is busy, raise --timeout",
+        ),
         ("stuck", "deg from its set point"),
         ("invalid", rf"no valid measured_js for {TIMEOUT:g} s \(not_finite: position of "),
         ("rival", rf"another node \({PRIVATE}/fake_arm\) commands {PRIVATE}/servo_jf"),
@@ -566,21 +575,12 @@ def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says
 
 def test_an_arm_that_measures_in_another_order_is_told_in_that_order(fake: FakeArm) -> None:
     """A console takes positions by index, whatever names stand beside them."""
-    order = [2, 1, 0, 3, 4, 5, 6]
-
-    def speak() -> None:
-        names = [JOINT_NAMES[i] for i in order]
-        message = fake.message(name=names, position=fake.position[order].tolist())
-        message.header.stamp = fake.stamp()
-        fake.measured.publish(message)
-
-    fake.speak_timer.cancel()
-    fake.client.node.create_timer(0.01, speak)
+    fake.order = [2, 1, 0, 3, 4, 5, 6]
     fake.follows = False
     with mover(fake) as moving:
         np.testing.assert_allclose(moving.connect(), POSE)
         moving.follow(to(POSE + 0.02), 0.2)
-        np.testing.assert_allclose(fake.told[0], POSE[order], atol=1e-3)
+        np.testing.assert_allclose(fake.told[0], POSE[fake.order], atol=1e-3)
 
 
 def test_joints_beside_the_arm_s_are_no_arm_to_be_told_by_index(fake: FakeArm) -> None:

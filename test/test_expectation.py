@@ -15,16 +15,38 @@ NAN = float("nan")
 @pytest.mark.parametrize(
     ("band", "cutoff", "coordinates", "reason"),
     [
-        (8.0, 5.65, "joint", "it is known below 8 Hz, these are errors below 5.65 Hz"),
-        (NAN, 5.65, "joint", "it is known for static poses, these are trajectories"),
-        (5.65, None, "joint", "it is known for trajectories, these are static poses"),
+        (
+            8.0,
+            5.65,
+            "joint",
+            "it is known below 8 Hz, these are errors below 5.65 Hz; `identify` or "
+            "`diagnose` again writes it for these",
+        ),
+        (
+            NAN,
+            5.65,
+            "joint",
+            "it is known for static poses, these are trajectories; identify from trajectories",
+        ),
+        (
+            5.65,
+            None,
+            "joint",
+            "it is known for trajectories, these are static poses; identify from static poses",
+        ),
         (
             5.65,
             5.65,
             "actuator",
-            "it is known in joint coordinates, these are errors at the motors",
+            "it is known in joint coordinates, these are errors at the motors; evaluate a "
+            "recording in joint coordinates",
         ),
-        (NAN, None, "joint", "its uncertainty states no error on held-out data"),
+        (
+            NAN,
+            None,
+            "joint",
+            "its uncertainty states no error on held-out data; identify from a longer recording",
+        ),
     ],
 )
 def test_an_unknown_error_has_one_reason(

@@ -11,7 +11,15 @@ import pytest
 
 from dvrk_gravity import effects
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.diagnosis import NO_TERM, NOT_AS_FOUND, MeasuredMotion, extended, hypotheses, load
+from dvrk_gravity.diagnosis import (
+    NO_TERM,
+    NOT_AS_FOUND,
+    FilteredData,
+    MeasuredMotion,
+    extended,
+    hypotheses,
+    load,
+)
 from dvrk_gravity.effects import (
     CableHypothesis,
     Hypothesis,
@@ -23,6 +31,7 @@ from dvrk_gravity.effects import (
     WallHypothesis,
 )
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import LowPass
 from dvrk_gravity.simulate import PlantFile
 from testing.world import COARSE, World
 
@@ -343,3 +352,34 @@ def test_what_a_term_of_the_model_cannot_hold_says_so_and_not_that_there_is_no_t
     assert extended(motion(), [(fading, np.array([-0.02]))])[1] == (NOT_AS_FOUND,)
     drift = first_of("thermal_drift")
     assert extended(motion(), [(drift, np.array([0.02, 0.0]))])[1] == (NO_TERM,)
+
+
+@pytest.mark.parametrize("band", [5.65, 3.0])
+def test_a_residual_below_a_lower_band_is_as_large_as_if_it_had_been_filtered_so(band):
+    """Exactly so at low frequencies, and of white noise, the worst, to some per cent."""
+    data = FilteredData.of(motion())
+    assert data.band > band
+    noise = np.random.default_rng(1).normal(size=motion().q.shape)
+    slow = np.sin(2.0 * np.pi * np.outer(motion().time, np.arange(1, noise.shape[1] + 1) * 0.3))
+    for values, within in ((noise, 0.05), (slow, 0.003)):
+        further = data.below(data.reduce(values), band)
+        at_once = LowPass(band, motion().rate)(values)
+        sizes = (np.std(each[40:-40]) for each in (further, data.reduce_state(at_once)))
+        assert next(sizes) == pytest.approx(next(sizes), rel=within)
+    kept = data.reduce(noise)
+    assert data.below(kept, data.band) is kept
+    assert data.below(kept, 0.999 * data.band) is kept  # next to nothing lies between
+
+
+@pytest.mark.parametrize(
+    ("positions", "degrees"), [(2, (1,)), (5, (1, 2, 3, 4)), (9, (1, 2, 3, 4, 6))]
+)
+def test_no_curve_is_supposed_that_a_grid_of_poses_leaves_open_between_its_positions(
+    positions, degrees
+):
+    arm = motion().arm
+    grid = np.tile(np.linspace(-1.0, 1.0, positions), 40)[:, None] * np.ones(arm.n)
+    grid += 0.003 * np.random.default_rng(1).normal(size=grid.shape)  # as poses are reached
+    poses = replace(motion(), q=grid)
+    found = [each.degree for each in effects.ElasticCable.hypotheses(poses) if each.site.index == 3]
+    assert tuple(found) == degrees

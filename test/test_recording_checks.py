@@ -367,6 +367,25 @@ def test_units_that_only_the_velocity_reveals_are_told():
     found = check(both)
     assert len(found) == 7
     assert all("positions in degrees?" in w.text and w.unusable for w in found)
+    assert all(f"--columns NAME={w.joint}.position[deg]" in w.text for w in found)
+
+
+@pytest.mark.parametrize(
+    ("field", "factor", "unit", "quantity"),
+    [("position", 180.0 / np.pi, "deg", "position"), ("effort", 1e3, "mNm", "effort")],
+)
+def test_a_refusal_of_a_unit_names_the_option_by_which_it_is_read(
+    tmp_path, field, factor, unit, quantity
+):
+    wrong = replace(CLEAN, **{field: factor * getattr(CLEAN, field)})
+    path = tmp_path / "other_unit.csv"
+    wrong.save(path)
+    said = [w.text for w in check(wrong) if w.kind == f"{field}_unit"]
+    assert said
+    assert all("--columns NAME=" in text and f".{quantity}[{unit}]" in text for text in said)
+    names = {f"{joint}.{field}": f"{joint}.{field}[{unit}]" for joint in CLEAN.joints}
+    read = Recording.load(path, columns=names)
+    np.testing.assert_allclose(getattr(read, field), getattr(CLEAN, field), rtol=1e-12, atol=1e-12)
 
 
 def test_identical_samples_at_rest_are_not_stale():

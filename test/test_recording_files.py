@@ -134,6 +134,24 @@ def test_a_recording_of_a_larger_arm_is_not_taken_for_a_smaller_one_s(tmp_path):
         assert Recording.load(source, arm=psm).joints == psm.joint_names
 
 
+@pytest.mark.parametrize(
+    ("recorded", "stated"), [("psm", "mtmr"), ("mtmr", "psm"), ("ecm", "mtml"), ("mtmr", "ecm")]
+)
+def test_a_recording_of_another_arm_names_both_and_the_option(tmp_path, recorded, stated):
+    arm = Arm.load(recorded)
+    path = tmp_path / "motion.csv"
+    header = ",".join(f"{name}.position" for name in arm.joint_names)
+    path.write_text(header + "\n" + ",".join("0" * arm.n))
+    write_messages(tmp_path / "bag", [joint_state(0, arm.joint_names)])
+    for source in (path, tmp_path / "bag"):
+        with pytest.raises(RecordingError) as refused:
+            Recording.load(source, arm=Arm.load(stated))
+        words = str(refused.value)
+        # The joints of both masters have the same names.
+        assert f"of arm {'mtml or mtmr' if recorded == 'mtmr' else recorded}" in words
+        assert all(word in words for word in (stated, "--arm", "--model")), words
+
+
 @pytest.mark.parametrize("chunk", [1, 2, 3, 100])
 def test_parts_of_a_bag_join_without_seams(tmp_path, chunk):
     messages = [joint_state(k // 2, stamp_ns=0 if k == 3 else START + k // 2) for k in range(12)]

@@ -21,7 +21,7 @@ SPEC.loader.exec_module(play)
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(REPOSITORY)}
 DURATION = 16.0  # s
-BRIEF = "--no-rehearsal --duration 16"
+BRIEF = "--simulated --duration 16"
 
 pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation", "blank_pictures")
 
@@ -85,7 +85,7 @@ def test_an_effect_of_one_file_is_named_in_its_words(known, tmp_path, capsys):
 
 
 def test_an_mtm_is_moved_identified_and_written_for_its_console(tmp_path, capsys):
-    shown = printed(capsys, "calibrate_my_mtm", tmp_path, {"--no-rehearsal": BRIEF})
+    shown = printed(capsys, "calibrate_my_mtm", tmp_path, {"--simulated": BRIEF})
     assert (tmp_path / "gc-MTMR-12345.json").is_file()
     assert "verdict in the model file" in shown
 

@@ -155,7 +155,7 @@ def test_a_range_that_was_not_recorded_costs_no_more_than_good():
 def test_what_to_record_instead_follows_from_where_the_error_is():
     assert "a longer motion" in of(share=0.5, training=0.05).record
     unexplained = of(share=0.5, training=0.45)
-    assert "nothing touching the arm" in unexplained.record
+    assert unexplained.record.startswith("a free motion, without contact")
     assert "an unmodelled effect" in unexplained.reason
 
 
@@ -243,7 +243,7 @@ def test_a_poor_model_is_written_and_told_everywhere_with_status_1(tmp_path, cap
     shown = capsys.readouterr().out
     assert "verdict: do not compensate with this" in shown
     assert re.search(r"\nouter_yaw .* do not compensate: held-out error", shown)
-    assert "record instead: a motion with nothing touching the arm" in shown
+    assert "record instead: a free motion, without contact" in shown
     told = json.loads((tmp_path / "fit.json").read_text())["verdict"]
     assert told["overall"] == told["joints"]["outer_yaw"]["verdict"] == "do_not_compensate"
     assert told["joints"]["outer_yaw"]["reason"] in told["reason"]

@@ -37,7 +37,7 @@ from .rigid_body import OF_WEIGHT as OF_WEIGHT
 from .rigid_body import PER_LINK as PER_LINK
 from .rigid_body import weight_regressor as weight_regressor
 from .shipped import PLANTS as PLANTS
-from .shipped import larger_arm as larger_arm
+from .shipped import other_arm as other_arm
 from .shipped import plausible_plant as plausible_plant
 from .tree import Tree as Tree
 from .tree import build_tree as build_tree

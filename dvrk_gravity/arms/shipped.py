@@ -25,10 +25,11 @@ def plausible_plant(arm: Description) -> str:
     return named[0] if named else _MTM if whole and is_mtm(arm) else ""
 
 
-def larger_arm(arm: str, names: Collection[str]) -> str:
-    """Return the shipped arm whose joints include those of a smaller one; ``""``: none.
+def other_arm(arm: str, names: Collection[str]) -> str:
+    """Return the shipped arms, other than the stated one, whose joints are named; ``""``: none.
 
-    An ECM's joints are the first ones of a PSM, whose recording would be taken for an ECM's.
+    An ECM's joints are the first ones of a PSM, whose recording would be taken for an ECM's; a PSM
+    and an MTM share some. Of a PSM an instrument may be missing.
 
     Args:
         arm: Name of the arm that was stated.
@@ -37,9 +38,10 @@ def larger_arm(arm: str, names: Collection[str]) -> str:
     joints = _joints()
     if arm not in joints:
         return ""
-    for other, other_joints in joints.items():
-        if joints[arm] < other_joints <= set(names):
-            return other
+    for other_joints in sorted(joints.values(), key=len, reverse=True):
+        lacking = not joints[arm] <= set(names) and not other_joints <= joints[arm]
+        if other_joints <= set(names) and (joints[arm] < other_joints or lacking):
+            return " or ".join(name for name in joints if joints[name] == other_joints)
     return ""
 
 

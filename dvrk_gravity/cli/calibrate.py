@@ -68,9 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
     )
-    parser.add_argument("--no-rehearsal", action="store_true",
-                        help="skip the rehearsals of the motions at a tenth of their "
-                        "speed")  # fmt: skip
+    options.add_rehearsal(parser)
     parser.add_argument("--seed", type=int, default=1,
                         help="seed of plans, poses and simulated errors (default: 1)")  # fmt: skip
 
@@ -179,7 +177,7 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
     return CalibrationSettings(
         motion=lasts, check=max(lasts / 2.0, DURATIONS[0]),
         further=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=round(_PACE * arguments.time),
-        poses=arguments.poses, rehearsal=not arguments.no_rehearsal,
+        poses=arguments.poses, rehearsal=options.rehearses(arguments),
     )  # fmt: skip
 
 
@@ -225,7 +223,7 @@ def _asked(arguments: argparse.Namespace) -> dict[str, str]:
         "--duration": f"{arguments.duration:g}",
         "--poses": str(arguments.poses),
         "--seed": str(arguments.seed),
-        "--no-rehearsal": str(arguments.no_rehearsal),
+        "--no-rehearsal": str(not options.rehearses(arguments)),
     }
 
 

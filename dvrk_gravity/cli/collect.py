@@ -49,8 +49,7 @@ def add_moving(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--measured", default="joint_states", metavar="TOPIC",
                         help="with --action: where the arm measures (default: "
                         "joint_states)")  # fmt: skip
-    parser.add_argument("--no-rehearsal", action="store_true",
-                        help="skip the rehearsal at a tenth of the motion's speed")  # fmt: skip
+    options.add_rehearsal(parser)
     parser.add_argument(
         "--resume",
         action="store_true",
@@ -134,7 +133,12 @@ def run(arguments: argparse.Namespace) -> int:
             [plan], driver, arguments, model=model, limits=limits,
             consent=(lambda question: True) if free else asking(driver),
         )  # fmt: skip
-    finish(collected, plan.arm.source or plan.arm.name, PAUSED)
+    following = (
+        f"identify {collected.bag} --arm {plan.arm.source or plan.arm.name} --out model.yaml"
+    )
+    if arguments.model is not None:
+        following = f"evaluate {collected.bag} --model {arguments.model}"
+    finish(collected, following, PAUSED)
     return 0
 
 
@@ -197,7 +201,7 @@ def carry_out(
 
     try:
         return collect(
-            plans, driver, arguments.out, rehearse=not arguments.no_rehearsal,
+            plans, driver, arguments.out, rehearse=options.rehearses(arguments),
             resume=arguments.resume, report=lambda line: print(line, flush=True),
             progress=progress, **how,  # type: ignore[arg-type]
         )  # fmt: skip
@@ -206,8 +210,8 @@ def carry_out(
             last.done()
 
 
-def finish(collected: Collected, arm: str, paused: float) -> None:
-    """Print what was recorded, and what to do with it."""
+def finish(collected: Collected, following: str, paused: float) -> None:
+    """Print what was recorded, and what to do with it: a command."""
     if collected.longer > paused:
         print(
             f"note: the motion took {collected.longer:.2f} s longer than its "
@@ -223,7 +227,7 @@ def finish(collected: Collected, arm: str, paused: float) -> None:
     rate = collected.samples / (collected.seconds + collected.longer)
     print(
         f"recorded {collected.samples} messages, {rate:.0f} per second, in {collected.bag}; the "
-        f"arm is held. Next: identify {collected.bag} --arm {arm} --out model.yaml"
+        f"arm is held. Next: {following}"
     )
 
 

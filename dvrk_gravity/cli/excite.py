@@ -17,6 +17,7 @@ EXAMPLE = "python -m dvrk_gravity excite --arm mtmr --out my_bag"
 
 DURATIONS = (8.0, 600.0)  # s; below, a motion that eases in and out has hardly begun
 MOTIONS = (1, 20)
+SEED = 1
 COVERED = 0.8  # part of a joint's range; less is reported. Chosen
 
 
@@ -26,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",
                         help="duration of a motion, s (default: 60)")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=1, help="seed of the first motion (default: 1)")
+    parser.add_argument("--seed", type=int, default=SEED,
+                        help=f"seed of the first motion (default: {SEED})")  # fmt: skip
     parser.add_argument("--motions", type=int, default=1, metavar="N",
                         help="number of motions, each with its own seed and through the "
                         "joints' whole range (default: 1)")  # fmt: skip
@@ -59,5 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
                 flush=True,
             )
         collected = carry_out(plans, driver, arguments)
-    finish(collected, arguments.arm, PAUSED)
+    following = f"identify {collected.bag} --arm {arguments.arm} --out model.yaml"
+    if arguments.seed != SEED:
+        following += f"; or, with a model of another motion, evaluate {collected.bag} --model MODEL"
+    finish(collected, following, PAUSED)
     return 0

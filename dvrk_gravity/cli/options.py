@@ -95,6 +95,20 @@ def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
     return arm if unit is None else arm.with_effort_unit(unit)
 
 
+def add_rehearsal(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--rehearsal`` and ``--no-rehearsal``."""
+    parser.add_argument("--rehearsal", action=argparse.BooleanOptionalAction,
+                        help="go through each motion at a tenth of its speed first (default: with "
+                        "an arm, and not with --simulated)")  # fmt: skip
+
+
+def rehearses(arguments: argparse.Namespace) -> bool:
+    """Return whether motions are rehearsed: there is room around an arm in this process."""
+    if arguments.rehearsal is None:
+        return arguments.simulated is None
+    return bool(arguments.rehearsal)
+
+
 def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
     """Return the model with the drive gains, or the unit, of the command line.
 

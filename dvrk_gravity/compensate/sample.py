@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arms import STAYS, larger_arm
+from dvrk_gravity.arms import STAYS, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import DvrkGravityError
 
@@ -149,7 +149,7 @@ class SampleReader:
             if count > 1:
                 raise DroppedSampleError("duplicate_joint", f"joint {joint} appears {count} times")
             indices.append(names.index(joint))
-        other = larger_arm(self._arm, names)
+        other = other_arm(self._arm, names)
         if other:
             raise DroppedSampleError(
                 "other_arm", f"the joints of arm {other}, expected those of {self._arm} alone"

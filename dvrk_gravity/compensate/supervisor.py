@@ -217,7 +217,7 @@ class Supervisor:
         silence = self._gate.silence(now, self.settings.timeout)
         if silence and self.active:
             self._input_fault = True
-            self._stop(Status.FAULT, silence)
+            self._stop(Status.FAULT, f"{silence}; if this computer is busy, raise timeout")
         elif silence:
             self._wait()
 

@@ -43,6 +43,9 @@ DEGREE = 7  # highest power of a joint's own position that identification tries
 _DEGREES = (1, 2, 3, 4, 6)
 _REACH = 1.1  # times half the way, beyond which a polynomial is held
 _FAR = 1e6  # rad, of an edge that is none
+# Of half the way, from which on two poses are two positions of a joint. Chosen: a motion has fifty,
+# a grid of poses as many as it has steps.
+_APART = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +111,9 @@ class ElasticCable(LinearTerm):
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         middle, half = motion.travel
         for joint in np.flatnonzero(motion.moves).tolist():
-            for degree in _DEGREES:
+            # As many positions as coefficients: between them more are not determined.
+            known = _positions(motion.q[:, joint], _APART * half[joint])
+            for degree in (each for each in _DEGREES if each < known):
                 yield CableHypothesis(
                     arm=motion.arm, site=Site.joint(joint),
                     form=f"degree {degree}", degree=degree,
@@ -268,3 +273,12 @@ class CableHypothesis(Hypothesis):
             f"{self.names[0]} has an elastic torque in addition to {self.against}'s, between "
             f"{words['lowest']} and {words['highest']} over its range"
         )
+
+
+def _positions(q: Array, apart: float) -> int:
+    """Return how many of (N,) positions lie so far apart, rad or m."""
+    ascending, count, first = np.sort(q), 0, 0
+    while first < len(q):
+        count += 1
+        first = int(np.searchsorted(ascending, ascending[first] + apart, side="right"))
+    return count

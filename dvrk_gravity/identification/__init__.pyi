@@ -1,7 +1,8 @@
 from .evaluation import Evaluation as Evaluation
+from .evaluation import coordinates_of as coordinates_of
 from .evaluation import evaluate as evaluate
-from .evaluation import outside_range as outside_range
 from .expected_error import ExpectedError as ExpectedError
+from .expected_error import outside_range as outside_range
 from .poses.fit import fit_model as fit_model
 from .poses.fit import fit_poses as fit_poses
 from .poses.fit import fit_static as fit_static

@@ -14,7 +14,11 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification.expected_error import ExpectedError, expected_errors
+from dvrk_gravity.identification.expected_error import (
+    ExpectedError,
+    expected_errors,
+    outside_range,
+)
 from dvrk_gravity.identification.quality.weights import idle
 from dvrk_gravity.identification.result import (
     JointError,
@@ -184,20 +188,13 @@ def evaluate(
     warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
     if all_static(recordings):
         poses = [whole(recording) for recording in recordings]
-        decision = decide_coordinates(
-            poses[0], model.arm, coordinates,
-            lambda system: _mean(_evaluate_static(model, poses, still, Decision(system))),
-        )  # fmt: skip
+        decision = coordinates_of(model, poses, coordinates, still)
         evaluated = _evaluate_static(model, poses, still, decision)
     else:
         trajectories, decisions = list[Trajectory](), list[Decision]()
         for recording in recordings:
             trajectory = replace(read(recording, cutoff), still=still)
-
-            def misfit(system: Coordinates, alone: Trajectory = trajectory) -> float:
-                return _mean(_evaluate_dynamic(model, [alone], Decision(system), cutoff, False))
-
-            decision = decide_coordinates(trajectory, model.arm, coordinates, misfit)
+            decision = coordinates_of(model, [trajectory], coordinates, still)
             trajectories.append(replace(trajectory, coordinates=decision.coordinates))
             decisions.append(decision)
             warnings += decision.warnings
@@ -212,8 +209,27 @@ def evaluate(
     )
 
 
-def _mean(evaluation: Evaluation) -> float:
-    return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
+def coordinates_of(
+    model: TorqueModel,
+    recordings: Sequence[Recording] | Sequence[Trajectory],
+    given: Coordinates | None,
+    still: Mapping[str, float],
+) -> Decision:
+    """Return the coordinates of a trajectory, or of sets of poses, beside a model.
+
+    Where they determine no plain model, the error of this one decides (``decide_coordinates``).
+    """
+    poses = [each for each in recordings if isinstance(each, Recording) and each.time is None]
+
+    def misfit(system: Coordinates) -> float:
+        if poses:
+            evaluation = _evaluate_static(model, poses, still, Decision(system))
+        else:
+            alone = [replace(read(each), coordinates=None, still=still) for each in recordings]
+            evaluation = _evaluate_dynamic(model, alone, Decision(system), DEFAULT_CUTOFF, False)
+        return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
+
+    return decide_coordinates(recordings[0], model.arm, given, misfit)
 
 
 def _evaluate_dynamic(
@@ -336,23 +352,6 @@ def _evaluate_static(
         outside=outside_range(model, everywhere, None, recorded),
         expected=_expected(model, coordinates, recorded, [State(everywhere)], None),
     )
-
-
-def outside_range(
-    model: TorqueModel, q: Array, qd: Array | None, recorded: Mask
-) -> tuple[str, ...]:
-    """Return where (N, n) measured motions lie outside the range of a model's identification.
-
-    Args:
-        model: The model; nothing is said of one without uncertainty.
-        q: Measured positions, rad or m.
-        qd: Velocities, rad/s or m/s; ``None`` of poses.
-        recorded: (n,) joints that were recorded.
-    """
-    if model.uncertainty is None:
-        return ()
-    true = q - model.joint_offset
-    return tuple(model.uncertainty.outside(model.arm.joints, true, qd, recorded))
 
 
 def _depends_on_approach(model: TorqueModel, q: Array, direction: Array | None) -> Mask:

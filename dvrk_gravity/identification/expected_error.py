@@ -1,4 +1,4 @@
-"""The error that a model expects of itself on a recording, beside which its error is judged.
+"""What a model expects of itself on a recording: its error, and where it was not identified.
 
 By a model's posterior its torque is off by T u + e, u ~ N(0, 1), and e its error on data that the
 fit had not seen. The mean square of that over a recording is a quadratic form of normal variables;
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import ModelUncertainty, TorqueModel
 
@@ -92,6 +92,23 @@ def expected_errors(
         low, high = np.sqrt(mean / dof * chi2.ppf([0.025, 0.975], dof)).tolist()
         found.append(ExpectedError(float(np.sqrt(mean)), low, high))
     return tuple(found)
+
+
+def outside_range(
+    model: TorqueModel, q: Array, qd: Array | None, recorded: Mask
+) -> tuple[str, ...]:
+    """Return where (N, n) measured motions lie outside the range of a model's identification.
+
+    Args:
+        model: The model; nothing is said of one without uncertainty.
+        q: Measured positions, rad or m.
+        qd: Velocities, rad/s or m/s; ``None`` of poses.
+        recorded: (n,) joints that were recorded.
+    """
+    if model.uncertainty is None:
+        return ()
+    true = q - model.joint_offset
+    return tuple(model.uncertainty.outside(model.arm.joints, true, qd, recorded))
 
 
 def _same_band(band: float, cutoff: float | None) -> bool:

@@ -37,7 +37,7 @@ def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
             joint.name,
             {f"beyond_{joint.unit}": float(far)},
             f"goes {joint.shown(far)} beyond the limits of {arm.name}: a recording of "
-            "another arm, or in other coordinates?",
+            "another arm (--arm, --model), or in other coordinates (--coordinates)?",
         )
         for joint, far, scale in zip(arm.joints, beyond.tolist(), arm.scale, strict=True)
         if far > BEYOND * scale
@@ -67,5 +67,6 @@ def _other_side(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
         {"beyond_rad": float(beyond[joint]), "beyond_other_rad": float(other[joint])},
         f"looks like a recording of {OTHER_SIDE[arm.name]}, not {arm.name}: "
         f"{arm.joint_names[joint]} goes from {low:.0f} to {high:.0f} deg, "
-        f"{np.degrees(beyond[joint]):.0f} deg beyond the limits of {arm.name}",
+        f"{np.degrees(beyond[joint]):.0f} deg beyond the limits of {arm.name} (if so: --arm "
+        f"{OTHER_SIDE[arm.name]}, or a --model of {OTHER_SIDE[arm.name]})",
     )

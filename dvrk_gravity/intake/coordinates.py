@@ -128,11 +128,15 @@ def _errors(recording: Source, arm: Arm) -> CoordinateErrors | None:
 
 
 def _by_misfit(misfit: Callable[[Coordinates], float]) -> Decision:
-    sizes = {system: misfit(system) for system in get_args(Coordinates)}
-    best: Coordinates = "joint" if sizes["joint"] <= sizes["actuator"] else "actuator"
+    try:
+        sizes = {system: misfit(system) for system in get_args(Coordinates)}
+    except RecordingError:  # whoever reads it next says why
+        return Decision("joint")
+    clearly = sizes["actuator"] <= CLEAR * sizes["joint"]
+    best: Coordinates = "actuator" if clearly else "joint"
     reason = (
         f"read as {best} coordinates: mean |e|/|tau| of the model {sizes[best]:.3f}, "
-        f"{max(sizes.values()):.3f} in the others"
+        f"{sizes['joint' if clearly else 'actuator']:.3f} in the others"
     )
     return Decision(best, reason)
 

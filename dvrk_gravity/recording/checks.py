@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
-from dvrk_gravity.recording.limits import beyond_the_arm, jumps, position_unit
+from dvrk_gravity.recording.limits import beyond_the_arm, declaring, jumps, position_unit
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.signal_checks import (
     driven_motors,
@@ -151,5 +151,7 @@ def _velocity(recording: Recording) -> list[DataWarning]:
             f"{fit.correlation:.3f}, {100 * fit.residual:.0f} % of it unexplained"
         )
         unusable = fit.position_in_degrees
+        if unusable:
+            text += f"; {declaring(joint, 'position', 'deg')}"
         findings.append(DataWarning(kind, joint, numbers, text, unusable))
     return findings

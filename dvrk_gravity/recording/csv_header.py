@@ -180,6 +180,8 @@ class HeaderReader:
         index: dict[tuple[str, str], int] = {
             (column.joint, column.quantity): at for at, column in columns.items()
         }
+        named = tuple(dict.fromkeys(joint for joint, _ in index if joint))
+        check_joints(self.where, named, self.arm)
         whole = all((joint, "position") in index for joint in known)
         for at, column in columns.items():
             # Where all of the arm's joints are, others are another arm's or a hand's; else a
@@ -188,8 +190,6 @@ class HeaderReader:
                 raise self._unknown(at)
             if column.native and not column.joint and column.quantity != "direction":
                 raise self._unknown(at)
-        named = tuple(dict.fromkeys(joint for joint, _ in index if joint))
-        check_joints(self.where, named, self.arm)
         joints = tuple(joint for joint in known or named if joint in named)
         if not joints:
             if not columns or not any(column.joint for column in columns.values()):

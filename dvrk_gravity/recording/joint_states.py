@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
@@ -209,7 +209,7 @@ class _Messages:
         for batch in batches:
             sent = tuple(q for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1])
             joints = tuple(joint for joint in self._known or batch.names if joint in batch.names)
-            if why := _misfit(batch, joints, self._known):
+            if why := _misfit(batch, joints, self._arm):
                 self._problem = self._problem or f"message {first + int(batch.indices[0])} {why}"
                 damaged += len(batch.indices) if joints else 0
                 others += 0 if joints else len(batch.indices)
@@ -248,11 +248,14 @@ class _Messages:
         return RecordingError(self._source, "holds no JointState messages")
 
 
-def _misfit(batch: _Batch, joints: tuple[str, ...], known: tuple[str, ...]) -> str:
+def _misfit(batch: _Batch, joints: tuple[str, ...], arm: Arm | None) -> str:
     """Return why messages cannot be used, or ``""``."""
     names = batch.names
     if not joints:
-        expected = f"some of: {', '.join(known)}" if known else "names of joints"
+        expected = f"some of: {', '.join(arm.joint_names)}" if arm else "names of joints"
+        other = other_arm(arm.name, names) if arm else ""
+        if arm and other:
+            expected += f" (they are of arm {other}, not {arm.name}: --arm, --model)"
         return f"names joints {', '.join(names)[:200] or '(none)'}, expected {expected}"
     for joint in joints:
         if names.count(joint) > 1:

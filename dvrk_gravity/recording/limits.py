@@ -34,6 +34,14 @@ def effort_unit(recording: Samples, joint: str) -> str:
     return "N·m" if arm is None else arm.effort_units[arm.joint_names.index(joint)]
 
 
+def declaring(joint: str, quantity: str, unit: str) -> str:
+    """Return how a user declares the unit of a joint's column; a bag's fields have no units."""
+    return (
+        f"declare it for each such column, --columns NAME={joint}.{quantity}[{unit}] (a bag: "
+        "`convert` it to CSV first)"
+    )
+
+
 def largest(arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
     """Return the largest position and effort by joint, in joint or actuator coordinates."""
     part = arm.joint_to_actuator[:, :, None]
@@ -67,7 +75,8 @@ def beyond_the_arm(recording: Samples) -> list[DataWarning]:
                 text += f"{joint.unit}, and the columns of the right joints"
                 findings.append(DataWarning("exchanged_joints", name, numbers, text))
             else:
-                text += "rad, not deg" if joint.unit == "rad" else "m, not mm"
+                unit = "deg" if joint.unit == "rad" else "mm"
+                text += f"{joint.unit}, not {unit}; {declaring(name, 'position', unit)}"
                 findings.append(DataWarning("position_unit", name, numbers, text, unusable=True))
         if recording.effort is None:
             continue
@@ -81,6 +90,8 @@ def beyond_the_arm(recording: Samples) -> list[DataWarning]:
             findings.append(DataWarning("exchanged_joints", name, numbers, text))
         else:
             text += f"{joint.effort_unit}, not m{joint.effort_unit}"
+            if joint.effort_unit == "N·m":  # of a force no other unit is read
+                text += f"; {declaring(name, 'effort', 'mNm')}"
             findings.append(DataWarning("effort_unit", name, numbers, text, unusable=True))
     return findings
 

@@ -247,7 +247,8 @@ class Recording(Samples):
             raise RecordingError(
                 self.source,
                 f"joints are {', '.join(self.joints)}, "
-                f"expected some of: {', '.join(arm.joint_names)}",
+                f"expected some of: {', '.join(arm.joint_names)} (arm {arm.name}, by --arm or "
+                "--model)",
             )
         if joints == self.joints:
             effort = converted(self.effort, self.position, joints, self.arm, arm)

@@ -9,7 +9,7 @@ from typing import Any, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm, larger_arm
+from dvrk_gravity.arms import Arm, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import LinkWeight, State
 from dvrk_gravity.errors import RecordingError
@@ -127,11 +127,13 @@ def not_recorded(values: Array | None) -> NDArray[np.bool_]:
 
 
 def check_joints(source: str, names: Collection[str], arm: Arm | None) -> None:
-    """Raise ``RecordingError`` if a file's joints are those of a larger arm than the expected."""
-    other = larger_arm(arm.name, names) if arm else ""
+    """Raise ``RecordingError`` if a file's joints are those of another arm than the expected."""
+    other = other_arm(arm.name, names) if arm else ""
     if arm and other:
         raise RecordingError(
-            source, f"has the joints of arm {other}, expected those of {arm.name} alone"
+            source,
+            f"has the joints of arm {other}, expected those of {arm.name} alone: --arm {other}, or "
+            f"a --model of {other}",
         )
 
 

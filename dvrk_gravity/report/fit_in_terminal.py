@@ -189,23 +189,28 @@ def expectation(result: Evaluation, model: TorqueModel) -> str:
 
 
 def _why_unknown(result: Evaluation, model: TorqueModel) -> str:
-    """Return why a model does not know its error on what it was evaluated on."""
+    """Return why a model does not know its error on what it was evaluated on, and what does."""
     known = model.uncertainty
     if model.of_file:
-        return "it is what the arm's file states"
+        return "it is what the arm's file states; `identify` fits a model that knows it"
     if known is None:
-        return model.unsure or "it states no uncertainty"
+        return model.unsure or "it states no uncertainty; `identify` writes a model with one"
     if result.coordinates == "actuator" and not model.arm.direct_drive:
-        return "it is known in joint coordinates, these are errors at the motors"
+        return (
+            "it is known in joint coordinates, these are errors at the motors; evaluate a "
+            "recording in joint coordinates"
+        )
     of_poses = isnan(known.band)
     if of_poses != (result.cutoff is None):
         kinds = ("trajectories", "static poses")
-        return f"it is known for {kinds[of_poses]}, these are {kinds[not of_poses]}"
+        here = kinds[not of_poses]
+        return f"it is known for {kinds[of_poses]}, these are {here}; identify from {here}"
     if result.cutoff is not None and f"{known.band:.3g}" != f"{result.cutoff:.3g}":
         return (
-            f"it is known below {known.band:.3g} Hz, these are errors below {result.cutoff:.3g} Hz"
+            f"it is known below {known.band:.3g} Hz, these are errors below {result.cutoff:.3g} "
+            "Hz; `identify` or `diagnose` again writes it for these"
         )
-    return "its uncertainty states no error on held-out data"
+    return "its uncertainty states no error on held-out data; identify from a longer recording"
 
 
 def compared(

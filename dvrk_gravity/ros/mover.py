@@ -319,7 +319,9 @@ class Mover:
             now = time.monotonic()
             admitted = self._gate.admit(sample, now, clock, self._timeout, oldest, moved)
         except DroppedSampleError as error:
-            self._dropped = f"{error.cause}: {error}"
+            # That a stamp stands still is what the gate's silence says.
+            still = error.cause == "stamp_repeated"
+            self._dropped = "" if still else f"{error.cause}: {error}"
             if moved and error.cause == "position_jump":  # the servo may pull it back unnoticed
                 self._against["position_jump"] = f"{self.topic}: {error}"
         else:

@@ -30,11 +30,13 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import NORMAL_95, beats
-from dvrk_gravity.identification import READ_WITHOUT, bears_weight
+from dvrk_gravity.identification import READ_WITHOUT, bears_weight, coordinates_of
 from dvrk_gravity.intake import (
     CoordinateErrors,
+    Decision,
     VelocityFault,
     decide_coordinates,
+    held_beyond,
     predictable,
     velocity_fault,
 )
@@ -155,7 +157,7 @@ def put_right(
             recording, head = _mended(recording, found.mend), found.mend(head)
         stated = head.coordinates
         given = stated if stated == "actuator" else coordinates
-        decision = decide_coordinates(head, model.arm, given)
+        decision = _coordinates(head, model, given, still)
         warnings += decision.warnings
         if decision.coordinates != stated:
             recording = _mended(recording, partial(replace, coordinates=decision.coordinates))
@@ -163,8 +165,22 @@ def put_right(
                 fault = _wrong_coordinates(model.arm, decision.coordinates, decision.errors)
                 right_one = ReadingErrors.none(model.arm.n)
                 note(fault, head, replace(right_one, coordinates=decision.coordinates))
+            elif given is None:
+                text = f"{decision.reason}: --coordinates overrides this"
+                warnings.append(DataWarning("coordinates", None, {}, text))
         right.append(recording)
     return PutRight(right, tuple(faults), tuple(warnings), read)
+
+
+def _coordinates(
+    recording: Recording, model: TorqueModel, given: Coordinates | None, still: Mapping[str, float]
+) -> Decision:
+    """Return the coordinates as every verb decides them."""
+    stood, _ = held_beyond([recording], model.arm, still)
+    unknown = set(model.arm.joint_names) - {*recording.joints, *stood}
+    if not model.terms or unknown or recording.effort is None:
+        return decide_coordinates(recording, model.arm, given)
+    return coordinates_of(model, [recording], given, stood)
 
 
 def _errors(fault: VelocityFault, arm: Arm) -> ReadingErrors:
@@ -248,8 +264,9 @@ def _wrong_coordinates(arm: Arm, right: Coordinates, errors: CoordinateErrors) -
     )
     p_value = NormalDist().cdf(mean / max(error, 1e-9))
     sentence = (
-        f"The recording is read wrongly: {reading.words}; read correctly, {100 * removed:.0f} % "
-        "of the error that a plain model leaves on held-out blocks is gone"
+        f"The recording is in {right} coordinates and does not state so (`identify` and `evaluate` "
+        f"read it so, too); against {wrong} coordinates, {100 * removed:.0f} % of the error that a "
+        "plain model leaves on held-out blocks is gone"
     )
     return Fault(
         WrongCoordinates.NAME, (), reading.words, (removed, low, high), p_value, sentence,

@@ -156,6 +156,29 @@ class FilteredData:
         reduced = np.concatenate(pieces)
         return reduced.reshape(len(reduced), *columns.shape[1:])
 
+    def below(self, values: Array, band: float) -> Array:
+        """Low-pass reduced (T, n) signals further, to a lower band; as they are if it is no lower.
+
+        The product of both filters' responses, 1 / (1 + (f / f_k)^4) each, is that of the lower
+        band up to the order f^4 if 1 / f_1^4 + 1 / f_2^4 is 1 / band^4.
+
+        Args:
+            values: The signals.
+            band: Hz.
+        """
+        if self.band is None or self.motion.rate is None or band >= self.band:
+            return values
+        rate = self.motion.rate / self.decimation
+        further = (band**-4 - self.band**-4) ** -0.25
+        if further >= 0.5 * rate:  # next to nothing is between the two
+            return values
+        low = LowPass(further, rate)
+        lengths = [part.stop - part.start for part in self.motion.parts]
+        number = np.repeat(np.arange(float(len(lengths))), lengths)
+        part = self.reduce_state(number[:, None])[:, 0]
+        pieces = (values[part == each] for each in np.unique(part))
+        return np.concatenate([low(piece) if len(piece) > low.edge else piece for piece in pieces])
+
     def candidate(self, hypothesis: Hypothesis, motion: MeasuredMotion | None = None) -> Candidate:
         """Return one hypothesis with its columns."""
         return next(self.candidates([hypothesis], motion))

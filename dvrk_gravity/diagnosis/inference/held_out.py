@@ -137,6 +137,12 @@ class HeldOut:
         residual = self._validation.residual(candidates, beside)[self._held]
         return np.where(self._usable, residual, np.nan)
 
+    def error_below(self, candidates: Sequence[Candidate], band: float) -> Array:
+        """Return the same below a band that is lower than the data's, Hz."""
+        data = self._validation.data
+        residual = data.below(self._validation.residual(candidates), band)[self._held]
+        return np.where(self._usable, residual, np.nan)
+
     def as_read(self) -> Array:
         """Return (H, n) errors of the given model; NaN where nothing can be said."""
         return np.where(self._usable, self._validation.data.as_read[self._held], np.nan)

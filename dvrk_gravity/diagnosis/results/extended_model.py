@@ -28,7 +28,7 @@ from dvrk_gravity.model import (
     coefficients_of,
     model_parameters,
 )
-from dvrk_gravity.recording import LowPass
+from dvrk_gravity.recording import DEFAULT_CUTOFF, LowPass
 
 _EXTENDED = "extended by diagnose: evaluate it on another recording"
 _ROUNDING = 1e-9  # of a term's largest coefficient
@@ -219,7 +219,10 @@ def updated(
         joint_offset=model.joint_offset + before.offset @ own_parameters,
     )
     after = coefficients_of(moved.terms)
-    error = held_out.rmse(held_out.error(named))
+    # As of an identified model, so that `evaluate` compares it with errors below the same.
+    of_poses = validation.data.band is None
+    band = before.band if of_poses else min(validation.data.band or np.inf, DEFAULT_CUTOFF)
+    error = held_out.rmse(held_out.error_below(named, band))
     error = np.where(np.isfinite(error) & (error > 0.0), error, before.error)
     # The columns after these are of friction by load, which acts everywhere.
     by_load = len(joints_rubbing_by_load(motion))
@@ -233,12 +236,12 @@ def updated(
         offset=before.offset @ spread[: before.size],
         gravity=before.gravity @ spread[: before.size],
         error=error,
-        band=validation.data.band or before.band,
+        band=band,
         correlation_time=before.correlation_time,
         lower=np.where(right, np.minimum(before.lower, lower), before.lower),
         upper=np.where(right, np.maximum(before.upper, upper), before.upper),
         speed=np.where(right, np.maximum(before.speed, fastest), before.speed),
-        calibration=_samples(validation.data) if whole else None,
+        calibration=_samples(validation.data, band) if whole else None,
     )
     return replace(moved, uncertainty=uncertainty)
 
@@ -257,12 +260,12 @@ def _right_outside(columns: Array, parameters: Array, error: Array) -> Array:
     return np.asarray(missed <= error**2 * columns.any(axis=2).sum(axis=0))
 
 
-def _samples(data: FilteredData) -> CalibrationSamples | None:
-    """Return the samples that an extended model keeps as its calibration."""
+def _samples(data: FilteredData, band: float) -> CalibrationSamples | None:
+    """Return the samples that an extended model keeps as its calibration, efforts below a band."""
     motion = data.motion
     if data.band is None or motion.rate is None or not motion.present.all() or motion.unread.any():
         return None
-    low = LowPass(data.band, motion.rate)
+    low = LowPass(band, motion.rate)
     inside = [p for p in motion.parts if p.stop - p.start > 3 * low.edge]
     filtered = ((part, low(motion.effort[part])) for part in inside)
     parts = (

@@ -21,10 +21,10 @@ from dvrk_gravity.recording import STILL, Coordinates, DataWarning
 GOOD, USABLE, POOR = VERDICTS
 # What to record instead: of a motion, of static poses.
 CLEAN = (
-    "a motion with nothing touching the arm and commands as smooth as the motion (`diagnose` finds "
-    "what else acts)",
-    "poses with nothing touching the arm, each settled before it is read (`diagnose` finds what "
-    "else acts)",
+    "a free motion, without contact and with smooth commands (`diagnose` names the unmodelled "
+    "effect)",
+    "free poses, without contact, each settled before it is read (`diagnose` names the unmodelled "
+    "effect)",
 )
 MORE = (
     "a longer motion of all joints at once over most of their ranges",
