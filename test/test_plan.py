@@ -464,6 +464,44 @@ def test_an_mtms_shoulder_and_elbow_stay_limited_together_beside_another_combina
 
 
 @pytest.mark.parametrize(
+    ("entry", "degrees"),
+    [
+        ("{of: {shoulder_pitch: 1, elbow_pitch: 1}, position: [-60, 120]}", (-9, 39, 90)),
+        ("{of: {shoulder_pitch: 1, elbow_pitch: 1}, velocity: 30}", (-9, 39, 30)),
+        ("{of: {elbow_pitch: 1, shoulder_pitch: 1}, position: [-60, 20]}", (-9, 20, 90)),
+        ("{of: {shoulder_pitch: -2, elbow_pitch: -2}, position: [-60, 4], velocity: 40}",
+         (-2, 30, 20)),
+    ],
+)  # fmt: skip
+def test_of_a_combination_that_the_arm_limits_itself_the_stricter_limits_hold(
+    mtmr, tmp_path, entry, degrees
+):
+    path = tmp_path / "limits.yaml"
+    path.write_text(f"combinations:\n  - {entry}\n")
+    (both,) = load_limits(path, mtmr).combinations
+    assert np.degrees([both.lower, both.upper, both.velocity]) == pytest.approx(degrees)
+    assert load_limits(path, mtmr).pair is not None
+
+
+def test_a_difference_of_two_joints_is_limited_beside_their_sum(mtmr, tmp_path):
+    path = tmp_path / "limits.yaml"
+    path.write_text("combinations:\n  - {of: {shoulder_pitch: 1, elbow_pitch: -1}, velocity: 30}\n"
+                    "  - {of: {shoulder_pitch: -2, elbow_pitch: 2}, velocity: 40}\n")  # fmt: skip
+    limits = load_limits(path, mtmr)
+    own, difference = limits.combinations
+    assert np.degrees([own.upper, difference.velocity]) == pytest.approx([39, 20])
+    assert limits.and_those(PlanLimits.of(mtmr)).combinations == limits.combinations
+
+
+def test_a_combination_that_leaves_nothing_of_the_arms_own_is_refused_by_name(mtmr, tmp_path):
+    path = tmp_path / "limits.yaml"
+    path.write_text("combinations: [{of: {shoulder_pitch: 1, elbow_pitch: 1}, position: [50, 60]}]")
+    words = r"combinations\[0\].position: got \[50, 60\], expected some of .* shoulder_pitch"
+    with pytest.raises(ConfigError, match=words):
+        load_limits(path, mtmr)
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("speeds: 1", "got 'speeds', expected joints, combinations, boxes"),
