@@ -23,6 +23,7 @@ from dvrk_gravity.planning import (
     Everywhere,
     FourierMotion,
     ModelKnowledge,
+    MotionDesign,
     MotionSearch,
     Plan,
     PlanLimits,
@@ -40,6 +41,7 @@ from dvrk_gravity.planning import (
     slacks,
     tip,
 )
+from dvrk_gravity.report import design_text
 
 BRIEF = SolverSettings(draws=8, starts=1, first=20, rounds=4, iterations=20)
 DURATION = 12.0
@@ -499,6 +501,20 @@ def test_a_combination_that_leaves_nothing_of_the_arms_own_is_refused_by_name(mt
     words = r"combinations\[0\].position: got \[50, 60\], expected some of .* shoulder_pitch"
     with pytest.raises(ConfigError, match=words):
         load_limits(path, mtmr)
+
+
+def test_a_plan_that_hardly_moves_a_joint_says_so_in_one_line(ecm, planned):
+    def said(plan: Plan) -> list[str]:
+        design = MotionDesign(plan, (), 1e7, tuple(slacks(plan.motion, plan.limits, ecm)))
+        return [line for line in design_text(design, had_model=False) if "teaches" in line]
+
+    plan, size = planned.plan, np.array([1.0, 1.0, 0.005, 0.005])
+    assert said(plan) == []
+    motion = replace(plan.motion, coefficients=plan.motion.coefficients * size)
+    (line,) = said(replace(plan, motion=motion))
+    assert all(f"{name} (moves by" in line for name in ecm.joint_names[2:])
+    assert ecm.joint_names[0] not in line
+    assert "mm" in line  # what slides, in its own unit
 
 
 @pytest.mark.parametrize(

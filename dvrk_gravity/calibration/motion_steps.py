@@ -42,6 +42,8 @@ def plan_first(work: Work, book: Logbook, step: str) -> Outcome:
         _search(of.search), partial(work.progress, step),
     )  # fmt: skip
     said = f"{of.motion:g} s, condition number {design.condition:.0f}"
+    if still := design.plan.still:
+        said += f"; hardly moves {', '.join(still)} within its limits"
     return _planned(work, "motion", design.plan, said)
 
 

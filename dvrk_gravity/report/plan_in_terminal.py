@@ -38,6 +38,16 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
         f"condition number {design.condition:.0f} (base parameters' columns, each divided by its "
         "range)"
     )
+    arm = design.plan.arm
+    ways = [
+        f"{name} (moves by {quantity(way, arm.units[arm.joint_names.index(name)])})"
+        for name, way in design.plan.still.items()
+    ]
+    if ways:
+        yield (
+            f"teaches next to nothing about {', '.join(ways)}: so little counts as standing still; "
+            "widen its limits, or do not expect a model of it"
+        )
 
 
 def separation_text(design: SeparationDesign) -> Iterator[str]:
