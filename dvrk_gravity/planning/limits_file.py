@@ -64,14 +64,17 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
         _put(values, k, where, entry, arm)
     combinations = limits.combinations
     for k, entry in enumerate(_list("combinations", content.get("combinations", []))):
-        where = f"combinations[{k}]"
-        combinations = stricter((*combinations, _combination(where, entry, arm)))
-        for each in combinations:
-            if each.lower > each.upper:
+        given = _combination(f"combinations[{k}]", entry, arm)
+        for known in combinations:
+            both = known.within(given)
+            if both and both.lower > both.upper:
+                shown = arm.joints[arm.joint_names.index(known.factors[0][0])].shown
                 raise ConfigError(
-                    f"{where}.position", entry["position"],
-                    f"some of what else limits {each.name}: the arm, or an entry before",
+                    f"combinations[{k}].position", entry["position"],
+                    f"some of {shown(known.lower).split()[0]} to {shown(known.upper)} of "
+                    f"{known.name}, the limits of the arm or of an entry before",
                 )  # fmt: skip
+        combinations = stricter((*combinations, given))
     boxes = tuple(
         _box(f"boxes[{k}]", entry, k, arm)
         for k, entry in enumerate(_list("boxes", content.get("boxes", [])))

@@ -46,7 +46,7 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
     if ways:
         yield (
             f"teaches next to nothing about {', '.join(ways)}: so little counts as standing still; "
-            "widen its limits, or do not expect a model of it"
+            "widen the limits, or expect no model that compensates there"
         )
 
 
