@@ -88,10 +88,5 @@ def limits_text(slacks: Sequence[Slack]) -> Iterator[str]:
     yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>{_COLUMN}}"
     for slack in slacks:
         used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
-        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{_left(slack):>{_COLUMN}}"
-
-
-def _left(slack: Slack) -> str:
-    if slack.unit == "rad/s^2":
-        return f"{math.degrees(slack.left):.3g} deg/s²"
-    return quantity(slack.left, slack.unit)
+        left = quantity(slack.left, slack.unit)
+        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{left:>{_COLUMN}}"
