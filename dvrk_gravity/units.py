@@ -23,6 +23,7 @@ _UNITS: dict[str, tuple[tuple[float, float, str], ...]] = {
     "s": ((0.0, 1e3, "ms"), (0.5, 1.0, "s")),
     "rad": ((0.0, math.degrees(1.0), "deg"),),
     "rad/s": ((0.0, math.degrees(1.0), "deg/s"),),
+    "rad/s^2": ((0.0, math.degrees(1.0), "deg/s²"),),
     "1/rev": ((0.0, 1.0, "per turn"),),
 }
 _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -476,7 +476,7 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
         assert outcome.said.endswith("to separate a spring and a cable")
         assert [path.name for path in outcome.paths] == ["further_1.yaml", "further_1.png"]
     else:  # and what holds the arm is known
-        assert outcome.said == ""
+        assert outcome.said == "no further motion is sure to separate a spring and a cable"
         assert outcome.paths == ()
 
 

@@ -262,7 +262,7 @@ def test_a_limit_that_is_tightened_meanwhile_stops_what_does_not_keep_it(tmp_pat
             now[0] = tight
         return True
 
-    says = r"exceeds the limit of acceleration of \w+ by .*/s.*--resume"
+    says = r"exceeds the limit of acceleration of \w+ by [\d.e-]+ (deg|m)/s².*--resume"
     with pytest.raises(MotionStoppedError, match=says):
         go(driver, out, limits=lambda: now[0], consent=consent)
     assert driver.holds

@@ -207,8 +207,8 @@ def test_a_burst_of_wrong_efforts_hardly_moves_the_parameters():
         assert 0.5 * (after.ci95[1] - after.ci95[0]) < 1.5 * half, name
 
 
-def _plain_estimate(recording: Recording):
-    problem = pose(read_motions([recording], ARM, "joint").parts, ARM)
+def _plain_estimate(recording: Recording, arm: Arm = ARM):
+    problem = pose(read_motions([recording], arm, "joint").parts, arm)
     return estimate(problem, start_columns(problem.design.columns))
 
 
@@ -276,6 +276,15 @@ def test_a_spring_left_out_that_gravity_could_replace_is_named():
     assert "beta[0] (arm_x) includes any linear elastic torque of shoulder_pitch" in text
     assert "a wider range of shoulder_pitch would separate them" in text
     assert "elastic torque outer_yaw" not in text  # its axis is upright: no weight to confuse
+    # An arm that cannot go further is not asked to.
+    stops = small[:, 1].min() - 0.01, small[:, 1].max() + 0.01
+    joints = list(ARM.joints)
+    joints[1] = replace(joints[1], lower=float(stops[0]), upper=float(stops[1]))
+    there = replace(recording, position=small, velocity=part * recording.velocity)
+    text = " ".join(_plain_estimate(there, replace(ARM, joints=tuple(joints)))
+                    .identifiability.statements)  # fmt: skip
+    assert "the two cannot be separated; the limits of shoulder_pitch leave no more" in text
+    assert "a wider range of shoulder_pitch" not in text
 
 
 def test_friction_that_presliding_shares_is_not_called_identifiable():

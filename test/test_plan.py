@@ -23,6 +23,7 @@ from dvrk_gravity.planning import (
     Everywhere,
     FourierMotion,
     ModelKnowledge,
+    MotionDesign,
     MotionSearch,
     Plan,
     PlanLimits,
@@ -40,6 +41,7 @@ from dvrk_gravity.planning import (
     slacks,
     tip,
 )
+from dvrk_gravity.report import design_text
 
 BRIEF = SolverSettings(draws=8, starts=1, first=20, rounds=4, iterations=20)
 DURATION = 12.0
@@ -348,7 +350,7 @@ def test_a_search_that_counts_finds_the_same_motion_however_slow_the_computer(ec
     ("change", "words"),
     [
         ({"combinations": (Combination((("yaw", 1.0), ("pitch", 1.0)), 9.0, 10.0),)},
-         r"those of yaw \+ pitch would have to give [\d.]+ deg"),
+         r"those of yaw \+ pitch \(516 to 573 deg\) would have to give [\d.]+ deg"),
         ({"boxes": (Box("wall", (-9.0, -9.0, -9.0), (9.0, 9.0, 9.0), ("link4",)),)},
          r"distance of link4 from wall would have to give [\d.]+ m"),
     ],
@@ -461,6 +463,58 @@ def test_an_mtms_shoulder_and_elbow_stay_limited_together_beside_another_combina
                     "position: [0, 30]}\n")  # fmt: skip
     (own,) = load_limits(path, mtmr).combinations
     assert own.upper == pytest.approx(np.radians(30))
+
+
+@pytest.mark.parametrize(
+    ("entry", "degrees"),
+    [
+        ("{of: {shoulder_pitch: 1, elbow_pitch: 1}, position: [-60, 120]}", (-9, 39, 90)),
+        ("{of: {shoulder_pitch: 1, elbow_pitch: 1}, velocity: 30}", (-9, 39, 30)),
+        ("{of: {elbow_pitch: 1, shoulder_pitch: 1}, position: [-60, 20]}", (-9, 20, 90)),
+        ("{of: {shoulder_pitch: -2, elbow_pitch: -2}, position: [-60, 4], velocity: 40}",
+         (-2, 30, 20)),
+    ],
+)  # fmt: skip
+def test_of_a_combination_that_the_arm_limits_itself_the_stricter_limits_hold(
+    mtmr, tmp_path, entry, degrees
+):
+    path = tmp_path / "limits.yaml"
+    path.write_text(f"combinations:\n  - {entry}\n")
+    (both,) = load_limits(path, mtmr).combinations
+    assert np.degrees([both.lower, both.upper, both.velocity]) == pytest.approx(degrees)
+    assert load_limits(path, mtmr).pair is not None
+
+
+def test_a_difference_of_two_joints_is_limited_beside_their_sum(mtmr, tmp_path):
+    path = tmp_path / "limits.yaml"
+    path.write_text("combinations:\n  - {of: {shoulder_pitch: 1, elbow_pitch: -1}, velocity: 30}\n"
+                    "  - {of: {shoulder_pitch: -2, elbow_pitch: 2}, velocity: 40}\n")  # fmt: skip
+    limits = load_limits(path, mtmr)
+    own, difference = limits.combinations
+    assert np.degrees([own.upper, difference.velocity]) == pytest.approx([39, 20])
+    assert limits.and_those(PlanLimits.of(mtmr)).combinations == limits.combinations
+
+
+def test_a_combination_that_leaves_nothing_of_the_arms_own_is_refused_by_name(mtmr, tmp_path):
+    path = tmp_path / "limits.yaml"
+    path.write_text("combinations: [{of: {shoulder_pitch: 1, elbow_pitch: 1}, position: [50, 60]}]")
+    words = r"combinations\[0\].position: got \[50, 60\], expected some of -9 to 39 deg of"
+    with pytest.raises(ConfigError, match=words):
+        load_limits(path, mtmr)
+
+
+def test_a_plan_that_hardly_moves_a_joint_says_so_in_one_line(ecm, planned):
+    def said(plan: Plan) -> list[str]:
+        design = MotionDesign(plan, (), 1e7, tuple(slacks(plan.motion, plan.limits, ecm)))
+        return [line for line in design_text(design, had_model=False) if "teaches" in line]
+
+    plan, size = planned.plan, np.array([1.0, 1.0, 0.005, 0.005])
+    assert said(plan) == []
+    motion = replace(plan.motion, coefficients=plan.motion.coefficients * size)
+    (line,) = said(replace(plan, motion=motion))
+    assert all(f"{name} (moves by" in line for name in ecm.joint_names[2:])
+    assert ecm.joint_names[0] not in line
+    assert "mm" in line  # what slides, in its own unit
 
 
 @pytest.mark.parametrize(

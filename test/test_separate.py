@@ -473,6 +473,8 @@ def test_what_no_motion_separates_ends_with_status_1_and_says_why(model, tmp_pat
     assert "no motion was found within the limits that is all but sure to separate" in printed
     assert " 0 %" in printed
     assert "they are the same torque within the limits" in printed
+    assert "It is not expected to separate them; to try all the same: collect" in printed
+    assert "Next" not in printed
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,8 @@ def plan_first(work: Work, book: Logbook, step: str) -> Outcome:
         _search(of.search), partial(work.progress, step),
     )  # fmt: skip
     said = f"{of.motion:g} s, condition number {design.condition:.0f}"
+    if still := design.plan.still:
+        said += f"; hardly moves {', '.join(still)} within its limits"
     return _planned(work, "motion", design.plan, said)
 
 
@@ -64,7 +66,7 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     after = of.further + of.poses * (of.seconds + _WAY * longest)
     if Moved.total(book.moved()).seconds + after > of.longest:
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
-    seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
+    seed, name, said = work.seed + k * _OTHER + _OTHER, f"further_{k}", ""
     findings = work.at(f"diagnosis_{k - 1}.json")
     if json_file.load(findings)["unseparated"]["pairs"]:
         usual = SeparationSettings()
@@ -76,9 +78,10 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
         if design.separates:
             apart = next(each.words for each in design.expected if each.separates)
             return _planned(work, name, design.plan, f"{of.further:.3g} s, to separate {apart}")
+        said = f"no further motion is sure to separate {design.expected[0].words}"
     known = json_file.load(work.at(model_file(k - 1)).with_suffix(".json"), finite=False)["held"]
     if known["part"] >= _SURE ** (1.0 / of.poses):
-        return Outcome()
+        return Outcome(said)
     informative = design_motion(
         work.arm, work.limits, series_basis(of.further), model, seed,
         _search(of.search // 2), partial(work.progress, step),

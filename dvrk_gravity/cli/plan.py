@@ -117,7 +117,8 @@ def run(arguments: argparse.Namespace) -> int:
         "my_bag" if separate is None else str(arguments.out.with_name(f"{arguments.out.stem}_bag"))
     )
     watched = f" --model {arguments.model}" if arguments.model and separate is None else ""
-    print(f"written: {written}. Next: collect {arguments.out} --out {bag}{watched}")
+    following = "Next" if enough else "It is not expected to separate them; to try all the same"
+    print(f"written: {written}. {following}: collect {arguments.out} --out {bag}{watched}")
     if separate is not None:
         print(f"then: {diagnosed_again(separate, bag, arguments.poses, arguments.model)}")
     return 0 if enough else 1

@@ -21,6 +21,7 @@ from dvrk_gravity.errors import DvrkGravityError, RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import UNSEEN, Plan, PlanLimits, Slack, Straight, exceeded
 from dvrk_gravity.recording import JOINT_STATE, BagWriter
+from dvrk_gravity.units import quantity
 
 
 @dataclass(frozen=True)
@@ -339,9 +340,10 @@ def _same(limits: PlanLimits, others: PlanLimits | None) -> bool:
 
 def _excess(beyond: Slack) -> str:
     """Return in words that a limit is exceeded, and by how much."""
+    by = quantity(-beyond.left, beyond.unit)
     if beyond.limit == "distance":
-        return f"takes {beyond.of}, {-beyond.left:.3g} m inside"
-    return f"exceeds the limit of {beyond.limit} of {beyond.of} by {-beyond.left:.3g} {beyond.unit}"
+        return f"takes {beyond.of}, {by} inside"
+    return f"exceeds the limit of {beyond.limit} of {beyond.of} by {by}"
 
 
 def _require_space(journal: Journal, seconds: float, settings: CollectSettings) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm, mtm, require_drivable
 from dvrk_gravity.arrays import Array
+
+_ROUNDING = 1e-9  # of factors that were written in decimals
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,24 @@ class Combination:
             sign = "-" if factor < 0.0 else "+" if text else ""
             text += f" {sign} {size}{joint}" if text else f"{sign}{size}{joint}"
         return text
+
+    def within(self, other: Combination) -> Combination | None:
+        """Return the stricter limits of both; ``None`` if other is no multiple of this sum."""
+        own, given = dict(self.factors), dict(other.factors)
+        if own.keys() != given.keys():
+            return None
+        ratios = np.array([given[joint] / factor for joint, factor in own.items()])
+        if not np.allclose(ratios, ratios[0], rtol=_ROUNDING, atol=0.0):
+            return None
+        ratio = float(ratios[0])
+        low, high = sorted((other.lower / ratio, other.upper / ratio))
+        return replace(
+            self,
+            lower=max(self.lower, low),
+            upper=min(self.upper, high),
+            velocity=min(self.velocity, other.velocity / abs(ratio)),
+            acceleration=min(self.acceleration, other.acceleration / abs(ratio)),
+        )
 
 
 @dataclass(frozen=True)
@@ -178,7 +199,7 @@ class PlanLimits:
             velocity=np.minimum(self.velocity, others.velocity),
             acceleration=np.minimum(self.acceleration, others.acceleration),
             effort=np.minimum(self.effort, others.effort),
-            combinations=tuple(dict.fromkeys((*self.combinations, *others.combinations))),
+            combinations=stricter((*self.combinations, *others.combinations)),
             boxes=tuple(dict.fromkeys((*self.boxes, *others.boxes))),
         )
 
@@ -221,6 +242,19 @@ class PlanLimits:
             np.array([*self.velocity, *(each.velocity for each in self.combinations)]),
             np.array([*self.acceleration, *(each.acceleration for each in self.combinations)]),
         )
+
+
+def stricter(combinations: Iterable[Combination]) -> tuple[Combination, ...]:
+    """Return combinations, those that are multiples of one sum as one with the stricter limits."""
+    found: list[Combination] = []
+    for each in combinations:
+        for k, known in enumerate(found):
+            if both := known.within(each):
+                found[k] = both
+                break
+        else:
+            found.append(each)
+    return tuple(found)
 
 
 def careful(arm: Arm) -> tuple[Array, Array]:

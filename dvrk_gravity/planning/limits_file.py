@@ -8,8 +8,8 @@
       - {name: panel, lower: [-1, 0.3, -1], upper: [1, 1, 1], links: [link3, link7]}
 
 An ``effort`` is that of the motor with the joint's number, in N·m or N. A combination has the unit
-of its first joint; one of the same joints replaces the arm's. A box without ``links`` keeps the
-last link out.
+of its first joint; where the arm limits the same sum, the stricter limits hold. A box without
+``links`` keeps the last link out.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from dvrk_gravity.arms import FASTEST, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits
+from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
 from dvrk_gravity.planning.places import tip
 
 _RATES = ("velocity", "acceleration")
@@ -62,15 +62,24 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
         _require_known(where, _mapping(where, entry), ("position", *_RATES, "effort"))
         k = arm.joint_names.index(name)
         _put(values, k, where, entry, arm)
-    own = {frozenset(each.factors): each for each in limits.combinations}
+    combinations = limits.combinations
     for k, entry in enumerate(_list("combinations", content.get("combinations", []))):
         given = _combination(f"combinations[{k}]", entry, arm)
-        own[frozenset(given.factors)] = given
+        for known in combinations:
+            both = known.within(given)
+            if both and both.lower > both.upper:
+                shown = arm.joints[arm.joint_names.index(known.factors[0][0])].shown
+                raise ConfigError(
+                    f"combinations[{k}].position", entry["position"],
+                    f"some of {shown(known.lower).split()[0]} to {shown(known.upper)} of "
+                    f"{known.name}, the limits of the arm or of an entry before",
+                )  # fmt: skip
+        combinations = stricter((*combinations, given))
     boxes = tuple(
         _box(f"boxes[{k}]", entry, k, arm)
         for k, entry in enumerate(_list("boxes", content.get("boxes", [])))
     )
-    return replace(limits, **values, combinations=tuple(own.values()), boxes=boxes)
+    return replace(limits, **values, combinations=combinations, boxes=boxes)
 
 
 def limits_content(limits: PlanLimits, arm: Arm) -> dict[str, Any]:

@@ -19,10 +19,12 @@ from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.limits_file import KEYS, LEAST, limits_content, limits_from
 from dvrk_gravity.planning.pose_path import PosePath
+from dvrk_gravity.recording import STILL
 
 FORMAT = 1
 MOTION, POSES = "motion", "poses"
 CSV_RATE = 1000.0  # Hz
+SEEN_RATE = 10.0  # Hz: of .6 Hz a crest is missed by 2 % of its height at most
 LONGEST = 10_000.0  # s; `plan` makes 7200 s at most
 _MOST = 1e6  # no position, time or frequency is greater, rad, m, s or Hz
 _POSES = ("stand", "approach", "part", "positions")
@@ -51,6 +53,16 @@ class Plan:
     def at(self, time: float | Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration, (n,) each, or (N, n) for (N,) times, s."""
         return self.motion.at(time)
+
+    @property
+    def still(self) -> dict[str, float]:
+        """Ways, rad or m, of the joints that move by less than a recording shows (``STILL``)."""
+        way = np.ptp(self.at(np.arange(0.0, self.duration, 1.0 / SEEN_RATE))[0], axis=0)
+        return {
+            name: float(way[k])
+            for k, name in enumerate(self.arm.joint_names)
+            if way[k] < STILL * self.arm.scale[k]
+        }
 
     def save(self, path: str | Path, comment: str = "") -> None:
         """Write the plan, whole or not at all.

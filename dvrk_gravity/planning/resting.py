@@ -123,7 +123,8 @@ def _centre(limits: PlanLimits, arm: Arm) -> Array:
         bounds=[*zip(lower[:own], upper[:own], strict=True), *[(0.0, None)] * count],
     )  # fmt: skip
     short = [
-        f"those of {each.name} would have to give {quantity(gives, _unit(limits, arm, own + k))}"
+        f"those of {each.name} ({_shown(limits, arm, own + k)}) would have to give "
+        f"{quantity(gives, _unit(limits, arm, own + k))}"
         for k, (each, gives) in enumerate(
             zip(limits.combinations, found.x[own:].tolist(), strict=True)
         )
@@ -134,6 +135,12 @@ def _centre(limits: PlanLimits, arm: Arm) -> Array:
 
 def _unit(limits: PlanLimits, arm: Arm, row: int) -> str:
     return arm.units[int(np.flatnonzero(limits.rows[row])[0])]
+
+
+def _shown(limits: PlanLimits, arm: Arm, row: int) -> str:
+    low, high = (float(ends[row]) for ends in limits.range)
+    shown = arm.joints[int(np.flatnonzero(limits.rows[row])[0])].shown
+    return f"{shown(low).split()[0]} to {shown(high)}"
 
 
 def _drawn(limits: PlanLimits, centre: Array, random: np.random.Generator) -> Array:

@@ -258,7 +258,7 @@ def nothing_shows(rivalry: Rivalry, hidden: tuple[bool, bool]) -> str:
     """
     if all(none or not wanted for none, wanted in zip(hidden, rivalry.either, strict=True)):
         return (
-            "they are the same torque within the limits, but for less than errors: no motion of "
+            "they are the same torque within the limits, to less than the errors: no motion of "
             "this arm there can separate them"
         )
     for none, rival, other in zip(

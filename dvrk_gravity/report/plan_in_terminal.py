@@ -38,6 +38,16 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
         f"condition number {design.condition:.0f} (base parameters' columns, each divided by its "
         "range)"
     )
+    arm = design.plan.arm
+    ways = [
+        f"{name} (moves by {quantity(way, arm.units[arm.joint_names.index(name)])})"
+        for name, way in design.plan.still.items()
+    ]
+    if ways:
+        yield (
+            f"teaches next to nothing about {', '.join(ways)}: so little counts as standing still; "
+            "widen the limits, or expect no model that compensates there"
+        )
 
 
 def separation_text(design: SeparationDesign) -> Iterator[str]:
@@ -78,10 +88,5 @@ def limits_text(slacks: Sequence[Slack]) -> Iterator[str]:
     yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>{_COLUMN}}"
     for slack in slacks:
         used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
-        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{_left(slack):>{_COLUMN}}"
-
-
-def _left(slack: Slack) -> str:
-    if slack.unit == "rad/s^2":
-        return f"{math.degrees(slack.left):.3g} deg/s²"
-    return quantity(slack.left, slack.unit)
+        left = quantity(slack.left, slack.unit)
+        yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{left:>{_COLUMN}}"

@@ -27,6 +27,8 @@ from dvrk_gravity.model import KINEMATIC, Columns, link_columns
 
 _NAMED = 6  # parameters in a sentence; the report's table has all
 _SHOWN = 3  # parameters named in one combination
+# Of a joint's range: what `excite` uses (0.9) within its margins to both stops (0.05 each).
+_ALL = 0.8
 # Correlation of two estimates from which on they count as inseparable. At 0.97 a standard error is
 # four times what it would be with the other one known, 1 / sqrt(1 - 0.97^2).
 INSEPARABLE = 0.97
@@ -269,11 +271,17 @@ def _ranges(design: Design) -> list[str]:
     ]
 
 
+def _spent(design: Design) -> list[bool]:
+    """Return of each joint whether it moved as far as a motion within its stops may ask for."""
+    arm, way = design.columns.arm, np.ptp(design.state.q, axis=0)
+    return [bool(each) for each in way >= _ALL * (arm.upper - arm.lower)]
+
+
 def _pair_statements(
     quantities: Sequence[_Quantity], spread: Uncertainty, design: Design
 ) -> list[str]:
     """Name inseparable pairs of gravity, elastic and friction parameters."""
-    ranges, joints_of = _ranges(design), design.columns.arm.joint_names
+    ranges, joints_of, spent = _ranges(design), design.columns.arm.joint_names, _spent(design)
     named = [q for q in quantities if (q.joint >= 0 or q.name.startswith("beta")) and not q.divided]
     statements = []
     for first, second in combinations(named, 2):
@@ -282,14 +290,17 @@ def _pair_statements(
             continue
         joints = sorted({q.joint for q in (first, second) if q.joint >= 0})
         wider = " and ".join(
-            f"a wider range of {joints_of[j]} (now {ranges[j]})" for j in joints
+            f"a wider range of {joints_of[j]} (now {ranges[j]})" for j in joints if not spent[j]
         )  # fmt: skip
+        if joints and not wider:
+            remedy = f"the limits of {' and '.join(joints_of[j] for j in joints)} leave no more"
+        else:
+            wider = wider or "poses that turn the links about other axes against gravity"
+            remedy = f"{wider} would separate them"
         statements.append(
             f"{first.name} and {second.name} cannot be separated (correlation {correlation:+.3f}): "
             f"only a weighted {'difference' if correlation > 0 else 'sum'} of them is "
-            "identifiable; "
-            f"{wider or 'poses that turn the links about other axes against gravity'} would "
-            "separate them"
+            f"identifiable; {remedy}"
         )
     return statements
 
@@ -307,7 +318,7 @@ def _absent_statements(
     Over a short range sin q is q: data then choose neither, and beta holds the sum of both. The
     correlation is that of the fit with the elastic column added (Schur complement).
     """
-    statements, ranges = [], _ranges(design)
+    statements, ranges, spent = [], _ranges(design), _spent(design)
     index = list(chosen)
     inverse = np.linalg.inv(solution.precision)
     linear = [columns.select(effect=effect, index=1) for effect in _with_powers(columns)]
@@ -325,10 +336,14 @@ def _absent_statements(
             if through**2 < INSEPARABLE**2 * (rest * own + through**2):
                 continue
             name = columns.arm.joint_names[joint]
+            remedy = (
+                f"the limits of {name} leave no more"
+                if spent[joint]
+                else f"a wider range of {name} would separate them"
+            )
             statements.append(
                 f"{quantity.name} includes any linear elastic torque of {name}: over "
-                f"{ranges[joint]} the two cannot be separated; a wider range of {name} would "
-                "separate them"
+                f"{ranges[joint]} the two cannot be separated; {remedy}"
             )
     return statements
 
