@@ -378,22 +378,30 @@ def require_gravity(motion: MeasuredMotion, source: str) -> None:
 def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bool | None:
     """Return whether a joint's effort lacks the (N, n) weights; None: the motion would not show it.
 
-    Beside a constant, friction and a rotor; and the rest of the model, as it is and at any scale,
-    for efforts may be of another scale, and what is free may imitate a weight.
+    Beside a constant, friction and a rotor; and the rest of the model, at the scale at which it is
+    in the efforts. What is free may imitate a weight: that is there, too, if the model with it,
+    at one scale, explains more than the rest alone.
     """
     usable = ~motion.silent[rows, joint]
     speed = motion.qd[rows, joint]
     effort, rest = motion.effort[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
     beside = [np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]]
-    visible = False
-    for values, columns in ((effort - rest, beside), (effort, [*beside, rest])):
-        fixed = np.stack(columns, axis=1)[usable]
-        both = np.column_stack([values, weight])[usable]
-        both = both - fixed @ np.linalg.lstsq(fixed, both, rcond=None)[0]
-        left, weights = both[:, 0], both[:, 1:]
-        explained = weights @ np.linalg.lstsq(weights, left, rcond=1e-6)[0]
-        found, own, all_left = (float(each @ each) for each in (explained, weights[:, joint], left))
-        if found >= _EXPLAINED * min(own, all_left):
-            return False
-        visible |= own >= _EXPLAINED * all_left
+
+    def left(values: Array, columns: Array) -> Array:
+        return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0])
+
+    def square(values: Array) -> float:
+        return float(values @ values)
+
+    fixed = np.stack(beside, axis=1)[usable]
+    effort, rest, *each = left(np.column_stack([effort, rest, weight])[usable], fixed).T
+    weights, rest = np.stack(each, axis=1), rest[:, None]
+    scale = float(np.linalg.lstsq(rest, effort, rcond=None)[0][0]) if rest.any() else 1.0
+    alone, weights_alone = left(effort, rest), left(weights, rest)
+    as_one = square(left(effort, rest + weights[:, joint : joint + 1]))
+    fewest = min(as_one, square(left(alone, weights_alone)))
+    own, without = scale**2 * square(weights_alone[:, joint]), square(alone)
+    if without - fewest >= _EXPLAINED * min(own, without):
+        return False
+    visible = max(own, as_one - without) >= _EXPLAINED * without
     return True if visible else None
