@@ -378,30 +378,23 @@ def require_gravity(motion: MeasuredMotion, source: str) -> None:
 def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bool | None:
     """Return whether a joint's effort lacks the (N, n) weights; None: the motion would not show it.
 
-    Beside a constant, friction and a rotor; and the rest of the model, at the scale at which it is
-    in the efforts. What is free may imitate a weight: that is there, too, if the model with it,
-    at one scale, explains more than the rest alone.
+    Beside a constant, friction, a rotor and the rest of the model, at its scale in the efforts. It
+    may imitate a weight, which is there if the model with it, at one scale, explains more.
     """
-    usable = ~motion.silent[rows, joint]
-    speed = motion.qd[rows, joint]
-    effort, rest = motion.effort[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
-    beside = [np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]]
 
     def left(values: Array, columns: Array) -> Array:
         return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0])
 
-    def square(values: Array) -> float:
-        return float(values @ values)
-
-    fixed = np.stack(beside, axis=1)[usable]
-    effort, rest, *each = left(np.column_stack([effort, rest, weight])[usable], fixed).T
-    weights, rest = np.stack(each, axis=1), rest[:, None]
+    speed, rest = motion.qd[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
+    beside = np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]
+    every = np.column_stack([*beside, motion.effort[rows, joint], rest, weight])
+    every = every[~motion.silent[rows, joint]]
+    every = left(every[:, 4:], every[:, :4])
+    effort, rest, weights = every[:, 0], every[:, 1:2], every[:, 2:]
     scale = float(np.linalg.lstsq(rest, effort, rcond=None)[0][0]) if rest.any() else 1.0
-    alone, weights_alone = left(effort, rest), left(weights, rest)
-    as_one = square(left(effort, rest + weights[:, joint : joint + 1]))
-    fewest = min(as_one, square(left(alone, weights_alone)))
-    own, without = scale**2 * square(weights_alone[:, joint]), square(alone)
-    if without - fewest >= _EXPLAINED * min(own, without):
+    own = float(np.sum((scale * left(weights, rest)[:, joint]) ** 2))
+    one, both = rest + weights[:, [joint]], np.hstack([rest, weights])
+    without, as_one, by_all = (float(np.sum(left(effort, x) ** 2)) for x in (rest, one, both))
+    if without - min(as_one, by_all) >= _EXPLAINED * min(own, without):
         return False
-    visible = max(own, as_one - without) >= _EXPLAINED * without
-    return True if visible else None
+    return True if max(own, as_one - without) >= _EXPLAINED * without else None
