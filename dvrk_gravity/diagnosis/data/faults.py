@@ -393,8 +393,8 @@ def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bo
     effort, rest, weights = every[:, 0], every[:, 1:2], every[:, 2:]
     scale = float(np.linalg.lstsq(rest, effort, rcond=None)[0][0]) if rest.any() else 1.0
     own = float(np.sum((scale * left(weights, rest)[:, joint]) ** 2))
-    one, both = rest + weights[:, [joint]], np.hstack([rest, weights])
-    without, as_one, by_all = (float(np.sum(left(effort, x) ** 2)) for x in (rest, one, both))
+    whole, both = rest + weights[:, [joint]], np.hstack([rest, weights])
+    without, as_one, by_all = (float(np.sum(left(effort, of) ** 2)) for of in (rest, whole, both))
     if without - min(as_one, by_all) >= _EXPLAINED * min(own, without):
         return False
     return True if max(own, as_one - without) >= _EXPLAINED * without else None
