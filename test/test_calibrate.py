@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from argparse import ArgumentParser
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -37,6 +38,7 @@ from dvrk_gravity.calibration import (
     release_poses,
     shown_drift,
 )
+from dvrk_gravity.cli import calibrate as calibrate_command
 from dvrk_gravity.cli.calibrate import Shown
 from dvrk_gravity.collecting import SimulatedDriver
 from dvrk_gravity.compensate import MotionError
@@ -606,6 +608,28 @@ def test_killed_in_its_motion_it_goes_on_there(tmp_path):
     assert noted()
     assert (out / "motion").exists()
     assert not state.exists()
+
+
+@pytest.mark.parametrize("words", [[], ["--rehearsal"], ["--no-rehearsal"]])
+@pytest.mark.parametrize("noted", [None, "False", "True"])
+def test_a_folder_is_gone_on_with_whether_or_not_it_was_rehearsed(
+    tmp_path, monkeypatch, words, noted
+):
+    """Earlier versions noted it, and rehearsed simulated arms, too."""
+    given = ["--arm", "ecm", "--simulated", "--out", str(tmp_path)]
+    parser = ArgumentParser()
+    calibrate_command.add_arguments(parser)
+    asked = calibrate_command._asked(parser.parse_args(given))
+    Logbook.open(tmp_path, asked if noted is None else {**asked, "--no-rehearsal": noted})
+    opened = []
+
+    def goes_on(work):
+        opened.append(Logbook.open(work.folder, work.asked))
+        return {"certified": True}
+
+    monkeypatch.setattr("dvrk_gravity.calibration.calibrate", goes_on)
+    assert main(["calibrate", *given, *words]) == 0
+    assert len(opened) == 1
 
 
 def test_another_arm_than_the_folder_s_is_one_line(tmp_path, capsys):

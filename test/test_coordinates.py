@@ -111,7 +111,8 @@ def test_coordinates_that_are_better_in_some_folds_only_are_not_clearly_better(s
     assert sure.clearly_not("joint")
 
 
-def test_a_narrow_motion_with_more_friction_is_not_read_as_the_motors():
+@cache
+def narrow() -> tuple[World, Recording]:
     """A plain model predicts a fifth of its torque less badly in the motors' coordinates."""
     world, random = World.draw(12057, step=COARSE), np.random.default_rng([57, 4])
     rubbing, _ = hide(world, "coulomb_friction", random)
@@ -119,10 +120,36 @@ def test_a_narrow_motion_with_more_friction_is_not_read_as_the_motors():
     part, slow = random.uniform(0.1, 0.3), random.uniform(0.3, 0.6)
     motion = replace(motion, amplitude=part * motion.amplitude, frequency=slow * motion.frequency)
     plant = SimulatedArm(rubbing.plant(), rubbing.sensors, 57, dt=rubbing.step)
-    recording = record_motion(plant, motion, random.uniform(9.0, 13.0), 100.0)
-    decision = decide_coordinates(recording, world.arm, None)
+    return world, record_motion(plant, motion, random.uniform(9.0, 13.0), 100.0)
+
+
+def test_a_narrow_motion_with_more_friction_is_not_read_as_the_motors():
+    world, recording = narrow()
+    decision = coordinates_of(world.model(), [recording], None, {})
     assert decision.coordinates == "joint"
     assert decision.errors.best == "actuator"
+    assert coordinates_of(world.model(), [recording], "joint", {}).warnings == ()
+
+
+def test_where_not_all_folds_agree_the_model_at_hand_must_if_there_is_one():
+    world, recording = narrow()
+    sizes = {"joint": 0.2, "actuator": 0.1}
+    for given, doubted in ((None, 0), ("joint", 1), ("actuator", 0)):
+        decision = decide_coordinates(recording, world.arm, given, sizes.__getitem__)
+        assert decision.coordinates == (given or "actuator")
+        assert len(decision.warnings) == doubted
+        alone = decide_coordinates(recording, world.arm, given)
+        assert (alone.coordinates, len(alone.warnings)) == (given or "actuator", doubted)
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "last"), [("psm_one", 0.0, 30.0), ("psm_one_bare", 5.0, 15.0)]
+)
+def test_a_psm_s_motors_are_recognised_though_not_in_all_folds(measured_data, name, first, last):
+    arm = Arm.load("psm")
+    recording = Recording.load(measured_data / "psm" / f"{name}.csv", arm)
+    rows = slice(*np.searchsorted(recording.time - recording.time[0], [first, last]))
+    assert decide_coordinates(recording.rows(rows), arm, None).coordinates == "actuator"
 
 
 def diagnosed(model: TorqueModel, folder, capsys) -> tuple[list[str], dict]:

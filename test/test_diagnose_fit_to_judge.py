@@ -8,9 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import diagnose, load, require_gravity, require_predictable
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identification import identify
 from dvrk_gravity.recording import Recording
 from testing.world import COARSE, World
 
@@ -87,6 +89,24 @@ def test_efforts_without_gravity_are_refused_by_name_of_joints():
     assert "shoulder_pitch" in str(refused.value)
     assert "elbow_pitch" in str(refused.value)
     assert "effort_has_gravity: {read: false} in the arm's file" in str(refused.value)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 1e-3, 0.5, 3.0])
+def test_so_they_are_at_another_scale_or_sign(factor):
+    without = with_effort(factor * (recorded().effort - weight()))
+    with pytest.raises(RecordingError, match="gravity is not in the efforts of"):
+        require_gravity(load([without], MODEL).motion, "without gravity")
+
+
+@pytest.mark.slow
+def test_a_psm_whose_weights_are_small_beside_the_rest_may_have_efforts_of_any_scale(measured_data):
+    arm = Arm.load("psm")
+    folder = measured_data / "psm"
+    model = identify(folder / "psm_one.csv", arm, "actuator").model
+    recording = replace(Recording.load(folder / "psm_one_bare.csv", arm), coordinates="actuator")
+    for factor in (1.0, 0.001):
+        scaled = replace(recording, effort=factor * recording.effort)
+        require_gravity(load([scaled], model).motion, recording.source)
 
 
 @pytest.mark.parametrize("factor", [-1.0, 0.01, 0.5])

@@ -223,7 +223,6 @@ def _asked(arguments: argparse.Namespace) -> dict[str, str]:
         "--duration": f"{arguments.duration:g}",
         "--poses": str(arguments.poses),
         "--seed": str(arguments.seed),
-        "--no-rehearsal": str(not options.rehearses(arguments)),
     }
 
 

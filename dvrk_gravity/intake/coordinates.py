@@ -81,9 +81,10 @@ def decide_coordinates(
     """Return the coordinates of a recording: the one rule of all verbs.
 
     A plain model of the arm is fitted in both; the one in which it predicts held-out blocks better
-    is taken, or joint coordinates where neither is clearly better. Given ones are taken, with a
-    warning if the others fit clearly better. Static poses, and recordings of some joints, determine
-    no plain model: there the model at hand decides, if there is one.
+    is taken, or joint coordinates where neither is clearly better. Where not all folds agree, the
+    model at hand, if there is one, must do so. Given ones are taken, with a warning if the others
+    fit clearly better. Static poses, and recordings of some joints, determine no plain model: there
+    the model at hand decides, if there is one.
 
     Args:
         recording: Trajectory or static poses.
@@ -94,25 +95,42 @@ def decide_coordinates(
     if arm.direct_drive:
         return Decision(given or "joint")
     errors = _errors(recording, arm)
-    if given is not None:
-        warnings = () if errors is None else _doubt(recording.head.source, errors, given)
-        return Decision(given, "", warnings, errors)
     if errors is None:
-        return Decision("joint") if misfit is None else _by_misfit(misfit)
+        decided = Decision("joint") if misfit is None else _by_misfit(misfit)
+        return decided if given is None else Decision(given)
+    shown = _shown(errors, misfit)
+    if given is not None:
+        warnings = () if shown in (None, given) else _doubt(recording.head.source, errors, given)
+        return Decision(given, "", warnings, errors)
     joint, actuator = (errors.whole[system] for system in get_args(Coordinates))
-    best = errors.best
-    if not errors.clearly_not("actuator" if best == "joint" else "joint"):
+    if shown is None:
         reason = (
             "read as joint coordinates; actuator ones fit neither clearly better nor clearly worse "
             f"(held-out error over torque {joint:.3f} and {actuator:.3f})"
         )
         return Decision("joint", reason, (), errors)
-    other = errors.whole["actuator" if best == "joint" else "joint"]
     reason = (
-        f"read as {best} coordinates: held-out error over torque of a plain model "
-        f"{errors.whole[best]:.3f}, in the other coordinates {other:.3f}"
+        f"read as {shown} coordinates: held-out error over torque of a plain model "
+        f"{min(joint, actuator):.3f}, in the other coordinates {max(joint, actuator):.3f}"
     )
-    return Decision(best, reason, (), errors)
+    return Decision(shown, reason, (), errors)
+
+
+def _shown(
+    errors: CoordinateErrors, misfit: Callable[[Coordinates], float] | None
+) -> Coordinates | None:
+    """Return the coordinates that fit clearly better; ``None``: neither do.
+
+    Of a PSM's motion of half a minute not all folds agree. A narrow motion with more friction than
+    a plain model has looks no different: there the model at hand must agree.
+    """
+    best = errors.best
+    other: Coordinates = "actuator" if best == "joint" else "joint"
+    if errors.whole[best] > CLEAR * errors.whole[other]:
+        return None
+    if misfit is None or errors.clearly_not(other) or _by_misfit(misfit).coordinates == best:
+        return best
+    return None
 
 
 def _errors(recording: Source, arm: Arm) -> CoordinateErrors | None:
@@ -188,9 +206,7 @@ def predictable(recording: Recording, arm: Arm, deviations: float) -> bool:
 
 
 def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[DataWarning, ...]:
-    """Return a warning if the other coordinates than those given fit clearly better."""
-    if not errors.clearly_not(given):
-        return ()
+    """Return the warning that the other coordinates than those given fit clearly better."""
     best, whole = errors.best, errors.whole
     return (
         DataWarning(

@@ -378,22 +378,23 @@ def require_gravity(motion: MeasuredMotion, source: str) -> None:
 def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bool | None:
     """Return whether a joint's effort lacks the (N, n) weights; None: the motion would not show it.
 
-    Beside a constant, friction and a rotor; and the rest of the model, as it is and at any scale,
-    for efforts may be of another scale, and what is free may imitate a weight.
+    Beside a constant, friction, a rotor and the rest of the model, at its scale in the efforts. It
+    may imitate a weight, which is there if the model with it, at one scale, explains more.
     """
-    usable = ~motion.silent[rows, joint]
-    speed = motion.qd[rows, joint]
-    effort, rest = motion.effort[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
-    beside = [np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]]
-    visible = False
-    for values, columns in ((effort - rest, beside), (effort, [*beside, rest])):
-        fixed = np.stack(columns, axis=1)[usable]
-        both = np.column_stack([values, weight])[usable]
-        both = both - fixed @ np.linalg.lstsq(fixed, both, rcond=None)[0]
-        left, weights = both[:, 0], both[:, 1:]
-        explained = weights @ np.linalg.lstsq(weights, left, rcond=1e-6)[0]
-        found, own, all_left = (float(each @ each) for each in (explained, weights[:, joint], left))
-        if found >= _EXPLAINED * min(own, all_left):
-            return False
-        visible |= own >= _EXPLAINED * all_left
-    return True if visible else None
+
+    def left(values: Array, columns: Array) -> Array:
+        return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0])
+
+    speed, rest = motion.qd[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
+    beside = np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]
+    every = np.column_stack([*beside, motion.effort[rows, joint], rest, weight])
+    every = every[~motion.silent[rows, joint]]
+    every = left(every[:, 4:], every[:, :4])
+    effort, rest, weights = every[:, 0], every[:, 1:2], every[:, 2:]
+    scale = float(np.linalg.lstsq(rest, effort, rcond=None)[0][0]) if rest.any() else 1.0
+    own = float(np.sum((scale * left(weights, rest)[:, joint]) ** 2))
+    whole, both = rest + weights[:, [joint]], np.hstack([rest, weights])
+    without, as_one, by_all = (float(np.sum(left(effort, of) ** 2)) for of in (rest, whole, both))
+    if without - min(as_one, by_all) >= _EXPLAINED * min(own, without):
+        return False
+    return True if max(own, as_one - without) >= _EXPLAINED * without else None
