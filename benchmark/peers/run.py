@@ -68,6 +68,7 @@ def tried(case: Prepared, method: str, peers: Path) -> Outcome:
     out = output(case, method)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     environment["PYTHONPATH"] = str(REPOSITORY) if ours else ""
+    environment["PYTHONDONTWRITEBYTECODE"] = ""  # modules are compiled once, as installed ones are
     command = [sys.executable if ours else str(peers), str(HERE / script)]
     command += [str(case.case.folder), str(out), *flags]
     try:
