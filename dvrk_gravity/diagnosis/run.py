@@ -8,12 +8,8 @@ from pathlib import Path
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import in_simulation
-from dvrk_gravity.diagnosis.data.faults import (
-    Fault,
-    put_right,
-    require_gravity,
-    require_predictable,
-)
+from dvrk_gravity.diagnosis.data.faults import Fault, put_right
+from dvrk_gravity.diagnosis.data.fit_to_judge import require_gravity, require_predictable
 from dvrk_gravity.diagnosis.data.loading import Loaded, load
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
 from dvrk_gravity.diagnosis.inference.infer import infer, silent
