@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -379,6 +381,28 @@ def test_a_signal_ends_it_with_a_hold_and_status_0(arm, start, number):
     assert node.wait() == 0
     after = [when for when, _ in arm.commands if when > arm.holds[0]]
     assert not after
+
+
+def test_a_signal_while_another_one_is_handled_ends_a_node_as_well():
+    """As where a launcher ends it and is killed: handlers that wait for a lock wait for ever."""
+    script = """
+import signal
+import sys
+from dvrk_gravity.ros import runtime
+def interrupt(frame, event, argument):
+    if event == "line":
+        signal.raise_signal(signal.SIGTERM)
+    return interrupt
+def run(*of_spin):
+    sys.settrace(interrupt)
+    signal.raise_signal(signal.SIGTERM)
+    sys.settrace(None)
+    return 0
+runtime._run = run
+sys.exit(runtime.spin(None, []))
+"""
+    done = subprocess.run([sys.executable, "-c", script], timeout=20.0, check=False)
+    assert done.returncode == 0
 
 
 def test_an_unexpected_exception_ends_it_with_a_hold_and_status_1(arm):

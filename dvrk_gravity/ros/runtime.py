@@ -6,7 +6,6 @@ import gc
 import math
 import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -55,7 +54,10 @@ sleeps must not leave an arm."""
 
 @contextmanager
 def asked_to_end(ask: Callable[[], None]) -> Iterator[None]:
-    """Call ``ask`` for each signal that would end the process: it holds the arm first."""
+    """Call ``ask`` for each signal that would end the process: it holds the arm first.
+
+    A signal may interrupt it while it is called for another one: it must take no lock.
+    """
     before = {number: signal.signal(number, lambda *_: ask()) for number in SIGNALS}
     try:
         yield
@@ -84,13 +86,13 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     for path in files:
         refuse_json("--params-file", path)
         yaml_file.load(path)  # rcl's message for a bad file is long and names no cause
-    stop = threading.Event()
-    with asked_to_end(stop.set):
-        return _run(make_node, ros_args, files, stop)
+    asked: list[bool] = []
+    with asked_to_end(lambda: asked.append(True)):
+        return _run(make_node, ros_args, files, asked)
 
 
 def _run(
-    make_node: Callable[[], Node], ros_args: Sequence[str], files: list[str], stop: threading.Event
+    make_node: Callable[[], Node], ros_args: Sequence[str], files: list[str], asked: Sequence[bool]
 ) -> int:
     try:
         rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
@@ -105,7 +107,7 @@ def _run(
                 raise
             raise error.in_file(files[0]) from None
         try:
-            status = _spin(node, stop)
+            status = _spin(node, asked)
         finally:
             well = node.finish()  # type: ignore[attr-defined]
             node.destroy_node()
@@ -178,13 +180,13 @@ def _construct(make_node: Callable[[], Node]) -> Node:
         raise
 
 
-def _spin(node: Node, stop: threading.Event) -> int:
+def _spin(node: Node, asked: Sequence[bool]) -> int:
     gc.collect()
     gc.freeze()  # objects so far stay: no collection has to check them again
     executor = _executor_of(node)
     try:
         with kept_awake(executor):
-            while not stop.is_set():
+            while not asked:
                 executor.spin_once(timeout_sec=0.1)
     except MemoryError:
         node.get_logger().fatal("out of memory: the arm is held, and this node ends")
