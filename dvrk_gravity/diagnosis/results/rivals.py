@@ -298,7 +298,8 @@ class Contest:
 
     def inseparable(self, rivals: Sequence[RivalCause]) -> str:
         """Return which of some causes no motion separates from which; ``""``: from none."""
-        (open_to, hidden), within = self._wanted, "no motion of this arm within its limits can"
+        open_to, hidden = self._wanted
+        within = "no motion of this arm within its limits is expected to"
         names, parts = dict[_Named, str](), list[str]()
         for rival in rivals:  # of several forms the likeliest comes first
             names.setdefault(rival.named, rival.words)
