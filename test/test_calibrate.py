@@ -438,7 +438,7 @@ def test_a_joint_that_friction_may_not_hold_is_measured_further(
     folder = tmp_path / "copy"
     shutil.copytree(uninterrupted[0], folder)
     findings = json_file.load(folder / "diagnosis_0.json")
-    (folder / "diagnosis_0.json").write_text(json.dumps({**findings, "unseparated": {"pairs": []}}))
+    (folder / "diagnosis_0.json").write_text(json.dumps({**findings, "next": None}))
     known = json_file.load(folder / "model_0.json", finite=False)
     held = {"part": part, "least": "pitch"}
     (folder / "model_0.json").write_text(json.dumps({**known, "held": held}))
@@ -459,7 +459,7 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     shutil.copytree(calibrated[0], folder)
     findings = folder / "diagnosis_0.json"
     found = json_file.load(findings)
-    findings.write_text(json.dumps({**found, "unseparated": {"pairs": [{}]}}))
+    findings.write_text(json.dumps({**found, "next": "plan --separate"}))
     known = json_file.load(folder / "model_0.json", finite=False)
     held = {"part": 1.0, "least": ARM.joint_names[0]}
     (folder / "model_0.json").write_text(json.dumps({**known, "held": held}))

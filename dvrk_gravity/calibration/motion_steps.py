@@ -68,7 +68,7 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name, said = work.seed + k * _OTHER + _OTHER, f"further_{k}", ""
     findings = work.at(f"diagnosis_{k - 1}.json")
-    if json_file.load(findings)["unseparated"]["pairs"]:
+    if json_file.load(findings)["next"]:  # a motion may separate some of its causes
         usual = SeparationSettings()
         design = design_separation(
             load_unseparated(findings, work.at(model_file(0))), work.limits, of.further,

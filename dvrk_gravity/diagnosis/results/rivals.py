@@ -300,23 +300,19 @@ class Contest:
         """Return which of some causes no motion separates from which; ``""``: from none."""
         open_to, hidden = self._wanted
         within = "no motion of this arm within its limits is expected to"
-        names, parts = dict[_Named, str](), list[str]()
+        names, parts, before = dict[_Named, str](), list[str](), set[_Named]()
         for rival in rivals:  # of several forms the likeliest comes first
             names.setdefault(rival.named, rival.words)
-        for number, (named, words) in enumerate(names.items()):
-            never, if_true = list[str](), list[str]()
-            for place, (other, its) in enumerate(names.items()):
-                if (named, other) in hidden:
-                    if (other, named) in open_to:
-                        if_true.append(its)
-                    elif place > number or (other, named) not in hidden:
-                        never.append(its)
-            if never:
+        for named, words in names.items():
+            others = [other for other in names if (named, other) in hidden]
+            one_way = [other for other in others if (other, named) in open_to]
+            said = {other for other in before if (other, named) in hidden}
+            if never := [names[other] for other in others if other not in {*one_way, *said}]:
                 parts.append(f"{within} separate {words} from {' or '.join(never)}")
-            if if_true:
-                parts.append(
-                    f"if it is {words}, {within} show that it is not {' or '.join(if_true)}"
-                )
+            if one_way:
+                which = " or ".join(names[other] for other in one_way)
+                parts.append(f"if it is {words}, {within} show that it is not {which}")
+            before.add(named)
         return "; ".join(parts)
 
     def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
