@@ -354,12 +354,24 @@ def test_a_diagnosis_says_what_no_motion_separates_and_names_no_command(model):
     offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
     twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
     same = contest(model, (offset, twin))
-    line = "is expected to separate torque_offset at pitch from torque_offset at yaw"
+    line = "is expected to separate torque_offset at pitch and torque_offset at yaw"
     assert same.inseparable((offset, twin)) == f"no motion of this arm within its limits {line}"
     diagnosis = found(same)
     assert diagnosis.separated_by == ""
     assert line in " ".join(" ".join(diagnosis_text(diagnosis)).split())
     assert line in diagnosis_page(diagnosis, ["run.csv"])
+
+
+def test_of_what_no_motion_rules_out_each_cause_is_named_with_what_stands_beside_it(model):
+    motion = passed(model, part=0.2)
+    spring = cause(motion, "elastic_cable", 1, [0.5, 0.02], 0.05)
+    offset = cause(motion, "torque_offset", 1, 0.5, 0.05)
+    both = replace(contest(model, (offset, spring)), coherent=10.0 * np.ones(model.arm.n))
+    assert both.inseparable((offset, spring)) == (
+        "no motion of this arm within its limits is expected to rule out torque_offset at pitch, "
+        "if it is elastic_cable at pitch"
+    )
+    assert both.inseparable((offset,)) == ""
 
 
 def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):

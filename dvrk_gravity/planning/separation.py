@@ -265,8 +265,8 @@ def nothing_shows(rivalry: Rivalry, hidden: tuple[bool, bool]) -> str:
     ):
         if none:
             return (
-                f"if it is {rival.words}, no motion of this arm within its limits is expected to "
-                f"show that it is not {other.words}"
+                f"no motion of this arm within its limits is expected to rule out {other.words}, "
+                f"if it is {rival.words}"
             )
     return ""
 

@@ -298,22 +298,25 @@ class Contest:
 
     def inseparable(self, rivals: Sequence[RivalCause]) -> str:
         """Return which of some causes no motion separates from which; ``""``: from none."""
-        open_to, hidden = self._wanted
-        within = "no motion of this arm within its limits is expected to"
-        names, parts, before = dict[_Named, str](), list[str](), set[_Named]()
+        names = dict[_Named, str]()
         for rival in rivals:  # of several forms the likeliest comes first
             names.setdefault(rival.named, rival.words)
-        for named, words in names.items():
-            others = [other for other in names if (named, other) in hidden]
-            one_way = [other for other in others if (other, named) in open_to]
-            said = {other for other in before if (other, named) in hidden}
-            if never := [names[other] for other in others if other not in {*one_way, *said}]:
-                parts.append(f"{within} separate {words} from {' or '.join(never)}")
-            if one_way:
-                which = " or ".join(names[other] for other in one_way)
-                parts.append(f"if it is {words}, {within} show that it is not {which}")
-            before.add(named)
-        return "; ".join(parts)
+        never = {named: [other for other in names if (named, other) in self.hidden]
+                 for named in names}  # fmt: skip
+        some = {each for named in names if never[named] for each in (named, *never[named])}
+        concerned = [named for named in names if named in some]
+        if not concerned:
+            return ""
+        within = "no motion of this arm within its limits is expected to"
+        if all(len(never[named]) == len(concerned) - 1 for named in concerned):
+            *most, last = (names[named] for named in concerned)
+            return f"{within} separate {', '.join(most)} and {last}"
+        ruled_out = (
+            f"{' or '.join(names[other] for other in never[named])}, if it is {names[named]}"
+            for named in concerned
+            if never[named]
+        )
+        return f"{within} rule out {'; '.join(ruled_out)}"
 
     def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
         if not self.pairs:
