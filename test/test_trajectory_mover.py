@@ -45,6 +45,9 @@ class Controller:
 
     def __init__(self, arm: FakeArm) -> None:
         self.arm, self.goals, self.cancelled, self.accepts = arm, [], 0, True
+        self.answers_after = 0.0  # s
+        self.refusal = 0  # to cancel: CancelGoal's return code
+        self.lasts = 1.0  # part of a goal after which it ends, successfully
         self.end = Future(SimpleNamespace(result=SimpleNamespace(error_code=0, error_string="")))
         self.speak = arm.speak
         arm.speak_timer.cancel()
@@ -64,16 +67,17 @@ class Controller:
         self.times = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points]
         self.way = np.array([p.positions for p in points])
         self.began = time.monotonic()
-        self.end = Future(self.end.result(), self.times[-1] + 0.05)
+        self.end = Future(self.end.result(), self.lasts * self.times[-1] + 0.05)
         return Future(SimpleNamespace(
             accepted=self.accepts, get_result_async=lambda: self.end,
             cancel_goal_async=self.cancel_goal_async,
-        ))  # fmt: skip
+        ), self.answers_after)  # fmt: skip
 
     def cancel_goal_async(self) -> Future:
         self.cancelled += 1
-        self.began = None
-        return Future(None)
+        if not self.refusal:
+            self.began = None
+        return Future(SimpleNamespace(return_code=self.refusal))
 
     def step(self) -> None:
         if self.began is not None and self.arm.follows:
@@ -172,6 +176,51 @@ def test_a_goal_that_is_not_accepted_moves_nothing(controller: Controller) -> No
         mover.connect()
         with pytest.raises(MotionError, match="did not accept the trajectory"):
             mover.follow(path.at, path.duration)
+
+
+@pytest.mark.parametrize(
+    ("after", "cancelled", "says"),
+    [(1.5, 1, "sent hold"), (9.0, 0, "hold was not acknowledged: check that the arm holds")],
+)
+def test_a_goal_that_is_accepted_too_late_is_cancelled_then_or_the_user_warned(
+    controller: Controller, monkeypatch: pytest.MonkeyPatch, after: float, cancelled: int, says: str
+) -> None:
+    from dvrk_gravity.ros import trajectory_mover
+
+    monkeypatch.setattr(trajectory_mover, "PATIENCE", 1.0)
+    controller.answers_after = after
+    with moved() as (mover, path):
+        mover.connect()
+        with pytest.raises(MotionError, match=f"has not answered for 1 s.*; {says}"):
+            mover.follow(path.at, path.duration)
+    assert controller.cancelled == cancelled
+
+
+@pytest.mark.parametrize(
+    ("code", "says"), [(1, "hold was not acknowledged: check that the arm holds"), (3, "sent hold")]
+)
+def test_a_cancellation_that_is_refused_is_no_hold(
+    controller: Controller, code: int, says: str
+) -> None:
+    def watch(sample: Any, moment: float) -> None:
+        raise MotionError("a hand")
+
+    controller.refusal = code
+    with moved() as (mover, path):
+        mover.connect()
+        with pytest.raises(MotionError, match=f"a hand; {says}"):
+            mover.follow(path.at, path.duration, watch=watch)
+    assert controller.cancelled == 1
+
+
+def test_a_goal_that_ends_early_as_if_it_had_succeeded_is_no_motion(controller: Controller) -> None:
+    controller.lasts = 0.0
+    controller.arm.follows = False  # by less than the following error: nothing else notices it
+    with moved() as (mover, path):
+        start = mover.connect()
+        small = Straight(start, start + 0.05, path.duration)
+        with pytest.raises(MotionError, match=r"has ended the motion [0-9.]+ s too early"):
+            mover.follow(small.at, small.duration)
 
 
 def test_without_its_messages_the_error_says_what_to_install(
