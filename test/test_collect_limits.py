@@ -72,6 +72,38 @@ def test_limits_that_were_raised_since_the_plan_was_made_raise_nothing(tmp_path:
     assert (accelerations <= plan.limits.acceleration).all()
 
 
+@pytest.mark.parametrize("rehearse", [True, False], ids=["before the rehearsal", "the motion"])
+def test_limits_that_are_tightened_in_an_approach_are_kept_after_it(
+    tmp_path: Path, rehearse: bool
+) -> None:
+    plan = plan_of("ecm")
+    driver = PathDriver(plan, plan.at(0.0)[0] + 0.2 * plan.arm.scale)
+    tight = replace(plan.limits, acceleration=0.5 * plan.limits.acceleration)
+    with pytest.raises(MotionStoppedError, match="the plan exceeds the limit of") as stopped:
+        go(driver, tmp_path / "bag", rehearse=rehearse,
+           limits=lambda: tight if driver.commanded else plan.limits)  # fmt: skip
+    assert driver.phases == ["approach"]
+    assert "stopped in its approach to the" in str(stopped.value)
+
+
+def test_limits_of_efforts_that_are_tightened_in_an_approach_stop_the_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = plan_of("ecm")
+    watched = []
+    monkeypatch.setattr(
+        "dvrk_gravity.collecting.run.EffortWatch",
+        lambda path, arm, greatest, model: watched.append(greatest),
+    )
+    driver = PathDriver(plan, plan.at(0.0)[0] + 0.2 * plan.arm.scale)
+    weak = replace(plan.limits, effort=0.5 * plan.limits.effort)
+    go(driver, tmp_path / "bag", rehearse=False,
+       limits=lambda: weak if driver.commanded else plan.limits)  # fmt: skip
+    assert driver.phases == ["approach", "approach", "motion, recorded"]
+    assert driver.holds == 2
+    np.testing.assert_allclose(watched[-1], weak.effort)
+
+
 def test_what_is_taken_up_after_a_false_stop_is_one_smooth_way_from_rest(tmp_path: Path) -> None:
     plan, limits = plan_of("ecm", seed=3), plan_of("ecm", seed=3).limits
     driver = PathDriver(plan, plan.at(0.0)[0], once("motion, recorded", 3.1, MotionError("busy")))

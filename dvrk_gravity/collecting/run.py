@@ -242,13 +242,18 @@ class _Collection:
         of = f" {number + 1} of {len(self._plans)}" if len(self._plans) > 1 else ""
         journal.enter(number, phase, paced.begin, approaching=True)
         limits = self._require_paced(number, paced)
-        approach = Straight.within(where, paced.at(0.0)[0], limits, self._settings.approach)
-        if beyond := exceeded(approach, limits, plan.arm, self._model, UNSEEN):
-            raise MotionError(
-                f"the straight way to the plan's beginning {_excess(beyond)}: move the arm nearer "
-                "to the beginning by hand"
-            )
-        self._follow(number, f"approach{of}", approach, limits)
+        while True:
+            approach = Straight.within(where, paced.at(0.0)[0], limits, self._settings.approach)
+            if beyond := exceeded(approach, limits, plan.arm, self._model, UNSEEN):
+                raise MotionError(
+                    f"the straight way to the plan's beginning {_excess(beyond)}: move the arm "
+                    "nearer to the beginning by hand"
+                )
+            self._follow(number, f"approach{of}", approach, limits)
+            if _same(self._limits_now(number), limits):
+                break
+            driver.hold()  # they were changed meanwhile, and are kept: to look at all takes time
+            limits, where = self._require_paced(number, paced), self._connect(number)
         journal.enter(number, phase, paced.begin, approaching=False)
         due = paced.begin
 
