@@ -130,6 +130,33 @@ def content(calibrated) -> dict:
     return json_file.load(calibrated[0] / CERTIFICATE)
 
 
+def before_the_release(uninterrupted, folder: Path) -> Path:
+    """Return a copy of the calibration in which only release and certificate are not done."""
+    shutil.copytree(uninterrupted[0], folder)
+    book = json_file.load(folder / "calibration.json")
+    steps = [entry for entry in book["steps"] if entry["step"] not in ("release", "certify")]
+    (folder / "calibration.json").write_text(json.dumps(book | {"steps": steps}))
+    return folder
+
+
+def test_limits_that_change_between_two_releases_end_them(uninterrupted, tmp_path, monkeypatch):
+    folder, released = before_the_release(uninterrupted, tmp_path / "again"), []
+
+    def limits_now():
+        if released:
+            raise MotionError("the limits have changed")
+        return PlanLimits.of(ARM)
+
+    def release(rig, model, pose, seconds):
+        released.append(pose)
+        return np.zeros(ARM.n)
+
+    monkeypatch.setattr(SimulatedRig, "release", release)
+    with pytest.raises(MotionError, match="have changed"):
+        calibrate(work_in(folder, [], limits_now=limits_now))
+    assert len(released) == 1
+
+
 # Interrupted.
 def test_what_is_killed_in_every_step_goes_on_from_the_last_one(calibrated):
     folder, runs = calibrated
