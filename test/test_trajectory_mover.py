@@ -9,15 +9,18 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from conftest import TIMEOUT
+from test_collect import plan_of
 from test_excite import POSE, FakeArm, fake
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.command_line import run
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.planning import PlanLimits, Straight
@@ -221,6 +224,31 @@ def test_a_goal_that_ends_early_as_if_it_had_succeeded_is_no_motion(controller: 
         small = Straight(start, start + 0.05, path.duration)
         with pytest.raises(MotionError, match=r"has ended the motion [0-9.]+ s too early"):
             mover.follow(small.at, small.duration)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--action", "a b"], "--action: got 'a b', expected a ROS name"),
+        (["--action", ""], "--action: got '', expected a ROS name"),
+        (
+            ["--action", ACTION, "--measured", "states!"],
+            "--measured: got 'states!', expected a",
+        ),
+        (["--action", ACTION, "--namespace", "my arm"], "--namespace: got '/my arm', expected a"),
+        (["--action", ACTION, "--namespace", "/MTML"], "got '/MTML', expected that of arm mtmr"),
+    ],
+)
+def test_names_that_ros_does_not_accept_and_another_arm_s_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    words: list[str], says: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    plan_of("mtmr").save("plan.yaml")
+    assert run("dvrk_gravity.cli.collect", ["plan.yaml", "--out", "bag", "--yes", *words]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
 
 
 def test_without_its_messages_the_error_says_what_to_install(

@@ -14,6 +14,7 @@ from .others import UNHEARD as UNHEARD
 from .others import SameTopic as SameTopic
 from .presence import OperatingState as OperatingState
 from .presence import namespace_of as namespace_of
+from .presence import require_name as require_name
 from .processes import ENVIRONMENT as ENVIRONMENT
 from .processes import PRIVATE as PRIVATE
 from .processes import NodeProcess as NodeProcess
