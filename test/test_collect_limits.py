@@ -10,10 +10,18 @@ import pytest
 from test_collect import PathDriver, go, once, plan_of
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import MotionStoppedError, Paced
+from dvrk_gravity.collecting import MotionStoppedError, Paced, TaughtRoom
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, exceeded, load_limits
+from dvrk_gravity.planning import (
+    Basis,
+    FourierMotion,
+    Plan,
+    PlanLimits,
+    exceeded,
+    load_limits,
+    save_limits,
+)
 from dvrk_gravity.simulate import PlantFile
 
 
@@ -53,6 +61,31 @@ def test_a_joint_within_limits_that_are_wider_than_a_turn_is_where_it_is(endless
     limits = replace(PlanLimits.of(endless), lower=np.array([-6.0]), upper=np.array([6.0]))
     assert limits.turns(endless, np.array([5.0])) == 0.0
     assert limits.turns(endless, np.array([7.0])) == 2.0 * np.pi
+
+
+@pytest.mark.parametrize(
+    ("shown", "taught"),
+    [
+        ((-20.0, 20.0), (-18.0, 18.0)),
+        ((350.0, 370.0), (-8.0, 8.0)),  # a turn further
+        ((170.0, 190.0), (172.0, 188.0)),  # about its back
+        ((-560.0, -520.0), (162.0, 198.0)),
+        ((0.0, 700.0), (2.0, 698.0)),
+    ],
+)
+def test_of_an_endless_joint_no_room_is_taught_that_nobody_showed(
+    tmp_path: Path, endless: Arm, shown: tuple[float, float], taught: tuple[float, float]
+) -> None:
+    room = TaughtRoom(endless)
+    room.show(np.radians(np.linspace(*shown, 99))[:, None])
+    save_limits(tmp_path / "limits.yaml", room.limits(np.radians(2.0)), endless, "taught")
+    limits = load_limits(tmp_path / "limits.yaml", endless)
+    found = np.degrees([limits.lower[0], limits.upper[0]])
+    turns = np.round((np.mean(found) - np.mean(taught)) / 360.0)
+    np.testing.assert_allclose(found - 360.0 * turns, taught, atol=1e-6)
+    assert abs(np.mean(found)) <= 180.0 + 1e-6
+    width = np.degrees(np.ptp(PlanLimits.of(endless).range))
+    assert room.coverage["turn"] == pytest.approx(min((shown[1] - shown[0]) / width, 1.0))
 
 
 def test_limits_that_were_raised_since_the_plan_was_made_raise_nothing(tmp_path: Path) -> None:
