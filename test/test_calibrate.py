@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from test_collect import PathDriver, plan_of
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
@@ -40,7 +41,7 @@ from dvrk_gravity.calibration import (
 )
 from dvrk_gravity.cli import calibrate as calibrate_command
 from dvrk_gravity.cli.calibrate import Shown
-from dvrk_gravity.collecting import SimulatedDriver
+from dvrk_gravity.collecting import SimulatedDriver, collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
@@ -538,6 +539,26 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
     kept.follow(slowly.at, slowly.duration)
     assert kept.check.samples >= 1000.0 * slowly.duration
     assert 0.0 < kept.check.used <= 1.0
+
+
+@pytest.mark.parametrize("rehearse", [False, True])
+def test_nothing_that_takes_long_is_done_between_an_approach_and_its_motion(tmp_path, rehearse):
+    plan = plan_of("ecm")
+    driver = PathDriver(plan, plan.at(0.0)[0] + 0.1 * ARM.scale)
+    kept, done = KeptDriver(driver, plan.limits, ARM), []
+    look, follow = kept.check.look, driver.follow
+
+    def looks(path, duration):
+        done.append("look")
+        look(path, duration)
+
+    def follows(*given, **how):
+        done.append("follow")
+        return follow(*given, **how)
+
+    kept.check.look, driver.follow = looks, follows
+    collect(plan, kept, tmp_path / "bag", rehearse=rehearse, look=kept.look, report=driver.report)
+    assert done == ["look", "look", "follow", "follow"] * (1 + rehearse)
 
 
 @pytest.mark.parametrize("rehearsing", [False, True])
