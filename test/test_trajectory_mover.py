@@ -48,6 +48,7 @@ class Controller:
 
     def __init__(self, arm: FakeArm) -> None:
         self.arm, self.goals, self.cancelled, self.accepts = arm, [], 0, True
+        self.ready = True
         self.answers_after = 0.0  # s
         self.refusal = 0  # to cancel: CancelGoal's return code
         self.lasts = 1.0  # part of a goal after which it ends, successfully
@@ -62,7 +63,7 @@ class Controller:
         return self
 
     def server_is_ready(self) -> bool:
-        return True
+        return self.ready
 
     def send_goal_async(self, goal: Any) -> Future:
         points = goal.trajectory.points
@@ -179,6 +180,12 @@ def test_a_goal_that_is_not_accepted_moves_nothing(controller: Controller) -> No
         mover.connect()
         with pytest.raises(MotionError, match="did not accept the trajectory"):
             mover.follow(path.at, path.duration)
+
+
+def test_an_arm_without_the_controller_is_named_by_its_action(controller: Controller) -> None:
+    controller.ready = False
+    with moved() as (mover, _), pytest.raises(MotionError, match=f"serves the action {ACTION}"):
+        mover.connect(1.0)
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,7 @@ class TrajectoryLink:
         others: Nobody can be heard ...
         same_topic: ... but in the end of our goal.
         hold: Cancels the goal, after which the controller holds its position.
+        unheard: What is missing where the arm measures and has no controller.
     """
 
     def __init__(self, node: Node, arm: Arm, action: str) -> None:
@@ -76,6 +77,7 @@ class TrajectoryLink:
             )
         self._action = ActionClient(node, FollowJointTrajectory, action)
         self._name, self._arm = action, arm
+        self.unheard = f"no controller serves the action {action} (--action)"
         self.presence = Presence(node, any_subscriber=True)
         self.measured: tuple[str, ...] = ()
         self.further: tuple[str, ...] = ()
