@@ -19,6 +19,7 @@ import pytest
 from conftest import REPOSITORY
 from test_collect import PathDriver, plan_of
 
+from dvrk_gravity import __version__
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import (
@@ -164,6 +165,16 @@ def test_a_recording_of_another_motion_is_not_taken_for_the_one_held_out(uninter
     shutil.copytree(folder / "motion", folder / "second")
     with pytest.raises(ConfigError, match=r"a recording of another motion.* one of second\.yaml"):
         calibrate(work_in(folder, []))
+
+
+def test_steps_of_another_version_are_on_the_certificate(uninterrupted, tmp_path):
+    folder = as_before("certify", uninterrupted, tmp_path / "again")
+    book = json_file.load(folder / "calibration.json")
+    book["steps"][0]["version"] = "0.0.1"
+    (folder / "calibration.json").write_text(json.dumps(book))
+    made = calibrate(work_in(folder, []))["versions"]["dvrk_gravity"]
+    assert made == f"0.0.1, {__version__}"
+    assert made in (folder / "certificate.html").read_text()
 
 
 # Interrupted.
