@@ -17,7 +17,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from test_collect import PathDriver, plan_of
 
+from dvrk_gravity import __version__
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import (
@@ -40,7 +42,7 @@ from dvrk_gravity.calibration import (
 )
 from dvrk_gravity.cli import calibrate as calibrate_command
 from dvrk_gravity.cli.calibrate import Shown
-from dvrk_gravity.collecting import SimulatedDriver
+from dvrk_gravity.collecting import SimulatedDriver, collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
@@ -128,6 +130,51 @@ def uninterrupted(tmp_path_factory) -> tuple[Path, list[str]]:
 
 def content(calibrated) -> dict:
     return json_file.load(calibrated[0] / CERTIFICATE)
+
+
+def as_before(step: str, uninterrupted, folder: Path) -> Path:
+    """Return a copy of the calibration in which a step, and those after it, are not done."""
+    shutil.copytree(uninterrupted[0], folder)
+    book = json_file.load(folder / "calibration.json")
+    done = [entry["step"] for entry in book["steps"]].index(step)
+    (folder / "calibration.json").write_text(json.dumps(book | {"steps": book["steps"][:done]}))
+    return folder
+
+
+def test_limits_that_change_between_two_releases_end_them(uninterrupted, tmp_path, monkeypatch):
+    folder, released = as_before("release", uninterrupted, tmp_path / "again"), []
+
+    def limits_now():
+        if released:
+            raise MotionError("the limits have changed")
+        return PlanLimits.of(ARM)
+
+    def release(rig, model, pose, seconds):
+        released.append(pose)
+        return np.zeros(ARM.n)
+
+    monkeypatch.setattr(SimulatedRig, "release", release)
+    with pytest.raises(MotionError, match="have changed"):
+        calibrate(work_in(folder, [], limits_now=limits_now))
+    assert len(released) == 1
+
+
+def test_a_recording_of_another_motion_is_not_taken_for_the_one_held_out(uninterrupted, tmp_path):
+    folder = as_before("collect second", uninterrupted, tmp_path / "again")
+    shutil.rmtree(folder / "second")
+    shutil.copytree(folder / "motion", folder / "second")
+    with pytest.raises(ConfigError, match=r"a recording of another motion.* one of second\.yaml"):
+        calibrate(work_in(folder, []))
+
+
+def test_steps_of_another_version_are_on_the_certificate(uninterrupted, tmp_path):
+    folder = as_before("certify", uninterrupted, tmp_path / "again")
+    book = json_file.load(folder / "calibration.json")
+    book["steps"][0]["version"] = "0.0.1"
+    (folder / "calibration.json").write_text(json.dumps(book))
+    made = calibrate(work_in(folder, []))["versions"]["dvrk_gravity"]
+    assert made == f"0.0.1, {__version__}"
+    assert made in (folder / "certificate.html").read_text()
 
 
 # Interrupted.
@@ -263,6 +310,17 @@ def test_hidden_files_of_another_folder_stay(tmp_path, name):
     with pytest.raises(ConfigError, match="a new folder"):
         Logbook.open(tmp_path, ASKED)
     assert (tmp_path / name).read_text() == "mine"
+
+
+@pytest.mark.parametrize("changed", ["--limits", "--seed", "--arm"])
+def test_what_is_asked_for_may_change_until_a_step_is_done(tmp_path, changed):
+    Logbook.open(tmp_path, ASKED | {"--limits": "none can be kept"})
+    other = ASKED | {"--limits": "wider"} | {changed: "another"}
+    book = Logbook.open(tmp_path, other)
+    book.add("plan motion", "", (), {})
+    assert Logbook.open(tmp_path, other).asked == other
+    with pytest.raises(ConfigError, match=f"{changed}: .* was begun"):
+        Logbook.open(tmp_path, other | {changed: "a third"})
 
 
 def test_two_at_once_in_one_folder_are_refused(tmp_path):
@@ -513,6 +571,26 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
     assert 0.0 < kept.check.used <= 1.0
 
 
+@pytest.mark.parametrize("rehearse", [False, True])
+def test_nothing_that_takes_long_is_done_between_an_approach_and_its_motion(tmp_path, rehearse):
+    plan = plan_of("ecm")
+    driver = PathDriver(plan, plan.at(0.0)[0] + 0.1 * ARM.scale)
+    kept, done = KeptDriver(driver, plan.limits, ARM), []
+    look, follow = kept.check.look, driver.follow
+
+    def looks(path, duration):
+        done.append("look")
+        look(path, duration)
+
+    def follows(*given, **how):
+        done.append("follow")
+        return follow(*given, **how)
+
+    kept.check.look, driver.follow = looks, follows
+    collect(plan, kept, tmp_path / "bag", rehearse=rehearse, look=kept.look, report=driver.report)
+    assert done == ["look", "look", "follow", "follow"] * (1 + rehearse)
+
+
 @pytest.mark.parametrize("rehearsing", [False, True])
 def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
     driver, notes = SimulatedDriver(PlantFile.of(ARM)), list[Moved]()
@@ -633,7 +711,7 @@ def test_a_folder_is_gone_on_with_whether_or_not_it_was_rehearsed(
 
 
 def test_another_arm_than_the_folder_s_is_one_line(tmp_path, capsys):
-    Logbook.open(tmp_path, {"--arm": "psm"})
+    Logbook.open(tmp_path, {"--arm": "psm"}).add("plan motion", "", (), {})
     before = (tmp_path / "calibration.json").read_bytes()
     assert main(["calibrate", "--arm", "ecm", "--simulated", "--out", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()

@@ -56,6 +56,23 @@ def test_a_state_that_nothing_wrote_moves_nothing(tmp_path: Path, name: str, val
     assert not driver.commanded
 
 
+def test_a_state_of_another_version_is_named_by_its_format(tmp_path: Path) -> None:
+    driver, out, state = stopped(tmp_path)
+    state.write_text(json.dumps(json.loads(state.read_text()) | {"format": 2}))
+    with pytest.raises(ConfigError, match="format: got 2, expected 1"):
+        go(driver, out, resume=True)
+
+
+def test_what_was_begun_with_one_arm_is_not_resumed_with_another_of_the_same_joints(
+    tmp_path: Path,
+) -> None:
+    driver, out, _ = stopped(tmp_path)
+    other = replace(driver.plan, arm=replace(driver.plan.arm, name="other"))
+    with pytest.raises(ConfigError, match="another plan"):
+        go(driver, out, other, resume=True)
+    assert not driver.commanded
+
+
 def test_a_part_that_is_gone_or_cut_is_missed_and_the_bag_is_not_written(tmp_path: Path) -> None:
     driver, out, state = stopped(tmp_path)
     content = json.loads(state.read_text())

@@ -199,6 +199,8 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     poses, apart = np.zeros((0, work.arm.n)), 0.0
     while not len(poses) or len(drift) < len(poses):
         work.progress(step, len(drift) / max(len(poses), 1))
+        if work.limits_now is not None:
+            work.limits_now()
         with rig.driver() as moves:
             driver = KeptDriver(moves, work.limits, work.arm, note)
             where = driver.connect()
@@ -237,7 +239,7 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     certificate = certify(
         work.arm, work.settings, fit, check, release, diagnosis, Moved.total(book.moved()),
         namespace=work.namespace, simulated=release["simulated"],
-        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(),
+        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(book),
         files=book.files, model=MODEL,
     )  # fmt: skip
     evaluation = evaluate(work.at(MODEL), [str(work.at("second"))], MEASURED)
@@ -247,8 +249,10 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     return Outcome(certificate.verdict, (page, work.at(CERTIFICATE)))
 
 
-def _versions() -> dict[str, str]:
-    found = {"dvrk_gravity": __version__, "python": platform.python_version()}
+def _versions(book: Logbook) -> dict[str, str]:
+    """Return the versions that the steps were made with; of other software, that of now."""
+    own = dict.fromkeys([*(entry.version for entry in book.entries), __version__])
+    found = {"dvrk_gravity": ", ".join(own), "python": platform.python_version()}
     for name in _SOFTWARE:
         try:
             found[name] = version(name)

@@ -129,8 +129,8 @@ class Journal:
     @classmethod
     def _read(cls, path: Path, out: Path, plans: Sequence[Plan]) -> Journal:
         content = json_file.load(path)
-        if content.pop("format", None) != FORMAT:
-            raise ConfigError("format", None, f"{FORMAT}, as `collect` writes it", path)
+        if (written := content.pop("format", None)) != FORMAT:
+            raise ConfigError("format", written, f"{FORMAT}, as `collect` writes it", path)
         try:
             parts = [RecordedPart(**part) for part in content.pop("parts")]
             found = cls(out, parts=parts, found=True, **content)
@@ -330,10 +330,11 @@ class Journal:
 
 
 def fingerprint(plans: Sequence[Plan]) -> str:
-    """Return a hash of the motions' positions."""
+    """Return a hash of the arm and of the motions' positions."""
     of = hashlib.sha256()
     for plan in plans:
-        of.update(" ".join((*plan.arm.joint_names, f"{plan.duration:.6f}")).encode())
+        names = (plan.arm.name, *plan.arm.joint_names)
+        of.update(" ".join((*names, f"{plan.duration:.6f}")).encode())
         positions = plan.at(np.linspace(0.0, plan.duration, _FINGERPRINT))[0]
         of.update((np.round(positions, 6) + 0.0).tobytes())
     return of.hexdigest()[:16]

@@ -34,6 +34,8 @@ _RATES = ("velocity", "acceleration")
 KEYS = ("joints", "combinations", "boxes")
 # Of what is divided by: no arm is as slow, stands as short, or is as weak. Chosen.
 LEAST = 1e-6
+# Of positions and coordinates; what a solver takes for infinite begins at 1e20. Chosen.
+MOST = 1e9
 _ROUNDING = 1e-9  # of numbers that were written in degrees
 
 
@@ -162,8 +164,9 @@ def _combination(where: str, entry: Any, arm: Arm) -> Combination:
     for name, factor in of.items():
         if name not in arm.joint_names:
             raise ConfigError(f"{where}.of", name, f"joints of {', '.join(arm.joint_names)}")
-        if _number(f"{where}.of.{name}", factor) == 0.0:
-            raise ConfigError(f"{where}.of.{name}", factor, "a factor that is not zero")
+        if not LEAST <= abs(_number(f"{where}.of.{name}", factor)) <= 1.0 / LEAST:
+            expected = f"a factor that is not zero, of {LEAST:g} to {1.0 / LEAST:g}"
+            raise ConfigError(f"{where}.of.{name}", factor, expected)
     if len(of) < 2:
         raise ConfigError(f"{where}.of", dict(of), "at least two joints; one alone is in `joints`")
     if len(entry) < 2:
@@ -201,14 +204,14 @@ def _box(where: str, entry: Any, number: int, arm: Arm) -> Box:
 def _corner(where: str, value: Any) -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise ConfigError(where, value, "three coordinates, m")
-    x, y, z = (_number(where, each) for each in value)
+    x, y, z = (_number(where, each, MOST) for each in value)
     return x, y, z
 
 
 def _pair(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise ConfigError(where, value, "two numbers, the lower one first")
-    low, high = (_number(where, each) for each in value)
+    low, high = (_number(where, each, MOST) for each in value)
     if not low < high:
         raise ConfigError(where, value, "the lower one first")
     return low, high
@@ -221,10 +224,12 @@ def _positive(where: str, value: Any) -> float:
     return number
 
 
-def _number(where: str, value: Any) -> float:
+def _number(where: str, value: Any, most: float = sys.float_info.max) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not abs(value) <= sys.float_info.max:  # an integer may be longer
         raise ConfigError(where, value, "a finite number")
+    if abs(value) / (1.0 + _ROUNDING) > most:
+        raise ConfigError(where, value, f"numbers up to {most:g}")
     return float(value)
 
 
