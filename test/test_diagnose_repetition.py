@@ -208,7 +208,7 @@ def test_what_there_is_no_sign_of_is_no_task_for_a_plan():
         (both,) = [
             each
             for each in found["ambiguities"]
-            if {"joint_offset", "base_tilt"} == {one["effect"] for one in each["between"]}
+            if {"joint_offset", "base_tilt"} == {cause["effect"] for cause in each["between"]}
             and "shoulder_pitch" in each["between"][0]["joints"] + each["between"][1]["joints"]
         ]
         assert both["suspected"] == asked
