@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -652,6 +652,18 @@ def test_collect_and_teach_by_their_commands(
     limits = load_limits("limits.yaml", Arm.load("ecm"))
     shown = Recording.load("bag").position
     assert (limits.lower >= shown.min(axis=0) - 1e-3).all()
+
+
+def test_a_person_who_teaches_an_arm_that_is_silent_reads_which_topic_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("dvrk_gravity.cli.teach.EVERY", 0.0)
+    monkeypatch.setattr("dvrk_gravity.ros.Client", lambda *of: nullcontext())
+    monkeypatch.setattr("dvrk_gravity.ros.listen", lambda client, arm: [None])
+    assert run("dvrk_gravity.cli.collect", ["--teach", "limits.yaml", "--arm", "ecm"]) == 2
+    silent, error = capsys.readouterr().err.splitlines()
+    assert silent == "nothing on /ECM/measured_js yet"
+    assert "no measurements" in error
 
 
 @pytest.mark.parametrize(

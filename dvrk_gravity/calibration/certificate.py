@@ -172,15 +172,18 @@ def certify(
     worst = _worst(arm, release)
     held = sum(each <= settings.allowed for each in worst)
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
+    # Where an earlier version diagnosed, it did not write which are suspected.
+    suspected = [each for each in diagnosis["ambiguities"] if each.get("suspected", True)]
     unknown = (
         *_uncertain(joints), *_beyond(joints), *_with_less_friction(settings, joints),
+        *(each["sentence"] for each in diagnosis["ambiguities"] if each not in suspected),
         *fit["identifiability"]["statements"], *check["outside"],
         *([] if release["poses"] else [release["why"]]),
     )  # fmt: skip
     findings = tuple(
         f"{each['sentence']}" + ("" if each["certainty"] == "certain" else " (perhaps)")
         for each in diagnosis["findings"]
-    ) + tuple(each["sentence"] for each in diagnosis["ambiguities"])
+    ) + tuple(each["sentence"] for each in suspected)
     verdict = _verdict(arm, known["simulated"], joints, worst, release, reasons)
     return Certificate(
         arm=arm.name, reasons=reasons, verdict=verdict, joints=joints, poses=len(worst),

@@ -83,13 +83,12 @@ def _listen(arm: Arm, given: str | None, room: TaughtRoom) -> None:
             if time.monotonic() >= due:
                 due = time.monotonic() + EVERY
                 before, after = ("\r\033[K", "") if terminal else ("", "\n")
-                print(f"{before}{_line(room)}", end=after, file=sys.stderr, flush=True)
+                line = _line(room) if room.samples else f"nothing on {namespace}/measured_js yet"
+                print(f"{before}{line}", end=after, file=sys.stderr, flush=True)
     if terminal:
         print(file=sys.stderr)
 
 
 def _line(room: TaughtRoom) -> str:
-    if not room.samples:
-        return "nothing heard yet"
     return "shown: " + ", ".join(f"{name} {100 * part:.0f} %"
                                  for name, part in room.coverage.items())  # fmt: skip
