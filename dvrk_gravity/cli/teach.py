@@ -8,6 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
 
@@ -34,8 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name, value in (("PLAN", arguments.plan), ("--out", arguments.out)):
         if value is not None:
             raise ConfigError(name, str(value), "nothing beside --teach, which records no motion")
-    if not MARGINS[0] <= arguments.margin <= MARGINS[1]:
-        raise ConfigError("--margin", arguments.margin, f"{MARGINS[0]:g} to {MARGINS[1]:g}")
+    options.require_bounds(arguments, {"margin": MARGINS})
     outputs.check({"--teach": arguments.teach}, [Arm.file(arguments.arm), arguments.recording])
     arm = Arm.load(arguments.arm)
     room = TaughtRoom(arm)
