@@ -82,14 +82,11 @@ def design_poses(
 
     motion = pose_path(arm, limits, duration, model, seed, of, choose, report)
     ordered = motion.poses
-    inverse = np.eye(knowledge.rows.shape[1])
-    for direction in (1.0, -1.0):
-        weight = np.full(len(ordered), of.reading)
-        inverse += knowledge.inverse_covariance(stands(ordered, direction), weight)
-        inverse -= np.eye(len(inverse))
+    weight = np.full(len(ordered), of.reading)
+    up, down = (knowledge.gram(stands(ordered, direction), weight) for direction in (1.0, -1.0))
     parameters = zip(
         knowledge.names, knowledge.units, knowledge.before.tolist(),
-        knowledge.errors(inverse).tolist(), strict=True,
+        knowledge.errors(np.eye(len(up)) + up + down).tolist(), strict=True,
     )  # fmt: skip
     # Of inertia, and of friction that grows with speed, poses say nothing.
     learnt = tuple(each for each in parameters if each[3] < of.learnt * each[2])
@@ -192,10 +189,11 @@ def _tour(
     report: Callable[[float], None],
 ) -> Array:
     """Return poses in an order, as many as there is time for; the first ones matter most."""
-    free = bool(limits.boxes) or model is not None
+    # Limits of joints and their combinations hold between any two poses; others must be checked.
+    checked = bool(limits.boxes) or model is not None
     wanted = len(poses)
     while True:
-        ordered = _nearest(poses[:wanted], path, limits, arm, model, free)
+        ordered = _nearest(poses[:wanted], path, limits, arm, model, checked)
         lasts = path(ordered).duration
         report(duration / max(duration, lasts))
         if lasts <= duration or wanted <= 1:
@@ -205,12 +203,12 @@ def _tour(
 
 def _nearest(
     poses: Array, path: Callable[[Array], PosePath], limits: PlanLimits, arm: Arm,
-    model: TorqueModel | None, guarded: bool,
+    model: TorqueModel | None, checked: bool,
 ) -> Array:  # fmt: skip
     """Return poses, after each the nearest one to which the way keeps all limits."""
 
     def keeps(some: Array) -> bool:
-        return not guarded or all(
+        return not checked or all(
             each.left >= 0.0 for each in slacks(path(some), limits, arm, model)
         )
 
