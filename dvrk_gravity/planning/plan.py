@@ -27,8 +27,8 @@ CSV_RATE = 1000.0  # Hz
 SEEN_RATE = 10.0  # Hz: of .6 Hz a crest is missed by 2 % of its height at most
 LONGEST = 10_000.0  # s; `plan` makes 7200 s at most
 _MOST = 1e6  # no position, time or frequency is greater, rad, m, s or Hz
-_POSES = ("stand", "approach", "part", "positions")
-_MOTION = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
+_MOTION_KEYS = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
+_POSES_KEYS = ("stand", "approach", "part", "positions")
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,8 @@ class Plan:
         _require_keys("limits", content["limits"], KEYS)  # a file that was cut lacks some
         arm = arm_of(arm_beside(flatten(content["arm"]), folder))
         limits = limits_from(content["limits"], arm)
-        read = _motion(content[kind], arm) if kind == MOTION else _poses(content[kind], arm, limits)
+        entry = content[kind]
+        read = _read_motion(entry, arm) if kind == MOTION else _read_poses(entry, arm, limits)
         if not read.duration <= LONGEST:
             raise ConfigError(kind, f"{read.duration:.3g} s", f"at most {LONGEST:g} s")
         return cls(arm, read, limits)
@@ -163,9 +164,9 @@ class Plan:
         text_file.write(Path(path), "\n".join([",".join(["time", *columns]), *lines]) + "\n")
 
 
-def _motion(entry: Any, arm: Arm) -> FourierMotion:
-    _require_keys(MOTION, entry, _MOTION)
-    duration, ramp = (_positive(f"{MOTION}.{name}", entry[name]) for name in _MOTION[:2])
+def _read_motion(entry: Any, arm: Arm) -> FourierMotion:
+    _require_keys(MOTION, entry, _MOTION_KEYS)
+    duration, ramp = (_positive(f"{MOTION}.{name}", entry[name]) for name in _MOTION_KEYS[:2])
     if not 1.0 / CSV_RATE <= ramp <= 0.5 * duration:
         expected = f"at least {1.0 / CSV_RATE:g} s, and at most half of the duration"
         raise ConfigError(f"{MOTION}.ramp", ramp, expected)
@@ -182,8 +183,8 @@ def _motion(entry: Any, arm: Arm) -> FourierMotion:
     return FourierMotion(Basis(frequency, ramp, duration), middle[0], np.vstack([cosine, sine]))
 
 
-def _poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
-    _require_keys(POSES, entry, _POSES)
+def _read_poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
+    _require_keys(POSES, entry, _POSES_KEYS)
     stand, part = (_positive(f"{POSES}.{name}", entry[name]) for name in ("stand", "part"))
     if part > 1.0:
         raise ConfigError(f"{POSES}.part", part, "at most 1, the limits")
