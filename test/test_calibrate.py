@@ -23,9 +23,9 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import (
     CERTIFICATE,
     CalibrationSettings,
-    KeptDriver,
+    CheckedDriver,
     Logbook,
-    Moved,
+    MotionTally,
     Pages,
     SimulatedRig,
     Work,
@@ -180,16 +180,16 @@ def test_a_simulated_motion_that_was_killed_is_made_again_the_same(calibrated, u
 
 def test_commands_and_seconds_of_all_goes_are_counted(tmp_path):
     book = Logbook.open(tmp_path, ASKED)
-    book.moving(Moved(2.0, 5.0, 100, 0.9, "velocity of yaw"))
-    book.moving(Moved(3.0, 5.0, 150, 0.9, "velocity of yaw"))  # the same go
+    book.moving(MotionTally(2.0, 5.0, 100, 0.9, "velocity of yaw"))
+    book.moving(MotionTally(3.0, 5.0, 150, 0.9, "velocity of yaw"))  # the same go
     again = Logbook.open(tmp_path, ASKED)
-    again.moving(Moved(1.0, 0.0, 50, 0.5, "position of yaw"))
+    again.moving(MotionTally(1.0, 0.0, 50, 0.5, "position of yaw"))
     last = Logbook.open(tmp_path, ASKED)
     motion = {"seconds": 9.0, "rehearsed": 0.0, "commands": 7, "used": 0.2, "most": ""}
     last.add("collect motion", "", (), motion)
     last.add("collect second", "", (), motion)
-    total = Moved.total(Logbook.open(tmp_path, ASKED).moved())
-    assert total == Moved(3.0 + 1.0 + 18.0, 5.0, 150 + 50 + 7 + 7, 0.9, "velocity of yaw")
+    total = MotionTally.total(Logbook.open(tmp_path, ASKED).moved())
+    assert total == MotionTally(3.0 + 1.0 + 18.0, 5.0, 150 + 50 + 7 + 7, 0.9, "velocity of yaw")
 
 
 def test_a_killed_calibration_counts_no_less_motion_than_an_uninterrupted_one(
@@ -322,7 +322,7 @@ def certified_with(folder: Path, **changed) -> tuple[str, ...]:
     fit, check, release = (
         json_file.load(folder / name) for name in ("model_0.json", "check.json", "release.json")
     )
-    motion = changed.pop("motion", Moved(60.0, 0.0, 60_000, 0.9, "velocity of yaw"))
+    motion = changed.pop("motion", MotionTally(60.0, 0.0, 60_000, 0.9, "velocity of yaw"))
     release |= {"poses": release["poses"], **changed.pop("release", {})}
     check["levels"] |= changed.pop("levels", {})
     fit["verdict"] |= changed.pop("verdict", {})
@@ -351,7 +351,7 @@ def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
         ),
         ({"levels": good["levels"] | {"pitch": POOR}}, "held-out motion are too large"),
         ({"verdict": {"overall": POOR, "reason": "noise"}}, "unfit to compensate with"),
-        ({"motion": Moved(700.0, 0.0, 1, 0.5, "")}, "it moved for 11.7 min"),
+        ({"motion": MotionTally(700.0, 0.0, 1, 0.5, "")}, "it moved for 11.7 min"),
         ({"release": {"drift": [], "why": ""}}, "it was released at 0 of 3 poses"),
         ({"release": {"drift": unknown}}, "1 of 3 poses it drifted by more than 0.5 deg"),
     ):
@@ -500,7 +500,7 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
     limits = PlanLimits.of(ARM)
     narrow = replace(limits, velocity=0.1 * limits.velocity)
     driver = SimulatedDriver(PlantFile.of(ARM))
-    kept = KeptDriver(driver, narrow, ARM)
+    kept = CheckedDriver(driver, narrow, ARM)
     where = kept.connect()
     way = Straight.within(where, where + 0.2 * ARM.scale, limits, 1.0)
     with pytest.raises(MotionError, match="of the limit of velocity"):
@@ -515,8 +515,8 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
 
 @pytest.mark.parametrize("rehearsing", [False, True])
 def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
-    driver, notes = SimulatedDriver(PlantFile.of(ARM)), list[Moved]()
-    kept = KeptDriver(driver, PlanLimits.of(ARM), ARM, notes.append)
+    driver, notes = SimulatedDriver(PlantFile.of(ARM)), list[MotionTally]()
+    kept = CheckedDriver(driver, PlanLimits.of(ARM), ARM, notes.append)
     kept.rehearsing = rehearsing
     where = kept.connect()
     way = Straight.within(where, where + 0.2 * ARM.scale, PlanLimits.of(ARM), 0.1)
@@ -528,7 +528,7 @@ def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
     with pytest.raises(KilledError):
         kept.follow(way.at, way.duration, progress=stops)
 
-    def seconds(motion: Moved) -> float:
+    def seconds(motion: MotionTally) -> float:
         other, own = (motion.seconds, motion.rehearsed)[:: 1 if rehearsing else -1]
         assert other == 0.0
         return own
@@ -541,7 +541,7 @@ def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
 # Drawn arms.
 def test_a_command_that_is_no_number_is_refused_before_the_arm_moves():
     driver = SimulatedDriver(PlantFile.of(ARM))
-    kept = KeptDriver(driver, PlanLimits.of(ARM), ARM)
+    kept = CheckedDriver(driver, PlanLimits.of(ARM), ARM)
     where = kept.connect()
 
     def lost(time):

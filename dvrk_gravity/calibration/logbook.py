@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dvrk_gravity import __version__
-from dvrk_gravity.calibration.certificate import Moved
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
 
@@ -91,7 +91,7 @@ class Logbook:
             before = {str(name): str(value) for name, value in content["asked"].items()}
             entries = [_entry(entry) for entry in content["steps"]]
             begun = dict(content.get("begun", {}))
-            Moved.total([begun] if begun else [])
+            MotionTally.total([begun] if begun else [])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ConfigError("", str(error), "a file as `calibrate` writes it", file) from None
         for name in asked:  # earlier versions noted, too, what concerns no file: --no-rehearsal
@@ -129,7 +129,7 @@ class Logbook:
         Its motion is that of the present process; that of earlier ones is added.
         """
         if motion and self.begun:
-            motion = asdict(Moved.total([self.begun, motion]))
+            motion = asdict(MotionTally.total([self.begun, motion]))
         self.begun = self._moving = {}
         files = {
             path.relative_to(self.folder).as_posix(): file_hash(path)
@@ -140,10 +140,10 @@ class Logbook:
         self._write()
         return entry
 
-    def moving(self, motion: Moved) -> None:
+    def moving(self, motion: MotionTally) -> None:
         """Note how the step that is next has moved the arm in the present process."""
         before = [self.begun] if self.begun else []
-        self._moving = asdict(Moved.total([*before, asdict(motion)]))
+        self._moving = asdict(MotionTally.total([*before, asdict(motion)]))
         self._write()
 
     def motions(self, name: str) -> Entry | None:
@@ -173,7 +173,7 @@ class Logbook:
 def _entry(content: Mapping[str, Any]) -> Entry:
     """Return a step; raise TypeError or ValueError for what :meth:`Logbook.add` does not write."""
     entry = Entry(**content)
-    Moved.total([entry.motion] if entry.motion else [])
+    MotionTally.total([entry.motion] if entry.motion else [])
     return replace(entry, files=dict(entry.files))
 
 

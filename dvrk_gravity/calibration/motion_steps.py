@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.calibration.certificate import Moved
-from dvrk_gravity.calibration.kept import KeptDriver
+from dvrk_gravity.calibration.checked_driver import CheckedDriver
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.release import PART, holding, random_poses
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import Outcome, Work, model_file, trusted_model
 from dvrk_gravity.collecting import REHEARSAL, Journal, MotionStoppedError, collect
 from dvrk_gravity.compensate import MotionError
@@ -64,7 +64,7 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
         return Outcome()
     longest = Straight.within(work.limits.lower, work.limits.upper, work.limits, PART).duration
     after = of.further + of.poses * (of.seconds + _WAY * longest)
-    if Moved.total(book.moved()).seconds + after > of.longest:
+    if MotionTally.total(book.moved()).seconds + after > of.longest:
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name, said = work.seed + k * _OTHER + _OTHER, f"further_{k}", ""
     findings = work.at(f"diagnosis_{k - 1}.json")
@@ -132,11 +132,11 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     if bag.exists():
         Journal(bag, "", "").remove()  # what a process that was killed just then has left
         # How the arm was moved was noted then.
-        return Outcome(f"{plan.duration:g} s, recorded before", (bag,), Moved(0.0, 0.0))
+        return Outcome(f"{plan.duration:g} s, recorded before", (bag,), MotionTally(0.0, 0.0))
     if not work.rig.resumes:
         Journal(bag, "", "").remove()
     with work.rig.driver() as moves:
-        driver = KeptDriver(moves, work.limits, work.arm, book.moving)
+        driver = CheckedDriver(moves, work.limits, work.arm, book.moving)
 
         def progress(phase: str, part: float) -> None:
             driver.rehearsing = phase.startswith(REHEARSAL)

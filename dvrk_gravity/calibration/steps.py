@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity import __version__
-from dvrk_gravity.calibration.certificate import Moved, certify, largest_drift
-from dvrk_gravity.calibration.kept import KeptDriver
+from dvrk_gravity.calibration.certificate import certify, largest_drift
+from dvrk_gravity.calibration.checked_driver import CheckedDriver
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.motion_steps import (
     collect_motion,
@@ -25,6 +25,7 @@ from dvrk_gravity.calibration.motion_steps import (
 )
 from dvrk_gravity.calibration.release import PART, release_poses
 from dvrk_gravity.calibration.settings import CalibrationSettings
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import (
     Outcome,
     Step,
@@ -193,14 +194,14 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     drift: list[list[float]] = []
     moved: list[dict[str, Any]] = []
 
-    def note(motion: Moved) -> None:
-        book.moving(Moved.total([*moved, asdict(motion)]))
+    def note(motion: MotionTally) -> None:
+        book.moving(MotionTally.total([*moved, asdict(motion)]))
 
     poses, apart = np.zeros((0, work.arm.n)), 0.0
     while not len(poses) or len(drift) < len(poses):
         work.progress(step, len(drift) / max(len(poses), 1))
         with rig.driver() as moves:
-            driver = KeptDriver(moves, work.limits, work.arm, note)
+            driver = CheckedDriver(moves, work.limits, work.arm, note)
             where = driver.connect()
             if not len(poses):
                 poses, apart = release_poses(
@@ -222,7 +223,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     return Outcome(
         f"{len(poses)} poses of {of.seconds:g} s each: drift "
         f"{largest_drift(float(worst.max()))}",
-        (work.write(RELEASE, content),), Moved.total(moved),
+        (work.write(RELEASE, content),), MotionTally.total(moved),
     )  # fmt: skip
 
 
@@ -235,7 +236,7 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     found = sorted(name for name in book.files if name.startswith("diagnosis_") and "json" in name)
     diagnosis = json_file.load(work.at(found[-1])) if found else {"findings": [], "ambiguities": []}
     certificate = certify(
-        work.arm, work.settings, fit, check, release, diagnosis, Moved.total(book.moved()),
+        work.arm, work.settings, fit, check, release, diagnosis, MotionTally.total(book.moved()),
         namespace=work.namespace, simulated=release["simulated"],
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(),
         files=book.files, model=MODEL,

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration.certificate import Certificate, Moved
+from dvrk_gravity.calibration.certificate import Certificate
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.rig import Rig
 from dvrk_gravity.calibration.settings import CalibrationSettings
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.diagnosis import Diagnosis
 from dvrk_gravity.files import text_file
 from dvrk_gravity.identification import POOR, Evaluation, Fit
@@ -100,7 +101,7 @@ class Outcome:
 
     said: str = ""
     paths: tuple[Path, ...] = ()
-    motion: Moved | None = None
+    motion: MotionTally | None = None
 
 
 @dataclass(frozen=True)
