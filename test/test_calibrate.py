@@ -180,15 +180,15 @@ def test_a_simulated_motion_that_was_killed_is_made_again_the_same(calibrated, u
 
 def test_commands_and_seconds_of_all_goes_are_counted(tmp_path):
     book = Logbook.open(tmp_path, ASKED)
-    book.moving(MotionTally(2.0, 5.0, 100, 0.9, "velocity of yaw"))
-    book.moving(MotionTally(3.0, 5.0, 150, 0.9, "velocity of yaw"))  # the same go
+    book.note_motion(MotionTally(2.0, 5.0, 100, 0.9, "velocity of yaw"))
+    book.note_motion(MotionTally(3.0, 5.0, 150, 0.9, "velocity of yaw"))  # the same go
     again = Logbook.open(tmp_path, ASKED)
-    again.moving(MotionTally(1.0, 0.0, 50, 0.5, "position of yaw"))
+    again.note_motion(MotionTally(1.0, 0.0, 50, 0.5, "position of yaw"))
     last = Logbook.open(tmp_path, ASKED)
     motion = {"seconds": 9.0, "rehearsed": 0.0, "commands": 7, "used": 0.2, "most": ""}
     last.add("collect motion", "", (), motion)
     last.add("collect second", "", (), motion)
-    total = MotionTally.total(Logbook.open(tmp_path, ASKED).moved())
+    total = Logbook.open(tmp_path, ASKED).total
     assert total == MotionTally(3.0 + 1.0 + 18.0, 5.0, 150 + 50 + 7 + 7, 0.9, "velocity of yaw")
 
 

@@ -47,7 +47,8 @@ class Logbook:
         folder: The folder.
         asked: What was asked for, by option.
         entries: The steps that are done, in their order.
-        begun: How earlier processes moved the arm in the step that is next; empty: not.
+        begun: How earlier processes moved the arm in the step that is not done yet; empty: they did
+            not.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class Logbook:
     ) -> None:
         self.folder, self.asked, self.entries = folder, dict(asked), list(entries)
         self.begun = dict(begun or {})
-        self._moving = self.begun
+        self._moving = self.begun  # with what the present process has moved it in that step
 
     @classmethod
     def open(cls, folder: Path, asked: Mapping[str, str]) -> Logbook:
@@ -140,20 +141,21 @@ class Logbook:
         self._write()
         return entry
 
-    def moving(self, motion: MotionTally) -> None:
-        """Note how the step that is next has moved the arm in the present process."""
+    def note_motion(self, motion: MotionTally) -> None:
+        """Note how the arm was moved so far in the step that is not done yet, by this process."""
         before = [self.begun] if self.begun else []
         self._moving = asdict(MotionTally.total([*before, asdict(motion)]))
         self._write()
 
-    def motions(self, name: str) -> Entry | None:
+    def recorded(self, name: str) -> Entry | None:
         """Return the step that recorded a motion, ``None`` if there is no such recording."""
         entry = self.entry(f"collect {name}")
         return entry if entry is not None and entry.files else None
 
-    def moved(self) -> list[Mapping[str, Any]]:
-        """Return how the arm was moved in each step that moved it."""
-        return [entry.motion for entry in self.entries if entry.motion]
+    @property
+    def total(self) -> MotionTally:
+        """How the arm was moved in all steps that are done."""
+        return MotionTally.total(entry.motion for entry in self.entries if entry.motion)
 
     @property
     def files(self) -> dict[str, str]:

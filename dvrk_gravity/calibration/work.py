@@ -125,7 +125,7 @@ def last_model(book: Logbook) -> str:
 def fitted_bags(work: Work, book: Logbook, rounds: int) -> list[Path]:
     """Return the recordings that a model is identified from."""
     names = ["motion", *(f"further_{k}" for k in range(1, rounds + 1))]
-    return [work.at(name) for name in names if book.motions(name) is not None]
+    return [work.at(name) for name in names if book.recorded(name) is not None]
 
 
 def trusted_model(work: Work, book: Logbook) -> TorqueModel | None:

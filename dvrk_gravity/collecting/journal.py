@@ -170,7 +170,7 @@ class Journal:
     @property
     def folder(self) -> Path:
         """Where it lies, beside the bag."""
-        return self.out.with_name(self.out.name + SUFFIX)
+        return _folder(self.out)
 
     @property
     def file(self) -> Path:
@@ -324,9 +324,14 @@ class Journal:
                         f"{first:.1f} to {next_one:.1f} s; remove {self.folder} and collect again"
                     )  # fmt: skip
 
-    def remove(self) -> None:
-        """Remove the folder, when its bag is written."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+
+def _folder(out: Path) -> Path:
+    return out.with_name(out.name + SUFFIX)
+
+
+def discard(out: Path) -> None:
+    """Remove what collections of a bag have left beside it, if anything."""
+    shutil.rmtree(_folder(out), ignore_errors=True)
 
 
 def fingerprint(plans: Sequence[Plan]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting.driver import Driver, States
 from dvrk_gravity.collecting.effort_watch import EffortWatch
-from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal
+from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal, discard
 from dvrk_gravity.collecting.pace import Paced, resumed
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
@@ -136,7 +136,7 @@ def collect(
             work.move(rehearse)
             journal.enter(journal.motion, JOINING, 0.0, approaching=False)
         samples, parts = journal.join(plans, 2.0 * settings.mark), len(journal.parts)
-        journal.remove()
+        discard(journal.out)
         return Collected(journal.out, samples, seconds, work.longer, parts)
 
 
