@@ -1,4 +1,4 @@
-"""Move an arm along a plan and record it, or learn its free room from a person who moves it."""
+"""Move an arm along a plan and record it, or learn its free space from a person who moves it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_moving(parser)
     parser.add_argument("--teach", type=Path, metavar="LIMITS",
-                        help="move nothing: write the free room that a person shows by moving "
+                        help="move nothing: write the free space that a person shows by moving "
                         "the arm to its corners, until Ctrl-C")  # fmt: skip
     parser.add_argument("--arm", help=f"with --teach: {options.arms()}")
     parser.add_argument("--from", dest="recording", type=Path, metavar="RECORDING",

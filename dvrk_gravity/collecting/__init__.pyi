@@ -13,4 +13,4 @@ from .run import CollectSettings as CollectSettings
 from .run import MotionStoppedError as MotionStoppedError
 from .run import collect as collect
 from .simulated import SimulatedDriver as SimulatedDriver
-from .teaching import TaughtRoom as TaughtRoom
+from .teaching import TaughtLimits as TaughtLimits
