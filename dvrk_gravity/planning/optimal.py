@@ -34,6 +34,12 @@ Report = Callable[[float], None]
 Constraint = Callable[[Array, Array], tuple[Array, Callable[[Array], tuple[Array, Array]]]]
 Multiplier = Array | float  # of the shape of g; 0.0: of no force yet
 _HALVINGS = 10  # of the part of a motion that keeps its limits: to a thousandth
+_PLACES = 21  # positions at rest about which random motions are drawn. Chosen
+# Of finite differences of efforts by position, velocity and acceleration, rad and s: dry friction
+# reverses within the second, as in the regressor (`information.Steps`); the third is exact.
+_STEPS = (1e-5, 0.05, 1.0)
+_BOX_UNIT = 0.1  # m, which counts as much as all of a limit. Chosen
+_BOX_SPARE = 0.005  # m, by which links stay further off, for what is between grid points. Chosen
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ class MotionSearch:
         self.arm: Arm = objective.arm
         self.settings = settings or SolverSettings()
         self._random = np.random.default_rng(seed)
-        self.rest = resting_positions(limits, self.arm, model, self._random, 1 + 20)
+        self.rest = resting_positions(limits, self.arm, model, self._random, _PLACES)
         fastest = float(basis.frequency.max())
         needed = int(self.settings.samples * fastest * basis.duration) + 2
         count = min(self.settings.most_samples, needed)
@@ -308,7 +314,7 @@ class MotionSearch:
             busy = pull.any(axis=1)
             state = [each[busy] for each in (q, qd, qdd)]
             # The band moves little beside the torque itself.
-            for order, step in enumerate((1e-5, 0.05, 1.0)):
+            for order, step in enumerate(_STEPS):
                 for j, unit in enumerate(np.eye(self.arm.n)):
                     ahead, behind = (
                         self.arm.actuator_effort(
@@ -330,10 +336,10 @@ class MotionSearch:
         self, middle: Array, coefficients: Array
     ) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
         """Return (N, links) how far links are within boxes, in units of 0.1 m."""
-        boxes, size = self.limits.boxes, 0.1
+        boxes = self.limits.boxes
         q = self._grid[0] @ coefficients + middle
         away, slope = outside(self.arm, boxes, q)
-        part = (0.005 - away) / size  # 5 mm for what is between the points
+        part = (_BOX_SPARE - away) / _BOX_UNIT
 
         def back(force: Array) -> tuple[Array, Array]:
             busy = force.any(axis=1)
@@ -341,7 +347,9 @@ class MotionSearch:
             if busy.any():
                 links = [link for box in boxes for link in box.links]
                 lever = levers(self.arm, links, q[busy])
-                by[busy] = -np.einsum("Nl,Nlx,Nlxn->Nn", force[busy], slope[busy], lever) / size
+                by[busy] = (
+                    -np.einsum("Nl,Nlx,Nlxn->Nn", force[busy], slope[busy], lever) / _BOX_UNIT
+                )
             return by.sum(axis=0), self._grid[0].T @ by
 
         return part, back
