@@ -96,7 +96,7 @@ def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: Torqu
     )
 
 
-def surely_held(
+def held_by_friction(
     fit: Fit, limits: PlanLimits, settings: CalibrationSettings, seed: int
 ) -> dict[str, Any]:
     """Return at which part of random poses friction is sure to hold all joints, and each of them.

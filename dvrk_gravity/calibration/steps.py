@@ -23,7 +23,7 @@ from dvrk_gravity.calibration.motion_steps import (
     plan_further,
     plan_second,
 )
-from dvrk_gravity.calibration.release import PART, release_poses, surely_held
+from dvrk_gravity.calibration.release import PART, held_by_friction, release_poses
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import (
@@ -117,7 +117,7 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.identification(fit, sources))
     holdings = {name: vars(each) for name, each in fit.holding.items()}
-    held = surely_held(fit, work.limits, work.settings, work.seed + k)
+    held = held_by_friction(fit, work.limits, work.settings, work.seed + k)
     values = work.write(
         path.with_suffix(".json").name,
         {
