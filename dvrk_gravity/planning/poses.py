@@ -25,17 +25,20 @@ Choice = Callable[[Array, int, Callable[[float], None]], list[int]]
 
 @dataclass(frozen=True)
 class PoseSettings:
-    """Of a static calibration.
+    """How a static calibration is made.
 
     Attributes:
-        candidates: Random poses among which those of the plan are chosen. Chosen.
-        approach: Way that every joint goes to a pose in the direction of approach, rad (a tenth of
-            it, m): several times the displacement in which friction builds up, .01 to .03 rad.
-        stand: At a pose, from each side, s: the console's .5 s of settling, and as long a reading.
-        reading: Of that, what is read, s.
+        candidates: Number of random poses among which those of the plan are chosen. Chosen.
+        approach: Distance that every joint moves to a pose in the direction of approach, rad (a
+            tenth of it, m): several times the displacement in which friction builds up, .01 to
+            .03 rad.
+        stand: Time at a pose from each side, s: the console's .5 s of settling, and a reading as
+            long.
+        reading: Part of that time in which efforts are read, s.
         part: Part of the greatest speeds and accelerations that moves use. Chosen.
-        most: Poses at most.
-        learnt: Part of its standard deviation before, below which a parameter is reported. Chosen.
+        most: Greatest number of poses. Chosen.
+        learnt: A parameter is reported if its standard error is below this part of what it was
+            before. Chosen.
     """
 
     candidates: int = 800
@@ -68,7 +71,7 @@ def design_poses(
         duration: Greatest, s.
         model: As for :func:`design_motion`.
         seed: Of the candidates.
-        settings: Of the calibration.
+        settings: See :class:`PoseSettings`.
         report: Called with the share that is done.
 
     Raises:
@@ -115,7 +118,7 @@ def pose_path(
         duration: Greatest, s.
         model: For efforts; ``None``: none are known.
         seed: Of the candidates.
-        of: Of the calibration.
+        of: See :class:`PoseSettings`.
         choose: Returns the indices of so many of (N, n) poses, the best first.
         report: Called with the share that is done.
 
