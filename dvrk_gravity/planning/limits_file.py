@@ -15,7 +15,6 @@ of its first joint; where the arm limits the same sum, the stricter limits hold.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from dvrk_gravity.arms import FASTEST, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
+from dvrk_gravity.files.entries import mapping, number, sequence
 from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
 from dvrk_gravity.planning.places import tip
 
@@ -53,17 +53,17 @@ def load_limits(path: str | Path, arm: Arm) -> PlanLimits:
 def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
     """Return an arm's limits with those of the content of such a file."""
     limits = PlanLimits.of(arm)
-    _require_known("", content, KEYS)
+    mapping("", content, KEYS)
     values = {name: getattr(limits, name).copy() for name in ("lower", "upper", *_RATES, "effort")}
-    for name, entry in _mapping("joints", content.get("joints", {})).items():
+    for name, entry in mapping("joints", content.get("joints", {})).items():
         where = f"joints.{name}"
         if name not in arm.joint_names:
             raise ConfigError("joints", name, f"one of {', '.join(arm.joint_names)}")
-        _require_known(where, _mapping(where, entry), ("position", *_RATES, "effort"))
+        mapping(where, entry, ("position", *_RATES, "effort"))
         k = arm.joint_names.index(name)
         _put(values, k, where, entry, arm)
     combinations = limits.combinations
-    for k, entry in enumerate(_list("combinations", content.get("combinations", []))):
+    for k, entry in enumerate(sequence("combinations", content.get("combinations", []))):
         given = _combination(f"combinations[{k}]", entry, arm)
         for known in combinations:
             both = known.within(given)
@@ -77,7 +77,7 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
         combinations = stricter((*combinations, given))
     boxes = tuple(
         _box(f"boxes[{k}]", entry, k, arm)
-        for k, entry in enumerate(_list("boxes", content.get("boxes", [])))
+        for k, entry in enumerate(sequence("boxes", content.get("boxes", [])))
     )
     return replace(limits, **values, combinations=combinations, boxes=boxes)
 
@@ -157,12 +157,12 @@ def _put(values: dict[str, Array], k: int, where: str, entry: Mapping[str, Any],
 
 
 def _combination(where: str, entry: Any, arm: Arm) -> Combination:
-    _require_known(where, _mapping(where, entry), ("of", "position", *_RATES))
-    of = _mapping(f"{where}.of", entry.get("of"))
+    mapping(where, entry, ("of", "position", *_RATES))
+    of = mapping(f"{where}.of", entry.get("of"))
     for name, factor in of.items():
         if name not in arm.joint_names:
             raise ConfigError(f"{where}.of", name, f"joints of {', '.join(arm.joint_names)}")
-        if _number(f"{where}.of.{name}", factor) == 0.0:
+        if number(f"{where}.of.{name}", factor) == 0.0:
             raise ConfigError(f"{where}.of.{name}", factor, "a factor that is not zero")
     if len(of) < 2:
         raise ConfigError(f"{where}.of", dict(of), "at least two joints; one alone is in `joints`")
@@ -180,19 +180,19 @@ def _combination(where: str, entry: Any, arm: Arm) -> Combination:
     return Combination(factors, low * size, high * size, **rates)
 
 
-def _box(where: str, entry: Any, number: int, arm: Arm) -> Box:
-    _require_known(where, _mapping(where, entry), ("name", "lower", "upper", "links"))
+def _box(where: str, entry: Any, k: int, arm: Arm) -> Box:
+    mapping(where, entry, ("name", "lower", "upper", "links"))
     lower, upper = (_corner(f"{where}.{side}", entry.get(side)) for side in ("lower", "upper"))
     for axis, (low, high) in zip("xyz", zip(lower, upper, strict=True), strict=True):
         if not low < high:
             raise ConfigError(where, [low, high], f"lower below upper along {axis}")
-    links = _list(f"{where}.links", entry.get("links", [tip(arm)]))
+    links = sequence(f"{where}.links", entry.get("links", [tip(arm)]))
     for link in links:
         if link not in arm.body_names:
             raise ConfigError(f"{where}.links", link, f"some of {', '.join(arm.body_names)}")
     if not links or len(set(links)) < len(links):
         raise ConfigError(f"{where}.links", links, "at least one link, each once")
-    name = entry.get("name", f"box {number + 1}")
+    name = entry.get("name", f"box {k + 1}")
     if not isinstance(name, str) or not name:
         raise ConfigError(f"{where}.name", name, "a text")
     return Box(name, lower, upper, tuple(links))
@@ -201,49 +201,24 @@ def _box(where: str, entry: Any, number: int, arm: Arm) -> Box:
 def _corner(where: str, value: Any) -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise ConfigError(where, value, "three coordinates, m")
-    x, y, z = (_number(where, each) for each in value)
+    x, y, z = (number(where, each) for each in value)
     return x, y, z
 
 
 def _pair(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise ConfigError(where, value, "two numbers, the lower one first")
-    low, high = (_number(where, each) for each in value)
+    low, high = (number(where, each) for each in value)
     if not low < high:
         raise ConfigError(where, value, "the lower one first")
     return low, high
 
 
 def _positive(where: str, value: Any) -> float:
-    number = _number(where, value)
-    if number < LEAST:
+    found = number(where, value)
+    if found < LEAST:
         raise ConfigError(where, value, f"a number above 0, at least {LEAST:g}")
-    return number
-
-
-def _number(where: str, value: Any) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not abs(value) <= sys.float_info.max:  # an integer may be longer
-        raise ConfigError(where, value, "a finite number")
-    return float(value)
-
-
-def _mapping(where: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise ConfigError(where, value, "a mapping")
-    return value
-
-
-def _list(where: str, value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise ConfigError(where, value, "a list")
-    return value
-
-
-def _require_known(where: str, entry: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in entry:
-        if key not in known:
-            raise ConfigError(where, key, f"{', '.join(known)}")
+    return found
 
 
 def _size(arm: Arm, k: int) -> float:
