@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -126,14 +126,14 @@ def initial_position(arm: Arm) -> tuple[float, ...]:
 
 
 def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:
-    entries.mapping("", content, _SECTIONS, _SECTIONS[:3])
+    _only("", content, _SECTIONS, _SECTIONS[:3])
     values = flatten(entries.mapping("parameters", content["parameters"]))
     model = TorqueModel.from_parameters(arm_beside(values, folder))
     links = {
         str(name): _inertia(f"links.{name}", row)
         for name, row in entries.mapping("links", content["links"]).items()
     }
-    entries.mapping("links", links, model.arm.body_names)
+    _only("links", links, model.arm.body_names)
     n = len(model.arm.joints)
     rotors = np.array(_numbers("rotor_inertia", content["rotor_inertia"], n, least=0.0))
     return PlantFile(model, links, rotors, _sensors(content.get("sensors", {}), n))
@@ -141,7 +141,7 @@ def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:
 
 def _inertia(where: str, row: Any) -> pin.Inertia:
     fields = ("mass", "com", "inertia")
-    entries.mapping(where, row, fields, fields)
+    _only(where, row, fields, fields)
     mass = _number(f"{where}.mass", row["mass"], least=0.0)
     com = np.array(_numbers(f"{where}.com", row["com"], 3))
     xx, yy, zz, xy, xz, yz = _numbers(f"{where}.inertia", row["inertia"], 6)
@@ -154,7 +154,7 @@ def _inertia(where: str, row: Any) -> pin.Inertia:
 
 
 def _sensors(content: Any, n: int) -> Sensors:
-    entries.mapping("sensors", content, (*_STEPS, "effort_delay"))
+    _only("sensors", content, (*_STEPS, "effort_delay"))
     arrays = {
         key: np.array(_numbers(f"sensors.{key}", content[key], n, least=0.0))
         for key in _STEPS
@@ -162,3 +162,12 @@ def _sensors(content: Any, n: int) -> Sensors:
     }
     delay = _number("sensors.effort_delay", content.get("effort_delay", 0.0), least=0.0)
     return Sensors(**arrays, effort_delay=delay)
+
+
+def _only(where: str, value: Any, known: Sequence[str], required: Sequence[str] = ()) -> None:
+    """Refuse what is no mapping of these keys; an unknown one by its own name."""
+    for key in entries.mapping(where, value):
+        if key not in known:
+            name = f"{where}.{key}" if where else str(key)
+            raise ConfigError(name, key, f"one of {', '.join(known)}")
+    entries.mapping(where, value, required=required)
