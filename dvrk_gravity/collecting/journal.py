@@ -216,7 +216,7 @@ class Journal:
         self.parts.append(part)
         return BagWriter(self.folder / part.name)
 
-    def begins(self, before: float) -> list[float]:
+    def resume_points(self, before: float) -> list[float]:
         """Return moments from which the present motion may go on, s, ascending.
 
         Args:
@@ -238,7 +238,7 @@ class Journal:
             self.parts[-1].marks.append((self.motion, moment, bag.count))
         self.save()
 
-    def cut_at(self, motion: int, moment: float) -> None:
+    def drop_from(self, motion: int, moment: float) -> None:
         """Drop what was recorded of a motion from a moment on, s.
 
         Of a motion that begins again (0.0), all of it.

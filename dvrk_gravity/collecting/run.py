@@ -215,9 +215,9 @@ class _Collection:
             goes_on = False
         begins: list[float] = []
         if goes_on and journal.phase == MOTION:
-            begins = journal.begins(0.0 if journal.approaching else of.disturbed)
+            begins = journal.resume_points(0.0 if journal.approaching else of.disturbed)
         paced = self._remaining(number, begins)
-        journal.cut_at(number, paced.begin)
+        journal.drop_from(number, paced.begin)
         self.longer += self._phase(bag, number, MOTION, paced, where)
         if number + 1 < len(self._plans):
             self._driver.hold()
