@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     free = simulated or arguments.yes
     consent = (lambda question: True) if free else asking(rig)
     out.mkdir(parents=True, exist_ok=True)
-    shown = Shown()
+    shown = command_line.Steps(_STAGES)
 
     def report(line: str) -> None:
         shown.done()
@@ -124,30 +124,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise
     print(f"written: {out / CERTIFICATE}, {(out / CERTIFICATE).with_suffix('.html')}")
     return 0 if certificate["certified"] else 1
-
-
-class Shown:
-    """Shows the progress of the present step."""
-
-    def __init__(self) -> None:
-        self._step = ""
-        self._progress: command_line.Progress | None = None
-
-    def __call__(self, step: str, part: float | None, stage: str = "") -> None:
-        """Show a step's part, or that of a stage of it."""
-        if step != self._step or self._progress is None:
-            self.done()
-            self._step, self._progress = step, command_line.Progress(step, 1.0)
-            self._stages = command_line.Stages(self._progress, _STAGES.get(step.split()[0], ()))
-        if stage:
-            self._stages(stage, part)
-        else:
-            self._progress.update(part or 0.0)
-
-    def done(self) -> None:
-        """Clear the line."""
-        if self._progress is not None:
-            self._progress.done()
 
 
 def _kept(out: Path) -> str:

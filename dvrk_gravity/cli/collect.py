@@ -177,16 +177,7 @@ def carry_out(
     """Collect as the arguments say, with its progress on the terminal."""
     from dvrk_gravity.collecting import collect
 
-    shown: dict[str, command_line.Progress] = {}
-
-    def progress(name: str, part: float) -> None:
-        if name not in shown:
-            for before in shown.values():
-                before.done()
-            shown.clear()
-            shown[name] = command_line.Progress(name, 100)
-        shown[name].update(round(100 * part))
-
+    progress = command_line.Steps()
     try:
         return collect(
             plans, driver, arguments.out, rehearse=options.rehearses(arguments),
@@ -194,8 +185,7 @@ def carry_out(
             progress=progress, **how,  # type: ignore[arg-type]
         )  # fmt: skip
     finally:
-        for last in shown.values():
-            last.done()
+        progress.done()
 
 
 def finish(collected: Collected, following: str) -> None:
