@@ -15,6 +15,7 @@ of its first joint; where the arm limits the same sum, the stricter limits hold.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,7 @@ from dvrk_gravity.arms import FASTEST, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.files.entries import mapping, number, sequence
+from dvrk_gravity.files.entries import mapping, sequence
 from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
 from dvrk_gravity.planning.places import tip
 
@@ -162,7 +163,7 @@ def _combination(where: str, entry: Any, arm: Arm) -> Combination:
     for name, factor in of.items():
         if name not in arm.joint_names:
             raise ConfigError(f"{where}.of", name, f"joints of {', '.join(arm.joint_names)}")
-        if number(f"{where}.of.{name}", factor) == 0.0:
+        if _number(f"{where}.of.{name}", factor) == 0.0:
             raise ConfigError(f"{where}.of.{name}", factor, "a factor that is not zero")
     if len(of) < 2:
         raise ConfigError(f"{where}.of", dict(of), "at least two joints; one alone is in `joints`")
@@ -180,7 +181,7 @@ def _combination(where: str, entry: Any, arm: Arm) -> Combination:
     return Combination(factors, low * size, high * size, **rates)
 
 
-def _box(where: str, entry: Any, k: int, arm: Arm) -> Box:
+def _box(where: str, entry: Any, number: int, arm: Arm) -> Box:
     mapping(where, entry, ("name", "lower", "upper", "links"))
     lower, upper = (_corner(f"{where}.{side}", entry.get(side)) for side in ("lower", "upper"))
     for axis, (low, high) in zip("xyz", zip(lower, upper, strict=True), strict=True):
@@ -192,7 +193,7 @@ def _box(where: str, entry: Any, k: int, arm: Arm) -> Box:
             raise ConfigError(f"{where}.links", link, f"some of {', '.join(arm.body_names)}")
     if not links or len(set(links)) < len(links):
         raise ConfigError(f"{where}.links", links, "at least one link, each once")
-    name = entry.get("name", f"box {k + 1}")
+    name = entry.get("name", f"box {number + 1}")
     if not isinstance(name, str) or not name:
         raise ConfigError(f"{where}.name", name, "a text")
     return Box(name, lower, upper, tuple(links))
@@ -201,24 +202,31 @@ def _box(where: str, entry: Any, k: int, arm: Arm) -> Box:
 def _corner(where: str, value: Any) -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise ConfigError(where, value, "three coordinates, m")
-    x, y, z = (number(where, each) for each in value)
+    x, y, z = (_number(where, each) for each in value)
     return x, y, z
 
 
 def _pair(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise ConfigError(where, value, "two numbers, the lower one first")
-    low, high = (number(where, each) for each in value)
+    low, high = (_number(where, each) for each in value)
     if not low < high:
         raise ConfigError(where, value, "the lower one first")
     return low, high
 
 
 def _positive(where: str, value: Any) -> float:
-    found = number(where, value)
-    if found < LEAST:
+    number = _number(where, value)
+    if number < LEAST:
         raise ConfigError(where, value, f"a number above 0, at least {LEAST:g}")
-    return found
+    return number
+
+
+def _number(where: str, value: Any) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not abs(value) <= sys.float_info.max:  # an integer may be longer
+        raise ConfigError(where, value, "a finite number")
+    return float(value)
 
 
 def _size(arm: Arm, k: int) -> float:
