@@ -38,7 +38,7 @@ class NoiseSettings:
 
 @dataclass(frozen=True)
 class DifferenceSteps:
-    """DifferenceSteps of the finite differences of a regressor.
+    """Steps of the finite differences of a regressor.
 
     Attributes:
         position: rad or m. The regressor is smooth.
