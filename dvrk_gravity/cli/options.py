@@ -72,18 +72,21 @@ def plant_of(arguments: argparse.Namespace, arm: Arm) -> PlantFile:
 
 
 def planned_model(arguments: argparse.Namespace, arm: Arm) -> TorqueModel | None:
-    """Return the model of ``--model`` as it is used in planning and watching, if there is one.
+    """Return the model of ``--model``, for efforts that a motion takes, if there is one.
 
     Raises:
         ConfigError: A model of another arm.
     """
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.planning import require_arm
 
     if arguments.model is None:
         return None
     model = TorqueModel.load(arguments.model)
-    require_arm(model, arm, str(arguments.model))
+    names = {model.arm.name, arm.name}
+    # Two of the package's arms are not the same one, though their joints may have the same names.
+    another = len(names) == 2 and names <= set(shipped("arms"))
+    if another or model.arm.joint_names != arm.joint_names:
+        raise ConfigError("--model", model.arm.name, f"a model of {arm.name}", arguments.model)
     return model.physical()
 
 

@@ -4,7 +4,6 @@ from .design import SeriesSettings as SeriesSettings
 from .design import condition_number as condition_number
 from .design import design_motion as design_motion
 from .design import knowledge_of as knowledge_of
-from .design import require_arm as require_arm
 from .design import series_basis as series_basis
 from .exciting import coverage as coverage
 from .exciting import covering_motion as covering_motion

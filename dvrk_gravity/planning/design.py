@@ -10,8 +10,6 @@ import numpy as np
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import base_directions
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.files.resources import shipped
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.coverage_objective import CoverageObjective
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
@@ -153,15 +151,3 @@ def condition(columns: Array) -> float:
     columns = columns.reshape(-1, columns.shape[-1])
     spread = np.ptp(columns, axis=0)
     return float(np.linalg.cond(columns / spread)) if spread.all() else float("inf")
-
-
-def require_arm(model: TorqueModel, arm: Arm, path: str) -> None:
-    """Refuse a model of another arm.
-
-    Raises:
-        ConfigError: Naming it.
-    """
-    names, kinds = {model.arm.name, arm.name}, shipped("arms")
-    another = len(names) == 2 and names <= set(kinds)  # their joints may have the same names
-    if another or model.arm.joint_names != arm.joint_names:
-        raise ConfigError("--model", model.arm.name, f"a model of {arm.name}", path)
