@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from test_collect import PathDriver, plan_of
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
@@ -39,7 +40,7 @@ from dvrk_gravity.calibration import (
     shown_drift,
 )
 from dvrk_gravity.cli import calibrate as calibrate_command
-from dvrk_gravity.collecting import SimulatedDriver
+from dvrk_gravity.collecting import SimulatedDriver, collect
 from dvrk_gravity.command_line import Steps
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
@@ -128,6 +129,33 @@ def uninterrupted(tmp_path_factory) -> tuple[Path, list[str]]:
 
 def content(calibrated) -> dict:
     return json_file.load(calibrated[0] / CERTIFICATE)
+
+
+def before_the_release(uninterrupted, folder: Path) -> Path:
+    """Return a copy of the calibration in which only release and certificate are not done."""
+    shutil.copytree(uninterrupted[0], folder)
+    book = json_file.load(folder / "calibration.json")
+    steps = [entry for entry in book["steps"] if entry["step"] not in ("release", "certify")]
+    (folder / "calibration.json").write_text(json.dumps(book | {"steps": steps}))
+    return folder
+
+
+def test_limits_that_change_between_two_releases_end_them(uninterrupted, tmp_path, monkeypatch):
+    folder, released = before_the_release(uninterrupted, tmp_path / "again"), []
+
+    def limits_now():
+        if released:
+            raise MotionError("the limits have changed")
+        return PlanLimits.of(ARM)
+
+    def release(rig, model, pose, seconds):
+        released.append(pose)
+        return np.zeros(ARM.n)
+
+    monkeypatch.setattr(SimulatedRig, "release", release)
+    with pytest.raises(MotionError, match="have changed"):
+        calibrate(work_in(folder, [], limits_now=limits_now))
+    assert len(released) == 1
 
 
 # Interrupted.
@@ -511,6 +539,26 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
     kept.follow(slowly.at, slowly.duration)
     assert kept.check.samples >= 1000.0 * slowly.duration
     assert 0.0 < kept.check.used <= 1.0
+
+
+@pytest.mark.parametrize("rehearse", [False, True])
+def test_nothing_that_takes_long_is_done_between_an_approach_and_its_motion(tmp_path, rehearse):
+    plan = plan_of("ecm")
+    driver = PathDriver(plan, plan.at(0.0)[0] + 0.1 * ARM.scale)
+    kept, done = CheckedDriver(driver, plan.limits, ARM), []
+    look, follow = kept.check.look, driver.follow
+
+    def looks(path, duration):
+        done.append("look")
+        look(path, duration)
+
+    def follows(*given, **how):
+        done.append("follow")
+        return follow(*given, **how)
+
+    kept.check.look, driver.follow = looks, follows
+    collect(plan, kept, tmp_path / "bag", rehearse=rehearse, look=kept.look, report=driver.report)
+    assert done == ["look", "look", "follow", "follow"] * (1 + rehearse)
 
 
 @pytest.mark.parametrize("rehearsing", [False, True])

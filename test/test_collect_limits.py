@@ -10,10 +10,18 @@ import pytest
 from test_collect import PathDriver, go, once, plan_of
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import MotionStoppedError, Paced
+from dvrk_gravity.collecting import MotionStoppedError, Paced, TaughtLimits
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, exceeded, load_limits
+from dvrk_gravity.planning import (
+    Basis,
+    FourierMotion,
+    Plan,
+    PlanLimits,
+    exceeded,
+    load_limits,
+    save_limits,
+)
 from dvrk_gravity.simulate import PlantFile
 
 
@@ -55,6 +63,31 @@ def test_a_joint_within_limits_that_are_wider_than_a_turn_is_where_it_is(endless
     assert limits.turns(endless, np.array([7.0])) == 2.0 * np.pi
 
 
+@pytest.mark.parametrize(
+    ("shown", "taught"),
+    [
+        ((-20.0, 20.0), (-18.0, 18.0)),
+        ((350.0, 370.0), (-8.0, 8.0)),  # a turn further
+        ((170.0, 190.0), (172.0, 188.0)),  # about its back
+        ((-560.0, -520.0), (162.0, 198.0)),
+        ((0.0, 700.0), (2.0, 698.0)),
+    ],
+)
+def test_of_an_endless_joint_no_room_is_taught_that_nobody_showed(
+    tmp_path: Path, endless: Arm, shown: tuple[float, float], taught: tuple[float, float]
+) -> None:
+    room = TaughtLimits(endless)
+    room.show(np.radians(np.linspace(*shown, 99))[:, None])
+    save_limits(tmp_path / "limits.yaml", room.limits(np.radians(2.0)), endless, "taught")
+    limits = load_limits(tmp_path / "limits.yaml", endless)
+    found = np.degrees([limits.lower[0], limits.upper[0]])
+    turns = np.round((np.mean(found) - np.mean(taught)) / 360.0)
+    np.testing.assert_allclose(found - 360.0 * turns, taught, atol=1e-6)
+    assert abs(np.mean(found)) <= 180.0 + 1e-6
+    width = np.degrees(np.ptp(PlanLimits.of(endless).range))
+    assert room.coverage["turn"] == pytest.approx(min((shown[1] - shown[0]) / width, 1.0))
+
+
 def test_limits_that_were_raised_since_the_plan_was_made_raise_nothing(tmp_path: Path) -> None:
     plan = plan_of("ecm")
     start = plan.at(0.0)[0] + 0.2 * plan.arm.scale
@@ -70,6 +103,38 @@ def test_limits_that_were_raised_since_the_plan_was_made_raise_nothing(tmp_path:
     speeds, accelerations = np.abs(np.array(driver.commanded)[:, 1:]).max(axis=0)
     assert (speeds <= plan.limits.velocity).all()
     assert (accelerations <= plan.limits.acceleration).all()
+
+
+@pytest.mark.parametrize("rehearse", [True, False], ids=["before the rehearsal", "the motion"])
+def test_limits_that_are_tightened_in_an_approach_are_kept_after_it(
+    tmp_path: Path, rehearse: bool
+) -> None:
+    plan = plan_of("ecm")
+    driver = PathDriver(plan, plan.at(0.0)[0] + 0.2 * plan.arm.scale)
+    tight = replace(plan.limits, acceleration=0.5 * plan.limits.acceleration)
+    with pytest.raises(MotionStoppedError, match="the plan exceeds the limit of") as stopped:
+        go(driver, tmp_path / "bag", rehearse=rehearse,
+           limits=lambda: tight if driver.commanded else plan.limits)  # fmt: skip
+    assert driver.phases == ["approach"]
+    assert "stopped in its approach to the" in str(stopped.value)
+
+
+def test_limits_of_efforts_that_are_tightened_in_an_approach_stop_the_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = plan_of("ecm")
+    watched = []
+    monkeypatch.setattr(
+        "dvrk_gravity.collecting.run.EffortWatch",
+        lambda path, arm, greatest, model: watched.append(greatest),
+    )
+    driver = PathDriver(plan, plan.at(0.0)[0] + 0.2 * plan.arm.scale)
+    weak = replace(plan.limits, effort=0.5 * plan.limits.effort)
+    go(driver, tmp_path / "bag", rehearse=False,
+       limits=lambda: weak if driver.commanded else plan.limits)  # fmt: skip
+    assert driver.phases == ["approach", "approach", "motion, recorded"]
+    assert driver.holds == 2
+    np.testing.assert_allclose(watched[-1], weak.effort)
 
 
 def test_what_is_taken_up_after_a_false_stop_is_one_smooth_way_from_rest(tmp_path: Path) -> None:

@@ -9,15 +9,18 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from conftest import TIMEOUT
+from test_collect import plan_of
 from test_excite import POSE, FakeArm, fake
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.command_line import run
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.planning import PlanLimits, Straight
@@ -45,6 +48,10 @@ class Controller:
 
     def __init__(self, arm: FakeArm) -> None:
         self.arm, self.goals, self.cancelled, self.accepts = arm, [], 0, True
+        self.ready = True
+        self.answers_after = 0.0  # s
+        self.refusal = 0  # to cancel: CancelGoal's return code
+        self.lasts = 1.0  # part of a goal after which it ends, successfully
         self.end = Future(SimpleNamespace(result=SimpleNamespace(error_code=0, error_string="")))
         self.speak = arm.speak
         arm.speak_timer.cancel()
@@ -56,7 +63,7 @@ class Controller:
         return self
 
     def server_is_ready(self) -> bool:
-        return True
+        return self.ready
 
     def send_goal_async(self, goal: Any) -> Future:
         points = goal.trajectory.points
@@ -64,16 +71,17 @@ class Controller:
         self.times = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points]
         self.way = np.array([p.positions for p in points])
         self.began = time.monotonic()
-        self.end = Future(self.end.result(), self.times[-1] + 0.05)
+        self.end = Future(self.end.result(), self.lasts * self.times[-1] + 0.05)
         return Future(SimpleNamespace(
             accepted=self.accepts, get_result_async=lambda: self.end,
             cancel_goal_async=self.cancel_goal_async,
-        ))  # fmt: skip
+        ), self.answers_after)  # fmt: skip
 
     def cancel_goal_async(self) -> Future:
         self.cancelled += 1
-        self.began = None
-        return Future(None)
+        if not self.refusal:
+            self.began = None
+        return Future(SimpleNamespace(return_code=self.refusal))
 
     def step(self) -> None:
         if self.began is not None and self.arm.follows:
@@ -172,6 +180,82 @@ def test_a_goal_that_is_not_accepted_moves_nothing(controller: Controller) -> No
         mover.connect()
         with pytest.raises(MotionError, match="did not accept the trajectory"):
             mover.follow(path.at, path.duration)
+
+
+def test_an_arm_without_the_controller_is_named_by_its_action(controller: Controller) -> None:
+    controller.ready = False
+    with moved() as (mover, _), pytest.raises(MotionError, match=f"serves the action {ACTION}"):
+        mover.connect(1.0)
+
+
+@pytest.mark.parametrize(
+    ("after", "cancelled", "says"),
+    [(1.5, 1, "sent hold"), (9.0, 0, "hold was not acknowledged: check that the arm holds")],
+)
+def test_a_goal_that_is_accepted_too_late_is_cancelled_then_or_the_user_warned(
+    controller: Controller, monkeypatch: pytest.MonkeyPatch, after: float, cancelled: int, says: str
+) -> None:
+    from dvrk_gravity.ros import trajectory_mover
+
+    monkeypatch.setattr(trajectory_mover, "PATIENCE", 1.0)
+    controller.answers_after = after
+    with moved() as (mover, path):
+        mover.connect()
+        with pytest.raises(MotionError, match=f"has not answered for 1 s.*; {says}"):
+            mover.follow(path.at, path.duration)
+    assert controller.cancelled == cancelled
+
+
+@pytest.mark.parametrize(
+    ("code", "says"), [(1, "hold was not acknowledged: check that the arm holds"), (3, "sent hold")]
+)
+def test_a_cancellation_that_is_refused_is_no_hold(
+    controller: Controller, code: int, says: str
+) -> None:
+    def watch(sample: Any, moment: float) -> None:
+        raise MotionError("a hand")
+
+    controller.refusal = code
+    with moved() as (mover, path):
+        mover.connect()
+        with pytest.raises(MotionError, match=f"a hand; {says}"):
+            mover.follow(path.at, path.duration, watch=watch)
+    assert controller.cancelled == 1
+
+
+def test_a_goal_that_ends_early_as_if_it_had_succeeded_is_no_motion(controller: Controller) -> None:
+    controller.lasts = 0.0
+    controller.arm.follows = False  # by less than the following error: nothing else notices it
+    with moved() as (mover, path):
+        start = mover.connect()
+        small = Straight(start, start + 0.05, path.duration)
+        with pytest.raises(MotionError, match=r"has ended the motion [0-9.]+ s too early"):
+            mover.follow(small.at, small.duration)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--action", "a b"], "--action: got 'a b', expected a ROS name"),
+        (["--action", ""], "--action: got '', expected a ROS name"),
+        (
+            ["--action", ACTION, "--measured", "states!"],
+            "--measured: got 'states!', expected a",
+        ),
+        (["--action", ACTION, "--namespace", "my arm"], "--namespace: got '/my arm', expected a"),
+        (["--action", ACTION, "--namespace", "/MTML"], "got '/MTML', expected that of arm mtmr"),
+    ],
+)
+def test_names_that_ros_does_not_accept_and_another_arm_s_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    words: list[str], says: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    plan_of("mtmr").save("plan.yaml")
+    assert run("dvrk_gravity.cli.collect", ["plan.yaml", "--out", "bag", "--yes", *words]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
 
 
 def test_without_its_messages_the_error_says_what_to_install(

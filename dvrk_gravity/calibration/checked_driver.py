@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Self
@@ -103,6 +104,7 @@ class CheckedDriver:
                 what kills the process then does not lose it, and after it.
         """
         self._driver, self.check, self._note = driver, LimitCheck(limits, arm), note
+        self._looked: deque[Path] = deque(maxlen=2)  # an approach, and what it leads to
         self.seconds = self.rehearsed = 0.0
         self.rehearsing = False
 
@@ -127,6 +129,17 @@ class CheckedDriver:
         """Hold the arm if it was moved; return whether hold was sent."""
         return self._driver.hold()
 
+    def look(self, path: Path, duration: float) -> None:
+        """Compare a path with the limits; :meth:`follow` does not do so again.
+
+        Of a long path it takes seconds, for which an arm under command must not be left alone.
+
+        Raises:
+            MotionError: It leaves them.
+        """
+        self.check.look(path, duration)
+        self._looked.append(path)
+
     def follow(
         self,
         path: Path,
@@ -140,7 +153,8 @@ class CheckedDriver:
         Raises:
             MotionError: The path leaves the limits; nothing has moved.
         """
-        self.check.look(path, duration)
+        if path not in self._looked:
+            self.look(path, duration)
         made = 0.0
 
         def moved(part: float) -> None:

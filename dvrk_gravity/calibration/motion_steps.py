@@ -134,8 +134,8 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
         try:
             found = collect(
                 plan, driver, bag, model=trusted_model(work, book), rehearse=of.rehearsal,
-                resume=True, limits=work.limits_now, consent=work.consent, report=lambda line: None,
-                progress=progress,
+                resume=True, limits=work.limits_now, look=driver.look, consent=work.consent,
+                report=lambda line: None, progress=progress,
             )  # fmt: skip
         except MotionStoppedError as error:
             raise MotionError(

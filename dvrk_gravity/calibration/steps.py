@@ -199,6 +199,8 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     poses, apart = np.zeros((0, work.arm.n)), 0.0
     while not len(poses) or len(drift) < len(poses):
         work.progress(step, len(drift) / max(len(poses), 1))
+        if work.limits_now is not None:
+            work.limits_now()
         with rig.driver() as moves:
             driver = CheckedDriver(moves, work.limits, work.arm, note)
             where = driver.connect()

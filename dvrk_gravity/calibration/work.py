@@ -58,8 +58,8 @@ class Work:
         namespace: Of its topics.
         seed: Of plans and poses.
         settings: How it is made.
-        limits_now: The same limits, asked before every phase of a motion; raises MotionError if
-            they have changed.
+        limits_now: The same limits, asked before every phase of a motion and every release; raises
+            MotionError if they have changed.
         consent: Asked before the arm moves.
         report: Receives lines.
         progress: Receives a step and its part that is done; or that of a stage, and its name.

@@ -151,12 +151,14 @@ def driver_of(arm: Arm, arguments: argparse.Namespace, name: str) -> Iterator[Dr
             yield driver
         return
     # Here and not above: rclpy is slow to load, and bad arguments need none of it.
-    from dvrk_gravity.ros import Client, Mover, TrajectoryMover, namespace_of
+    from dvrk_gravity.ros import Client, Mover, TrajectoryMover, namespace_of, require_name
 
     if arguments.action is not None:
+        for option in ("action", "measured"):
+            require_name(f"--{option}", getattr(arguments, option))
         remap = {"measured_js": arguments.measured}
         with (
-            Client(arguments.namespace or "/", name, remap) as client,
+            Client(namespace_of(arm, arguments.namespace or "/"), name, remap) as client,
             TrajectoryMover(
                 client, arm, arguments.action, arguments.rate, arguments.timeout
             ) as trajectory_mover,

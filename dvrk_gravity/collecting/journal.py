@@ -335,10 +335,11 @@ def discard(out: Path) -> None:
 
 
 def fingerprint(plans: Sequence[Plan]) -> str:
-    """Return a hash of the motions' positions."""
+    """Return a hash of the arm and of the motions' positions."""
     of = hashlib.sha256()
     for plan in plans:
-        of.update(" ".join((*plan.arm.joint_names, f"{plan.duration:.6f}")).encode())
+        names = (plan.arm.name, *plan.arm.joint_names)
+        of.update(" ".join((*names, f"{plan.duration:.6f}")).encode())
         positions = plan.at(np.linspace(0.0, plan.duration, _FINGERPRINT))[0]
         of.update((np.round(positions, 6) + 0.0).tobytes())
     return of.hexdigest()[:16]

@@ -12,7 +12,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting.driver import Driver, States
+from dvrk_gravity.collecting.driver import Driver, Path, States
 from dvrk_gravity.collecting.effort_watch import EffortWatch
 from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal, discard
 from dvrk_gravity.collecting.pace import Paced, resumed
@@ -91,6 +91,7 @@ def collect(
     rehearse: bool = True,
     resume: bool = False,
     limits: Callable[[], PlanLimits] | None = None,
+    look: Callable[[Path, float], None] = lambda path, duration: None,
     consent: Callable[[str], bool] = lambda question: True,
     report: Callable[[str], None] = print,
     progress: Callable[[str, float], None] = lambda phase, part: None,
@@ -111,6 +112,8 @@ def collect(
         rehearse: Whether to rehearse.
         resume: Go on with what an earlier process has begun; without one, begin.
         limits: What must be kept now, asked before every phase; ``None``: the plan's own.
+        look: Looks at a way that the driver is to follow, and its duration, s, or raises
+            MotionError. It may take its time: the arm is not on its way then.
         consent: Asked before the arm moves, and before it moves at full speed.
         report: Receives a line for each phase.
         progress: Receives phase and completed part.
@@ -126,7 +129,7 @@ def collect(
         seconds = sum(each.duration for each in plans)
         _require_space(journal, seconds, settings)
         work = _Collection(
-            plans, driver, journal, model, settings, limits, consent, report, progress
+            plans, driver, journal, model, settings, limits, look, consent, report, progress
         )
         if journal.found:
             report(f"going on with {journal.out}, which {journal.place()}")
@@ -151,13 +154,15 @@ class _Collection:
         model: TorqueModel | None,
         settings: CollectSettings,
         limits: Callable[[], PlanLimits] | None,
+        look: Callable[[Path, float], None],
         consent: Callable[[str], bool],
         report: Callable[[str], None],
         progress: Callable[[str, float], None],
     ) -> None:
         self._plans, self._driver, self._journal = plans, driver, journal
         self._model, self._settings, self._limits = model, settings, limits
-        self._consent, self._report, self._progress = consent, report, progress
+        self._look, self._consent = look, consent
+        self._report, self._progress = report, progress
         self._checked: list[PlanLimits | None] = [None] * len(plans)
         self._turns = np.zeros(plans[0].arm.n)  # of endless joints, rad
         self.longer = 0.0
@@ -242,13 +247,22 @@ class _Collection:
         of = f" {number + 1} of {len(self._plans)}" if len(self._plans) > 1 else ""
         journal.enter(number, phase, paced.begin, approaching=True)
         limits = self._require_paced(number, paced)
-        approach = Straight.within(where, paced.at(0.0)[0], limits, self._settings.approach)
-        if beyond := exceeded(approach, limits, plan.arm, self._model, UNSEEN):
-            raise MotionError(
-                f"the straight way to the plan's beginning {_excess(beyond)}: move the arm nearer "
-                "to the beginning by hand"
-            )
-        self._follow(number, f"approach{of}", approach, limits)
+        while True:
+            approach = Straight.within(where, paced.at(0.0)[0], limits, self._settings.approach)
+            if beyond := exceeded(approach, limits, plan.arm, self._model, UNSEEN):
+                raise MotionError(
+                    f"the straight way to the plan's beginning {_excess(beyond)}: move the arm "
+                    "nearer to the beginning by hand"
+                )
+            there, through = self._turned(approach), self._turned(paced)
+            self._look(there, approach.duration)
+            # Before the approach: between the two, the arm is under command and waits for nothing.
+            self._look(through, paced.duration)
+            self._follow(number, f"approach{of}", approach, there, limits)
+            if _same(self._limits_now(number), limits):
+                break
+            driver.hold()  # they were changed meanwhile, and are kept: to look at all takes time
+            limits, where = self._require_paced(number, paced), self._connect(number)
         journal.enter(number, phase, paced.begin, approaching=False)
         due = paced.begin
 
@@ -264,21 +278,28 @@ class _Collection:
                 bag.write(driver.topic, JOINT_STATE, data, time.time_ns())
 
         name = f"{phase}{of}{', recorded' if recorded else ''}"
-        longer = self._follow(number, name, paced, limits, record if recorded else None, progress)
+        longer = self._follow(
+            number, name, paced, through, limits, record if recorded else None, progress
+        )
         journal.mark(plan.duration, bag)
         return longer
 
-    def _follow(
-        self, number: int, name: str, way: Straight | Paced, limits: PlanLimits,
-        record: Callable[[bytes], None] | None = None,
-        progress: Callable[[float], None] = lambda part: None,
-    ) -> float:  # fmt: skip
-        """Drive the arm along a way, watched; return its excess over the planned time, s."""
-        plan, turns = self._plans[number], self._turns
+    def _turned(self, way: Straight | Paced) -> Path:
+        """Return a way in the turns in which endless joints are."""
+        turns = self._turns
 
         def turned(time: float | Array) -> States:
             position, velocity, acceleration = way.at(time)
             return position + turns, velocity, acceleration
+
+        return turned
+
+    def _follow(
+        self, number: int, name: str, way: Straight | Paced, path: Path, limits: PlanLimits,
+        record: Callable[[bytes], None] | None = None,
+        progress: Callable[[float], None] = lambda part: None,
+    ) -> float:  # fmt: skip
+        """Drive the arm along a way, watched; return its excess over the planned time, s."""
 
         def shown(part: float) -> None:
             progress(part)
@@ -286,8 +307,8 @@ class _Collection:
 
         self._report(f"{name}: {way.duration:.0f} s; Ctrl-C holds the arm")
         self._progress(name, 0.0)
-        watch = EffortWatch(way.at, plan.arm, limits.effort, self._model)
-        return self._driver.follow(turned, way.duration, record, shown, watch)
+        watch = EffortWatch(way.at, self._plans[number].arm, limits.effort, self._model)
+        return self._driver.follow(path, way.duration, record, shown, watch)
 
     def _require_paced(self, number: int, paced: Paced) -> PlanLimits:
         """Return the limits of now, which a motion keeps at its pace, too."""

@@ -15,7 +15,6 @@ of its first joint; where the arm limits the same sum, the stricter limits hold.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +34,7 @@ _RATES = ("velocity", "acceleration")
 KEYS = ("joints", "combinations", "boxes")
 # Of what is divided by: no arm is as slow, stands as short, or is as weak. Chosen.
 LEAST = 1e-6
+MOST = 1e9  # of any number: what a solver takes for infinite begins at 1e20. Chosen
 _ROUNDING = 1e-9  # of numbers that were written in degrees
 
 
@@ -163,8 +163,9 @@ def _combination(where: str, entry: Any, arm: Arm) -> Combination:
     for name, factor in of.items():
         if name not in arm.joint_names:
             raise ConfigError(f"{where}.of", name, f"joints of {', '.join(arm.joint_names)}")
-        if _number(f"{where}.of.{name}", factor) == 0.0:
-            raise ConfigError(f"{where}.of.{name}", factor, "a factor that is not zero")
+        if not LEAST <= abs(_number(f"{where}.of.{name}", factor)) <= 1.0 / LEAST:
+            expected = f"a factor that is not zero, of {LEAST:g} to {1.0 / LEAST:g}"
+            raise ConfigError(f"{where}.of.{name}", factor, expected)
     if len(of) < 2:
         raise ConfigError(f"{where}.of", dict(of), "at least two joints; one alone is in `joints`")
     if len(entry) < 2:
@@ -224,8 +225,8 @@ def _positive(where: str, value: Any) -> float:
 
 def _number(where: str, value: Any) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not abs(value) <= sys.float_info.max:  # an integer may be longer
-        raise ConfigError(where, value, "a finite number")
+    if not number or not abs(value) <= MOST:
+        raise ConfigError(where, value, f"a finite number, up to {MOST:g}")
     return float(value)
 
 

@@ -7,6 +7,7 @@ from .executor import PromptExecutor as PromptExecutor
 from .executor import PromptNode as PromptNode
 from .executor import kept_awake as kept_awake
 from .listening import listen as listen
+from .listening import on_position as on_position
 from .mover import MotionError as MotionError
 from .mover import Mover as Mover
 from .others import COMMANDS as COMMANDS
@@ -14,6 +15,7 @@ from .others import UNHEARD as UNHEARD
 from .others import SameTopic as SameTopic
 from .presence import OperatingState as OperatingState
 from .presence import namespace_of as namespace_of
+from .presence import require_name as require_name
 from .processes import ENVIRONMENT as ENVIRONMENT
 from .processes import PRIVATE as PRIVATE
 from .processes import NodeProcess as NodeProcess

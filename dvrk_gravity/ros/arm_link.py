@@ -37,7 +37,10 @@ class ArmLink:
         same_topic: Nodes that command it on ours.
         measured: Joints of ``measured_js``, in its order, in which commands are written.
         further: Those of them that the arm does not have.
+        unheard: What is missing where the arm measures and does not hear us.
     """
+
+    unheard = "nothing subscribes to servo_jp and hold"
 
     def __init__(
         self,

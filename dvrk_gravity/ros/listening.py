@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from sensor_msgs.msg import JointState
 
@@ -19,17 +19,12 @@ _TIMEOUT = 0.1  # s; positions after a longer silence are compared with none bef
 _PAUSE = 0.05  # s
 
 
-def listen(client: Client, arm: Arm) -> Iterator[Array | None]:
-    """Yield (n,) measured positions that are believed, until a signal asks for the end.
-
-    While nothing comes, ``None`` is yielded some times a second.
-    """
+def on_position(client: Client, arm: Arm, receive: Callable[[Array], None]) -> None:
+    """Call ``receive`` from now on with every (n,) measured position that is believed."""
     unpack, gate = JointStateReader().read, InputGate(arm)
     read = SampleReader(arm.joint_names, units=arm.units, arm=arm.name, held=arm.held).read
-    heard: list[Array | None] = []
-    ended: list[bool] = []
 
-    def receive(data: bytes) -> None:
+    def believe(data: bytes) -> None:
         try:
             fields = unpack(data)
             sample = read(
@@ -39,9 +34,19 @@ def listen(client: Client, arm: Arm) -> Iterator[Array | None]:
             admitted = gate.admit(sample, time.monotonic(), clock, _TIMEOUT, 0.0, False)
         except DroppedSampleError:
             return
-        heard.append(admitted.sample.position)
+        receive(admitted.sample.position)
 
-    client.node.create_subscription(JointState, MEASURED, receive, 100, raw=True)
+    client.node.create_subscription(JointState, MEASURED, believe, 100, raw=True)
+
+
+def listen(client: Client, arm: Arm) -> Iterator[Array | None]:
+    """Yield (n,) measured positions that are believed, until a signal asks for the end.
+
+    While nothing comes, ``None`` is yielded some times a second.
+    """
+    heard: list[Array | None] = []
+    ended: list[bool] = []
+    on_position(client, arm, heard.append)
     with asked_to_end(lambda: ended.append(True)):
         while not ended:
             client.spin_once(_PAUSE)

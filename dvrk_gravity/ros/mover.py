@@ -130,7 +130,7 @@ class Mover:
             )
         except ProcessError:
             missing = (
-                "nothing subscribes to servo_jp and hold"
+                self._link.unheard
                 if self._following.last is not None
                 else self._dropped or "nothing publishes it"
             )

@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.exceptions import InvalidNamespaceException
+from rclpy.exceptions import InvalidNamespaceException, InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.validate_namespace import validate_namespace
+from rclpy.validate_topic_name import validate_topic_name
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
@@ -51,6 +52,18 @@ def namespace_of(arm: Arm, given: str | None = None) -> str:
         raise ConfigError("--namespace", namespace, "a ROS namespace, as /MTMR") from error
     require_own(arm, namespace)
     return namespace
+
+
+def require_name(option: str, name: str) -> None:
+    """Refuse what cannot be the name of a topic or an action.
+
+    Raises:
+        ConfigError: Naming the option.
+    """
+    try:
+        validate_topic_name(name)
+    except InvalidTopicNameException as error:
+        raise ConfigError(option, name, "a ROS name, as /joint_states") from error
 
 
 def require_own(arm: Arm, namespace: str) -> None:

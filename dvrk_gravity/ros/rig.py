@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,12 +11,12 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.listening import on_position
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
 from dvrk_gravity.ros.others import node_names
 from dvrk_gravity.ros.presence import MEASURED
@@ -24,6 +25,9 @@ from dvrk_gravity.ros.processes import NodeProcess, ProcessError
 # An arm that has gone so far, rad (Arm.scale), drifts: it is held. Chosen: ten times what a
 # certificate allows, and less than what a hand beside the arm would be hurt by.
 AWAY = float(np.radians(5.0))
+# Without a measurement that is believed for so long its drift is not known, s. Chosen: the
+# compensator, which hears them itself, has ended long before where there are none.
+DEAF = 0.5
 SIMULATED_HAND = "simulator/push_jf"  # our simulator subscribes to it; no arm does
 _RATE = 200.0  # set points per second
 _STARTS = 30.0  # s, that a compensator may take until it commands
@@ -83,7 +87,7 @@ class RosRig:
         A joint that has gone away by :data:`AWAY` ends it early. The compensator holds the arm when
         it ends; if it is killed, the watchdog does.
         """
-        arm, found = self._arm, [pose]
+        arm, way, heard = self._arm, np.zeros(len(pose)), -math.inf
         given: dict[str, Any] = {
             "enabled": "true", "disable_builtin": "true", "timeout": self._timeout,
         }  # fmt: skip
@@ -93,13 +97,12 @@ class RosRig:
         watching = _words({"watchdog_timeout": self._timeout})
         with Client(self._namespace, "calibrate_release") as client:
 
-            def measured(message: JointState) -> None:
-                at = dict(zip(message.name, message.position, strict=False))
-                position = np.array([at.get(name, np.nan) for name in arm.joint_names])
-                if np.isfinite(position).all():  # as the compensator, which drops others
-                    found.append(position)
+            def measured(position: Array) -> None:
+                nonlocal way, heard
+                way, heard = np.maximum(way, np.abs(position - pose)), time.monotonic()
 
-            client.node.create_subscription(JointState, MEASURED, measured, 100)
+            # From where it was held: what it falls before it is known to be released counts.
+            on_position(client, arm, measured)
             client.watch_state("compensator")
             with (
                 NodeProcess("watchdog", *watching, namespace=self._namespace, of_arm=True),
@@ -119,14 +122,17 @@ class RosRig:
                     client.wait(settled, "the compensator to command", _STARTS)
                 except ProcessError as error:
                     raise MotionError(f"{error}: {client.state('compensator')}") from None
-                # From where it was held: what it falls before it is known to be released counts.
-                begun, way = time.monotonic(), np.abs(np.array(found) - pose).max(axis=0)
+                begun = time.monotonic()
                 while time.monotonic() < begun + seconds and (way < AWAY * arm.scale).all():
                     client.spin(0.05)
-                    way = np.maximum(way, np.abs(np.array(found[-40:]) - pose).max(axis=0))
                     if not commands():
                         why = client.state("compensator") or compensator.output[-300:]
                         raise MotionError(f"the compensator stopped: {why}")
+                    if time.monotonic() - heard > DEAF:
+                        raise MotionError(
+                            f"released, no measured_js was heard for {DEAF:g} s: how far it "
+                            "drifted is not known"
+                        )
             self._note_simulator(client.node)
         return way
 

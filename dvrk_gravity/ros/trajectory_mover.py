@@ -32,6 +32,10 @@ except ImportError:
 STEP = 0.05
 # Answers to a goal, its end, and a cancellation take so long at most, s. Chosen.
 PATIENCE = 2.0
+# A goal that ends earlier than the motion by more has not moved the arm along it, s. Chosen: its
+# last part is at rest, and measurements are up to 0.1 s old.
+EARLY = 0.5
+_REJECTED = 1  # action_msgs/srv/CancelGoal: ERROR_REJECTED; others mean that it has ended
 
 
 class _Nobody:
@@ -58,6 +62,7 @@ class TrajectoryLink:
         others: Nobody can be heard ...
         same_topic: ... but in the end of our goal.
         hold: Cancels the goal, after which the controller holds its position.
+        unheard: What is missing where the arm measures and has no controller.
     """
 
     def __init__(self, node: Node, arm: Arm, action: str) -> None:
@@ -72,6 +77,7 @@ class TrajectoryLink:
             )
         self._action = ActionClient(node, FollowJointTrajectory, action)
         self._name, self._arm = action, arm
+        self.unheard = f"no controller serves the action {action} (--action)"
         self.presence = Presence(node, any_subscriber=True)
         self.measured: tuple[str, ...] = ()
         self.further: tuple[str, ...] = ()
@@ -82,6 +88,7 @@ class TrajectoryLink:
             arm.joint_names, units=arm.units, gains=arm.drive_gains, arm=arm.name, held=arm.held
         ).read
         self.listen: Callable[[], None] = lambda: None
+        self._answer: Any = None  # future of the acceptance, while it is open
         self._goal: Any = None
         self._end: Any = None  # future of its result
         self._cancelled: Any = None  # future of a cancellation
@@ -113,11 +120,33 @@ class TrajectoryLink:
         """
         goal = FollowJointTrajectory.Goal()
         goal.trajectory = trajectory(self._arm, path, duration)
-        answer = self._action.send_goal_async(goal)
-        if not self._wait(answer) or not answer.result().accepted:
+        self._answer = self._action.send_goal_async(goal)
+        if not self._wait(self._answer):
+            raise MotionError(
+                f"{self._name}: the controller has not answered for {PATIENCE:g} s: it may still "
+                "take the trajectory"
+            )
+        answered, self._answer = self._answer.result(), None
+        if not answered.accepted:
             raise MotionError(f"{self._name}: the controller did not accept the trajectory")
-        self._goal = answer.result()
+        self._goal = answered
         self._end = self._goal.get_result_async()
+
+    def require_going(self, left: float) -> None:
+        """Raise MotionError if the goal has ended although so much of the motion is left, s."""
+        if left > EARLY and self._end is not None and self._end.done():
+            early = f"{self._name}: the controller has ended the motion {left:.1f} s too early"
+            raise MotionError(self._failure() or early)
+
+    def _failure(self) -> str:
+        """Return why the controller has ended the goal, ``""``: it has not, or with success."""
+        if self._end is None or not self._end.done():
+            return ""
+        result = self._end.result().result
+        if result.error_code == FollowJointTrajectory.Result.SUCCESSFUL:
+            return ""
+        why = result.error_string or f"error {result.error_code}"
+        return f"{self._name}: the controller has ended the motion: {why}"
 
     def finish(self) -> None:
         """Wait for the end of the goal.
@@ -127,20 +156,14 @@ class TrajectoryLink:
         """
         if not self._wait(self._end):
             raise MotionError(f"{self._name}: the controller does not come to the motion's end")
-        if reason := self.look(True, True)["goal"]:
-            raise MotionError(reason)
+        if failure := self._failure():
+            raise MotionError(failure)
         self._goal = self._end = None
 
     def look(self, active: bool, measuring: bool) -> dict[str, str]:
         """Return by cause why the arm must not be commanded; ``""``: it may."""
-        reason = ""
-        if self._end is not None and self._end.done():
-            result = self._end.result().result
-            if result.error_code != FollowJointTrajectory.Result.SUCCESSFUL:
-                why = result.error_string or f"error {result.error_code}"
-                reason = f"{self._name}: the controller has ended the motion: {why}"
         another = self.presence.two_measure() or self.presence.another_measures(active)
-        return {"goal": reason, "measured_js": another}
+        return {"goal": self._failure(), "measured_js": another}
 
     def send(self) -> None:
         """Cancel the goal: the controller then holds its position."""
@@ -150,8 +173,20 @@ class TrajectoryLink:
         self._goal = self._end = None
 
     def settle(self) -> bool:
-        """Return whether the cancellation was acknowledged, or none was needed."""
-        return self._cancelled is None or self._wait(self._cancelled)
+        """Return whether the cancellation was obeyed, or none was needed.
+
+        A goal of which nobody knows whether it was accepted is cancelled when it is.
+        """
+        if self._answer is not None:
+            answered = self._wait(self._answer)
+            if answered and self._answer.result().accepted:
+                self._cancelled = self._answer.result().cancel_goal_async()
+            self._answer = None
+            if not answered:
+                return False
+        if self._cancelled is None:
+            return True
+        return self._wait(self._cancelled) and self._cancelled.result().return_code != _REJECTED
 
     def _wait(self, future: Any) -> bool:
         end = time.monotonic() + PATIENCE
@@ -184,8 +219,10 @@ class TrajectoryMover(Mover):
         position, velocity, _ = path(0.0)
         self._command(position, velocity)  # refused where the arm is elsewhere
         self._link.begin(path, duration)
+        self._duration = duration
 
     def _advanced(self, moment: float, passed: float, of_arm: float) -> float:
+        self._link.require_going(self._duration - of_arm)
         return of_arm
 
     def _finish(self) -> None:
