@@ -293,6 +293,17 @@ def test_hidden_files_of_another_folder_stay(tmp_path, name):
     assert (tmp_path / name).read_text() == "mine"
 
 
+@pytest.mark.parametrize("changed", ["--limits", "--seed", "--arm"])
+def test_what_is_asked_for_may_change_until_a_step_is_done(tmp_path, changed):
+    Logbook.open(tmp_path, ASKED | {"--limits": "none can be kept"})
+    other = ASKED | {"--limits": "wider"} | {changed: "another"}
+    book = Logbook.open(tmp_path, other)
+    book.add("plan motion", "", (), {})
+    assert Logbook.open(tmp_path, other).asked == other
+    with pytest.raises(ConfigError, match=f"{changed}: .* was begun"):
+        Logbook.open(tmp_path, other | {changed: "a third"})
+
+
 def test_two_at_once_in_one_folder_are_refused(tmp_path):
     with alone_in(tmp_path, "--out"), pytest.raises(ConfigError, match="no other process"):
         calibrate(work_in(tmp_path, []))
@@ -681,7 +692,7 @@ def test_a_folder_is_gone_on_with_whether_or_not_it_was_rehearsed(
 
 
 def test_another_arm_than_the_folder_s_is_one_line(tmp_path, capsys):
-    Logbook.open(tmp_path, {"--arm": "psm"})
+    Logbook.open(tmp_path, {"--arm": "psm"}).add("plan motion", "", (), {})
     before = (tmp_path / "calibration.json").read_bytes()
     assert main(["calibrate", "--arm", "ecm", "--simulated", "--out", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()

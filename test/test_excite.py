@@ -17,7 +17,6 @@ import pytest
 from conftest import TIMEOUT
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.cli import excite
 from dvrk_gravity.command_line import run
 from dvrk_gravity.planning import (
     Move,
@@ -725,7 +724,7 @@ def test_the_simulator_is_driven_recorded_and_held(
     from dvrk_gravity.ros import NodeProcess
 
     out = tmp_path / "bag"
-    monkeypatch.setattr(excite, "PAUSED", -1.0)  # as if it had been kept waiting
+    monkeypatch.setattr("dvrk_gravity.cli.collect.PAUSED", -1.0)  # as if it had been kept waiting
     start = covering_motion(PlanLimits.of(Arm.load("mtmr")), 8.0, 4).middle
     where = f"initial_position:={start.tolist()}"
     with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:

@@ -95,7 +95,9 @@ class Logbook:
             MotionTally.total([begun] if begun else [])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ConfigError("", str(error), "a file as `calibrate` writes it", file) from None
-        for name in asked:  # earlier versions noted, too, what concerns no file: --no-rehearsal
+        # Nothing rests on what was asked for before the first step: limits that no motion keeps may
+        # be mended. Earlier versions noted, too, what concerns no file: --no-rehearsal.
+        for name in asked if entries or begun else ():
             if before.get(name) != asked.get(name):
                 raise ConfigError(
                     name, asked.get(name),
