@@ -19,6 +19,7 @@ import pytest
 from conftest import REPOSITORY
 from test_collect import PathDriver, plan_of
 
+from dvrk_gravity import __version__
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import (
@@ -131,17 +132,17 @@ def content(calibrated) -> dict:
     return json_file.load(calibrated[0] / CERTIFICATE)
 
 
-def before_the_release(uninterrupted, folder: Path) -> Path:
-    """Return a copy of the calibration in which only release and certificate are not done."""
+def as_before(step: str, uninterrupted, folder: Path) -> Path:
+    """Return a copy of the calibration in which a step, and those after it, are not done."""
     shutil.copytree(uninterrupted[0], folder)
     book = json_file.load(folder / "calibration.json")
-    steps = [entry for entry in book["steps"] if entry["step"] not in ("release", "certify")]
-    (folder / "calibration.json").write_text(json.dumps(book | {"steps": steps}))
+    done = [entry["step"] for entry in book["steps"]].index(step)
+    (folder / "calibration.json").write_text(json.dumps(book | {"steps": book["steps"][:done]}))
     return folder
 
 
 def test_limits_that_change_between_two_releases_end_them(uninterrupted, tmp_path, monkeypatch):
-    folder, released = before_the_release(uninterrupted, tmp_path / "again"), []
+    folder, released = as_before("release", uninterrupted, tmp_path / "again"), []
 
     def limits_now():
         if released:
@@ -156,6 +157,24 @@ def test_limits_that_change_between_two_releases_end_them(uninterrupted, tmp_pat
     with pytest.raises(MotionError, match="have changed"):
         calibrate(work_in(folder, [], limits_now=limits_now))
     assert len(released) == 1
+
+
+def test_a_recording_of_another_motion_is_not_taken_for_the_one_held_out(uninterrupted, tmp_path):
+    folder = as_before("collect second", uninterrupted, tmp_path / "again")
+    shutil.rmtree(folder / "second")
+    shutil.copytree(folder / "motion", folder / "second")
+    with pytest.raises(ConfigError, match=r"a recording of another motion.* one of second\.yaml"):
+        calibrate(work_in(folder, []))
+
+
+def test_steps_of_another_version_are_on_the_certificate(uninterrupted, tmp_path):
+    folder = as_before("certify", uninterrupted, tmp_path / "again")
+    book = json_file.load(folder / "calibration.json")
+    book["steps"][0]["version"] = "0.0.1"
+    (folder / "calibration.json").write_text(json.dumps(book))
+    made = calibrate(work_in(folder, []))["versions"]["dvrk_gravity"]
+    assert made == f"0.0.1, {__version__}"
+    assert made in (folder / "certificate.html").read_text()
 
 
 # Interrupted.

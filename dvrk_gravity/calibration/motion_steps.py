@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from dvrk_gravity.calibration.work import Outcome, Work, model_file, trusted_mod
 from dvrk_gravity.collecting import REHEARSAL, MotionStoppedError, collect, discard
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import load_unseparated
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
 from dvrk_gravity.planning import (
     Plan,
@@ -25,11 +27,15 @@ from dvrk_gravity.planning import (
     design_separation,
     series_basis,
 )
+from dvrk_gravity.recording import Recording
 
 _SURE = 0.95  # of the arms are to hold themselves at all poses of a release
 # Way from a pose to the nearest next one, as a part of the longest: of 20 poses of a UR5, .36.
 _WAY = 0.4
 _OTHER = 1000  # seeds of other motions are so much further
+# An arm that follows a path is no further beside it than this, rad (Arm.scale), in so many moments
+# of it. Chosen: above what stops a motion, 12 deg of a wrist's roll.
+_BESIDE, _MOMENTS = float(np.radians(15.0)), 200
 
 
 def plan_first(work: Work, book: Logbook, step: str) -> Outcome:
@@ -119,6 +125,7 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
         return Outcome()
     plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
     if bag.exists():
+        _require_of(plan, bag)
         discard(bag)  # what a process that was killed just then has left
         # How the arm was moved was noted then.
         return Outcome(f"{plan.duration:g} s, recorded before", (bag,), MotionTally(0.0, 0.0))
@@ -143,3 +150,23 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
                 f"{error.why}; the same command goes on from there"
             ) from error
     return Outcome(f"{found.samples} samples in {name}", (bag,), driver.motion())
+
+
+def _require_of(plan: Plan, bag: Path) -> None:
+    """Check that a recording went all along a plan: another one would be taken for this one's.
+
+    Raises:
+        ConfigError: It did not.
+        RecordingError: It cannot be read.
+    """
+    from scipy.spatial import KDTree
+
+    recording = Recording.load(bag)
+    recorded = recording.position[:, [recording.joint(name) for name in plan.arm.joint_names]]
+    recorded = (recorded - plan.limits.turns(plan.arm, recorded[0])) / plan.arm.scale
+    path = plan.at(np.linspace(0.0, plan.duration, _MOMENTS))[0] / plan.arm.scale
+    if KDTree(recorded).query(path, p=np.inf)[0].max() > _BESIDE:
+        raise ConfigError(
+            "", "a recording of another motion", f"one of {bag.name}.yaml; remove it, to record "
+            "that motion", bag,
+        )  # fmt: skip

@@ -241,7 +241,7 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     certificate = certify(
         work.arm, work.settings, fit, check, release, diagnosis, book.total,
         namespace=work.namespace, simulated=release["simulated"],
-        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(),
+        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(book),
         files=book.files, model=MODEL,
     )  # fmt: skip
     evaluation = evaluate(work.at(MODEL), [str(work.at("second"))], MEASURED)
@@ -251,8 +251,10 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     return Outcome(certificate.verdict, (page, work.at(CERTIFICATE)))
 
 
-def _versions() -> dict[str, str]:
-    found = {"dvrk_gravity": __version__, "python": platform.python_version()}
+def _versions(book: Logbook) -> dict[str, str]:
+    """Return the versions that the steps were made with; of other software, that of now."""
+    own = dict.fromkeys([*(entry.version for entry in book.entries), __version__])
+    found = {"dvrk_gravity": ", ".join(own), "python": platform.python_version()}
     for name in _SOFTWARE:
         try:
             found[name] = version(name)

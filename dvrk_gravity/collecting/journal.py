@@ -129,8 +129,8 @@ class Journal:
     @classmethod
     def _read(cls, path: Path, out: Path, plans: Sequence[Plan]) -> Journal:
         content = json_file.load(path)
-        if content.pop("format", None) != FORMAT:
-            raise ConfigError("format", None, f"{FORMAT}, as `collect` writes it", path)
+        if (written := content.pop("format", None)) != FORMAT:
+            raise ConfigError("format", written, f"{FORMAT}, as `collect` writes it", path)
         try:
             parts = [RecordedPart(**part) for part in content.pop("parts")]
             found = cls(out, parts=parts, found=True, **content)
