@@ -46,6 +46,18 @@ def quantity(value: float, unit: str, half: float = 0.0) -> str:
     return f"{text} {name}".rstrip()
 
 
+def in_one_unit(values: Sequence[float], unit: str) -> list[str]:
+    """Return each of some numbers with the unit that suits the largest, to compare them.
+
+    Args:
+        values: In SI units.
+        unit: SI unit, as for :func:`quantity`.
+    """
+    factor, name = _suited(max(map(abs, values)), unit)
+    texts = (_written([value * factor], 0.0)[0][0] for value in values)
+    return [f"{text} {name}".rstrip() for text in texts]
+
+
 def interval(value: float, low: float, high: float, unit: str) -> str:
     """Return a number with both ends of its interval: `12.30 (11.90 to 13.40) mN·m`.
 
@@ -63,18 +75,28 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
 
 def _shown(values: Sequence[float], half: float, unit: str) -> tuple[list[str], str, str]:
     """Return values and half an interval in the unit that suits them, to the interval's digits."""
-    size = max(half, *map(abs, values))
+    factor, name = _suited(max(half, *map(abs, values)), unit)
+    texts, spread = _written([value * factor for value in values], half * factor)
+    return texts, spread, name
+
+
+def _suited(size: float, unit: str) -> tuple[float, str]:
+    """Return factor and name of the unit that suits a size, in SI units."""
     factor, name = 1.0, _superscript(unit)
     for least, larger, shown in _UNITS.get(unit, ()):
         if size >= least or size == 0.0:
             factor, name = larger, shown
-    numbers, width = [value * factor for value in values], half * factor
+    return factor, name
+
+
+def _written(numbers: Sequence[float], width: float) -> tuple[list[str], str]:
+    """Return numbers and half an interval, to the interval's digits."""
     decimals = _decimals(max(numbers, key=abs), width)
     if decimals is None:
-        return [f"{number:.{_DIGITS}g}" for number in numbers], f"{width:.{_OF_HALF}g}", name
+        return [f"{number:.{_DIGITS}g}" for number in numbers], f"{width:.{_OF_HALF}g}"
     # Adding zero makes 0 of -0.
     texts = [f"{round(number, decimals) + 0.0:.{decimals}f}" for number in numbers]
-    return texts, f"{width:.{decimals}f}", name
+    return texts, f"{width:.{decimals}f}"
 
 
 def fixed(size: float, decimals: int) -> str:

@@ -392,6 +392,25 @@ def certified_with(folder: Path, **changed) -> tuple[str, ...]:
     ).reasons  # fmt: skip
 
 
+def test_what_there_is_no_sign_of_was_not_found_but_stays_unknown(calibrated):
+    folder, _ = calibrated
+    fit, check, release = (
+        json_file.load(folder / name) for name in ("model_0.json", "check.json", "release.json")
+    )
+    pairs = [
+        {"sentence": "a zero and a tilt, no sign of either", "suspected": False},
+        {"sentence": "a zero or another, 0.2 deg", "suspected": True},
+    ]
+    motion = MotionTally(60.0, 0.0, 60_000, 0.9, "velocity of yaw")
+    found = certify(
+        ARM, BRIEF, fit, check, release, {"findings": [], "ambiguities": pairs}, motion,
+        namespace="/ECM", simulated="", date="", versions={}, files={}, model="model.yaml",
+    )  # fmt: skip
+    assert found.findings == ("a zero or another, 0.2 deg",)
+    assert "a zero and a tilt, no sign of either" in found.unknown
+    assert "a zero or another, 0.2 deg" not in found.unknown
+
+
 def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
     folder, _ = calibrated
     good = {
@@ -496,7 +515,8 @@ def test_a_joint_that_friction_may_not_hold_is_measured_further(
     folder = tmp_path / "copy"
     shutil.copytree(uninterrupted[0], folder)
     findings = json_file.load(folder / "diagnosis_0.json")
-    (folder / "diagnosis_0.json").write_text(json.dumps({**findings, "unseparated": {"pairs": []}}))
+    clear = {"next": None, "unseparated": {"pairs": []}}
+    (folder / "diagnosis_0.json").write_text(json.dumps({**findings, **clear}))
     known = json_file.load(folder / "model_0.json", finite=False)
     held = {"part": part, "least": "pitch"}
     (folder / "model_0.json").write_text(json.dumps({**known, "held": held}))
@@ -509,6 +529,31 @@ def test_a_joint_that_friction_may_not_hold_is_measured_further(
 
 
 # Further motions.
+def test_no_search_is_begun_for_causes_that_no_motion_separates(calibrated, tmp_path, monkeypatch):
+    folder = tmp_path / "copy"
+    shutil.copytree(calibrated[0], folder)
+    findings = folder / "diagnosis_0.json"
+    found = json_file.load(findings)
+    pairs = [{"between": [{"effect": "payload"}, {"effect": "link_com"}]}]
+    findings.write_text(
+        json.dumps({**found, "next": None, "unseparated": {"pairs": pairs}}, allow_nan=False)
+    )
+    known = json_file.load(folder / "model_0.json", finite=False)
+    (folder / "model_0.json").write_text(
+        json.dumps({**known, "held": {"part": 1.0, "least": ARM.joint_names[0]}})
+    )
+    (step,) = (step for step in all_steps(BRIEF) if step.name == "plan further_1")
+    entries = Logbook.open(calibrated[0], ASKED).entries
+    book = Logbook(folder, ASKED, [e for e in entries if not e.step.endswith("_1")])
+    outcome = step.run(work_in(folder, []), book, step.name)
+    assert outcome.said == "no motion within the limits can separate what the diagnosis found"
+    assert outcome.paths == ()
+    findings.write_text(json.dumps({**found, "next": None, "unseparated": {"pairs": []}}))
+    work = work_in(folder, [])
+    short = replace(work, settings=replace(BRIEF, longest=1.0))
+    assert step.run(short, book, step.name).said == ""  # no want, of which time would be none
+
+
 @pytest.mark.parametrize("separates", [True, False])
 def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     calibrated, separates, tmp_path, monkeypatch
@@ -517,7 +562,8 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     shutil.copytree(calibrated[0], folder)
     findings = folder / "diagnosis_0.json"
     found = json_file.load(findings)
-    findings.write_text(json.dumps({**found, "unseparated": {"pairs": [{}]}}))
+    task = {"next": "plan --separate", "unseparated": {"pairs": [{}]}}
+    findings.write_text(json.dumps({**found, **task}))
     known = json_file.load(folder / "model_0.json", finite=False)
     held = {"part": 1.0, "least": ARM.joint_names[0]}
     (folder / "model_0.json").write_text(json.dumps({**known, "held": held}))

@@ -197,6 +197,23 @@ def test_a_tilt_and_the_shoulders_zero_are_alike_in_a_plane_and_apart_in_space()
     assert not _tilt_and_shoulder(full)
 
 
+def test_what_there_is_no_sign_of_is_no_task_for_a_plan():
+    """Also not where nothing else was found; a sign of one makes it a task."""
+    poses = _poses((1, 2, 4))
+    off = poses.position + np.radians([0.0, 0.09, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for position, asked in ((poses.position, False), (off, True)):
+        found = diagnose(replace(poses, position=position), KNOWN.model()).to_dict()
+        assert bool(found["unseparated"]["pairs"]) == asked
+        assert bool(found["next"]) <= asked
+        (both,) = [
+            each
+            for each in found["ambiguities"]
+            if {"joint_offset", "base_tilt"} == {cause["effect"] for cause in each["between"]}
+            and "shoulder_pitch" in each["between"][0]["joints"] + each["between"][1]["joints"]
+        ]
+        assert both["suspected"] == asked
+
+
 def test_of_two_that_are_alike_sizes_are_told_where_there_is_a_sign_of_them():
     poses = _poses((1, 2, 4))
     off = poses.position + np.radians([0.0, 0.09, 0.0, 0.0, 0.0, 0.0, 0.0])

@@ -29,6 +29,7 @@ from dvrk_gravity.planning import (
     PlanLimits,
     PoseSettings,
     PriorKnowledge,
+    Slack,
     SolverSettings,
     condition_number,
     covering_motion,
@@ -345,7 +346,48 @@ def test_a_search_that_counts_finds_the_same_motion_however_slow_the_computer(ec
     assert shares[-1] == 1.0
 
 
+# What is printed.
+def test_what_is_known_before_and_after_is_compared_in_one_unit(planned):
+    """The smaller one keeps three digits."""
+    values = (
+        ("mcx(link2)", "kg·m", 0.002, 1.37e-7),
+        ("coulomb_friction.joint[yaw]", "N·m", 2.0, 0.03),
+    )
+    design = replace(planned, parameters=values)
+    head, *rows = design_text(design, had_model=False)
+    assert head.split()[-2:] == ["prior", "expected"]
+    assert rows[0].split()[1:] == ["200", "g·cm", "0.0137", "g·cm"]
+    assert rows[1].split()[1:] == ["2.00", "N·m", "0.0300", "N·m"]
+
+
+# Limits that leave one joint little.
+@pytest.mark.parametrize("width", [1e-5, 0.02])  # rad, of the roll's range
+def test_a_joint_of_little_room_leaves_the_others_theirs(ecm, width):
+    wide = PlanLimits.of(ecm)
+    lower, upper = wide.lower.copy(), wide.upper.copy()
+    lower[3], upper[3] = 0.1, 0.1 + width
+    limits = replace(wide, lower=lower, upper=upper)
+    ways = []
+    for of in (wide, limits):
+        motion = design_motion(ecm, of, series_basis(DURATION), settings=BRIEF).plan.motion
+        assert min(each.left for each in slacks(motion, of, ecm)) >= 0.0
+        q = motion.at(np.linspace(0.0, DURATION, 2000))[0]
+        ways.append(np.ptp(q, axis=0)[:3])
+    assert (ways[1] > 0.7 * ways[0]).all()
+
+
 # Limits that leave nothing.
+def test_the_limit_that_is_named_is_the_one_that_is_exceeded_most_by_its_own_size(ecm, monkeypatch):
+    """And not by a number that is a speed, an angle or a length."""
+    found = [
+        Slack("velocity", "yaw", 1.01, -0.9, "rad/s"),
+        Slack("position", "insertion", 3.0, -0.02, "m"),
+    ]
+    monkeypatch.setattr("dvrk_gravity.planning.optimal.slacks", lambda *of: found)
+    with pytest.raises(PlanError, match="the position of insertion would have to give 20"):
+        design_motion(ecm, PlanLimits.of(ecm), series_basis(DURATION), settings=BRIEF)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -146,13 +146,14 @@ def certify(
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
     unknown = (
         *_uncertain(joints), *_beyond(joints), *_with_less_friction(settings, joints),
+        *(each["sentence"] for each in diagnosis["ambiguities"] if not each["suspected"]),
         *fit["identifiability"]["statements"], *check["outside"],
         *([] if release["poses"] else [release["why"]]),
     )  # fmt: skip
     findings = tuple(
         f"{each['sentence']}" + ("" if each["certainty"] == "certain" else " (perhaps)")
         for each in diagnosis["findings"]
-    ) + tuple(each["sentence"] for each in diagnosis["ambiguities"])
+    ) + tuple(each["sentence"] for each in diagnosis["ambiguities"] if each["suspected"])
     verdict = _verdict(arm, known["simulated"], joints, worst, release, reasons)
     return Certificate(
         arm=arm.name, reasons=reasons, verdict=verdict, joints=joints, poses=len(worst),

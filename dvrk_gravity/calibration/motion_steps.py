@@ -66,11 +66,17 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     of, model = work.settings, trusted_model(work, book)
     if model is None or (book.recorded(f"further_{k - 1}") is None and k > 1):
         return Outcome()
+    findings = work.at(f"diagnosis_{k - 1}.json")
+    found = json_file.load(findings)
+    known = json_file.load(work.at(model_file(k - 1)).with_suffix(".json"), finite=False)["held"]
+    holds = known["part"] >= _SURE ** (1.0 / of.poses)
+    if holds and not found["next"]:
+        never = "no motion within the limits can separate what the diagnosis found"
+        return Outcome(never if found["unseparated"]["pairs"] else "")
     if not _leaves_time(work, book):
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
-    seed, name, said = work.seed + k * _OTHER + _OTHER, f"further_{k}", ""
-    findings = work.at(f"diagnosis_{k - 1}.json")
-    if json_file.load(findings)["unseparated"]["pairs"]:
+    seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
+    if found["next"]:
         usual = SeparationSettings()
         design = design_separation(
             load_unseparated(findings, work.at(model_file(0))), work.limits, of.further,
@@ -80,10 +86,8 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
         if design.separates:
             apart = next(each.words for each in design.expected if each.separates)
             return _planned(work, name, design.plan, f"{of.further:.3g} s, to separate {apart}")
-        said = f"no further motion is sure to separate {design.expected[0].words}"
-    known = json_file.load(work.at(model_file(k - 1)).with_suffix(".json"), finite=False)["held"]
-    if known["part"] >= _SURE ** (1.0 / of.poses):
-        return Outcome(said)
+        if holds:
+            return Outcome(f"no further motion is sure to separate {design.expected[0].words}")
     informative = design_motion(
         work.arm, work.limits, series_basis(of.further), model, seed,
         _search(of.search // 2), partial(work.progress, step),

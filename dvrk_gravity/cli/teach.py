@@ -83,13 +83,13 @@ def _listen(arm: Arm, given: str | None, taught: TaughtLimits) -> None:
             if time.monotonic() >= due:
                 due = time.monotonic() + EVERY
                 before, after = ("\r\033[K", "") if terminal else ("", "\n")
-                print(f"{before}{_line(taught)}", end=after, file=sys.stderr, flush=True)
+                nothing = f"nothing on {namespace}/measured_js yet"
+                line = _line(taught) if taught.samples else nothing
+                print(f"{before}{line}", end=after, file=sys.stderr, flush=True)
     if terminal:
         print(file=sys.stderr)
 
 
 def _line(taught: TaughtLimits) -> str:
-    if not taught.samples:
-        return "nothing heard yet"
     return "shown: " + ", ".join(f"{name} {100 * part:.0f} %"
                                  for name, part in taught.coverage.items())  # fmt: skip

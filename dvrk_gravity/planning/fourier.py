@@ -180,7 +180,7 @@ class FourierMotion:
         ]
         return time, np.array(extra) * step**2 / 8.0
 
-    def scaled(self, about: Array, factor: float) -> FourierMotion:
-        """Return the motion moved towards (n,) positions: all of it, to ``factor`` of its way."""
+    def scaled(self, about: Array, factor: float | Array) -> FourierMotion:
+        """Return the motion moved towards (n,) positions: to one or (n,) ``factor`` of it."""
         middle = about + factor * (self.middle - about)
         return FourierMotion(self.basis, middle, factor * self.coefficients)

@@ -106,6 +106,26 @@ def slacks(
     return found
 
 
+def kept_parts(motion: Path, limits: PlanLimits, about: Array) -> Array:
+    """Return (n,) the largest parts of the joints' ways about (n,) positions that they may go.
+
+    By their own limits of position, velocity and acceleration, between grid points, too.
+    """
+    n = len(about)
+    time, between = motion.grid(STEP, np.eye(n))
+    parts = np.ones(n)
+    for start in range(0, len(time), _BLOCK):
+        at = slice(start, start + _BLOCK)
+        (q, qd, qdd), extra = motion.at(time[at]), between[:, at]
+        ways = [q - about + extra[0], about - q + extra[0], abs(qd) + extra[1], abs(qdd) + extra[2]]
+        room = [limits.upper - about, about - limits.lower, limits.velocity, limits.acceleration]
+        for way, most in zip(ways, room, strict=True):
+            peak = way.max(axis=0)
+            part = np.divide(most, peak, out=np.ones(n), where=peak > most)
+            parts = np.minimum(parts, part)
+    return np.where(parts < 1.0, (1.0 - ROUNDING) * parts, 1.0)
+
+
 def exceeded(
     motion: Path,
     limits: PlanLimits,

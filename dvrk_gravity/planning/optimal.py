@@ -22,7 +22,7 @@ from dvrk_gravity.errors import PlanError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.information import Objective
-from dvrk_gravity.planning.keeping import efforts, outside, slacks
+from dvrk_gravity.planning.keeping import efforts, kept_parts, outside, slacks
 from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.places import levers
 from dvrk_gravity.planning.resting import resting_positions
@@ -357,18 +357,25 @@ class MotionSearch:
     def _kept(self, x: Array) -> FourierMotion:
         """Return the motion, moved towards rest as far as it takes to keep all limits.
 
+        First each joint alone, towards the middle of its range, as far as its own limits take it,
+        so that one of little room leaves the others theirs; then all of them.
+
         Raises:
             PlanError: Only the position at rest itself keeps them.
         """
         motion, about = self._motion(x), self.rest[0]
+        lower, upper = self.limits.lower, self.limits.upper
+        with np.errstate(invalid="ignore"):
+            half_way = np.where(np.isfinite(upper - lower), 0.5 * (lower + upper), motion.middle)
+        motion = motion.scaled(half_way, kept_parts(motion, self.limits, half_way))
         low, high, kept, beyond = 0.0, 1.0, None, None
         factor = high
         for _ in range(_HALVINGS):
             tried = motion.scaled(about, factor)
             found = slacks(tried, self.limits, self.arm, self.model)
-            worst = max(found, key=lambda each: -each.left if each.left < 0.0 else -np.inf)
-            if worst.left < 0.0:
-                high, beyond = factor, worst
+            over = [each for each in found if each.left < 0.0]
+            if over:
+                high, beyond = factor, max(over, key=lambda each: each.used)
             else:
                 low, kept = factor, tried
             if low == 1.0:

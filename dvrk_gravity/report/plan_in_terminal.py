@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from dvrk_gravity.planning import MotionDesign, SeparationDesign, Slack
-from dvrk_gravity.units import quantity
+from dvrk_gravity.units import in_one_unit, quantity
 
 _COLUMN = 20  # characters
 _PAIRS = 12  # of causes that are shown, those that are separated worst
@@ -29,7 +29,7 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
     before = "now" if had_model else "prior"
     yield f"{'standard error of':<{broad}}{before:>{_COLUMN}}{'expected':>{_COLUMN}}"
     for name, unit, known, expected in design.parameters:
-        shown = (quantity(value, unit) for value in (known, expected))
+        shown = in_one_unit((known, expected), unit)
         yield f"{name:<{broad}}" + "".join(f"{each:>{_COLUMN}}" for each in shown)
     yield ""
     yield from _tightest(design.slacks)
@@ -46,7 +46,7 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
     if ways:
         yield (
             f"teaches next to nothing about {', '.join(ways)}: so little counts as standing still; "
-            "widen the limits, or expect no model that compensates there"
+            "widen the limits (degrees in a file), or expect no model that compensates there"
         )
 
 

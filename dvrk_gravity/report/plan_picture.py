@@ -43,10 +43,13 @@ def plan_picture(plan: Plan) -> bytes:
         axes.grid(alpha=0.25)
         axes.tick_params(labelbottom=k in (rows - 1, arm.n - 1))
     upper.supxlabel("time [s]", fontsize=10)
+    upper.suptitle(f"{arm.name}, {plan.duration:.4g} s (dashed: limits)", fontsize=10)
     link = tip(arm)
     path = link_origins(arm, (link,), q)[:, 0]
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
     half = 0.55 * max(float(np.ptp(path, axis=0).max()), 0.02)
+    seen = f"path of {link} in the base frame (dot: start{'; dark: boxes' * bool(limits.boxes)})"
+    lower.suptitle(seen, fontsize=10)
     for axes, (x, y, title) in zip(lower.subplots(1, 3), _SIDES, strict=True):
         axes.plot(path[:, x], path[:, y], color=_PATH, linewidth=0.8)
         axes.plot(path[0, x], path[0, y], "o", color=_ENDS, markersize=5)
@@ -62,6 +65,6 @@ def plan_picture(plan: Plan) -> bytes:
             axes.add_patch(Rectangle(corner, *sides, color=_BOX, alpha=0.15))
         axes.set_xlabel(f"{'xyz'[x]} [m]")
         axes.set_ylabel(f"{'xyz'[y]} [m]")
-        axes.set_title(f"{link}, {title}", fontsize=9)
+        axes.set_title(title, fontsize=9)
         axes.grid(alpha=0.25)
     return png(figure)

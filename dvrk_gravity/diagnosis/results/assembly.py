@@ -122,8 +122,6 @@ def report(
     unseparated = ambiguities(validation, named, posterior.pool)
     several = [finding.rivals for finding in findings if finding.rivals]
     several += [each.rivals for each in unseparated if each.suspected]
-    # Where there is no sign of any, a plan may still show that there is none.
-    several = several or [each.rivals for each in unseparated]
     return Diagnosis(
         verdict=_verdict(findings, different or bool(grown)),
         findings=tuple(findings),

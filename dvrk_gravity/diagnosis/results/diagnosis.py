@@ -236,6 +236,7 @@ class Diagnosis(Tabular):
                     "between": [ambiguity.first.to_dict(), ambiguity.second.to_dict()],
                     "overlap": ambiguity.overlap,
                     "sentence": ambiguity.sentence,
+                    "suspected": ambiguity.suspected,
                     "next": self.separating(ambiguity) or None,
                 }
                 for ambiguity in self.ambiguities

@@ -91,7 +91,7 @@ def _ambiguity(
         contenders.append(
             Contender(
                 candidate.hypothesis.effect, candidate.hypothesis.names, alone, together, gain,
-                gain > SelectionSettings().equal_least * largest,
+                bool(gain > SelectionSettings().equal_least * largest),
                 validation.data.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip
