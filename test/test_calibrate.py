@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from argparse import ArgumentParser
+from collections.abc import Iterator
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -59,15 +60,24 @@ from dvrk_gravity.report import (
     plan_picture,
 )
 from dvrk_gravity.simulate import PlantFile
+from testing.world import COARSE
 
-pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures", "coarse_steps")
 
 ARM = Arm.load("ecm")
 BRIEF = CalibrationSettings(
-    motion=12.0, check=9.0, further=9.0, rounds=1, search=5, poses=3, seconds=1.0,
+    motion=10.0, check=9.0, further=9.0, rounds=1, search=2, poses=3, seconds=0.5,
     rehearsal=False,
 )  # fmt: skip
 ASKED = {"--arm": "ecm", "--seed": "1"}
+
+
+@pytest.fixture(scope="module")
+def coarse_steps() -> Iterator[None]:
+    """Simulate in steps of half a set point's time: what a calibration does is the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dvrk_gravity.collecting.simulated.STEP", COARSE)
+        yield
 
 
 class KilledError(Exception):

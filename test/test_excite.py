@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -727,11 +728,21 @@ def test_the_simulator_is_driven_recorded_and_held(
     monkeypatch.setattr("dvrk_gravity.cli.collect.PAUSED", -1.0)  # as if it had been kept waiting
     start = covering_motion(PlanLimits.of(Arm.load("mtmr")), 8.0, 4).middle
     where = f"initial_position:={start.tolist()}"
-    with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
-        words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
-        words += ["--namespace", PRIVATE, "--no-rehearsal", "--timeout", "1"]
-        assert run("dvrk_gravity.cli.excite", words) == 0, simulator.output
-    said = capsys.readouterr().out
+    words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
+    words += ["--namespace", PRIVATE, "--no-rehearsal", "--timeout", "1"]
+    # A machine that stands still holds the arm, rightly: begin anew, as a person would. It spoils
+    # one of three, not each.
+    for attempt in range(3):
+        with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
+            status = run("dvrk_gravity.cli.excite", words)
+        said, error = capsys.readouterr()
+        if status == 0:
+            break
+        assert attempt < 2, (error, simulator.output)
+        assert "sent hold" in error
+        stood_still = "no valid measured_js for" in error or "was suspended for" in error
+        assert stood_still or "behind real time: skipped" in simulator.output, error
+        shutil.rmtree(f"{out}.unfinished")
     assert "Next: identify" in said
     assert "s longer than its 8 s" in said
     recording = Recording.load(out)
