@@ -298,6 +298,25 @@ def test_poses_are_chosen_where_two_springs_differ_at_rest(unclear):
     assert np.ptp(pitch) > 0.5 * (limits.upper - limits.lower)[1]
 
 
+def test_a_joint_that_stands_still_shows_nothing_for_friction_holds_it(model):
+    """So a plan moves it, where its torques at rest alone differ most."""
+    standing = passed(model)
+    standing = replace(standing, qd=standing.qd * (np.arange(model.arm.n) != 1))
+    offset, rest = (cause(standing, "torque_offset", joint, 1.0, 0.0) for joint in (1, 2))
+
+    def gram_of(arm: Arm) -> np.ndarray:
+        pairs = contest(replace(model, arm=arm), (offset, rest)).unseparated()
+        objective = pairs.objective(10.0).over(standing.time)
+        state = State(standing.q, standing.qd, standing.qdd)
+        return np.diag(objective.gram(state, np.full(len(standing.q), 0.03)))
+
+    rubbing, smooth = gram_of(model.arm), gram_of(replace(model.arm, frictionless=("pitch",)))
+    assert rubbing[0] == 0.0
+    assert smooth[0] > 0.0
+    assert rubbing[1] == pytest.approx(smooth[1])
+    assert rubbing[1] > 0.0
+
+
 def test_what_is_the_same_torque_everywhere_is_said_to_be(model):
     motion = passed(model)
     offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
@@ -335,12 +354,24 @@ def test_a_diagnosis_says_what_no_motion_separates_and_names_no_command(model):
     offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
     twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
     same = contest(model, (offset, twin))
-    line = "can separate torque_offset at pitch from torque_offset at yaw"
+    line = "is expected to separate torque_offset at pitch and torque_offset at yaw"
     assert same.inseparable((offset, twin)) == f"no motion of this arm within its limits {line}"
     diagnosis = found(same)
     assert diagnosis.separated_by == ""
     assert line in " ".join(" ".join(diagnosis_text(diagnosis)).split())
     assert line in diagnosis_page(diagnosis, ["run.csv"])
+
+
+def test_of_what_no_motion_rules_out_each_cause_is_named_with_what_stands_beside_it(model):
+    motion = passed(model, part=0.2)
+    spring = cause(motion, "elastic_cable", 1, [0.5, 0.02], 0.05)
+    offset = cause(motion, "torque_offset", 1, 0.5, 0.05)
+    both = replace(contest(model, (offset, spring)), coherent=10.0 * np.ones(model.arm.n))
+    assert both.inseparable((offset, spring)) == (
+        "no motion of this arm within its limits is expected to rule out torque_offset at pitch, "
+        "if it is elastic_cable at pitch"
+    )
+    assert both.inseparable((offset,)) == ""
 
 
 def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):

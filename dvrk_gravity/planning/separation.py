@@ -92,18 +92,17 @@ class Unseparated:
         )  # fmt: skip
 
     def hidden(self, limits: PlanLimits) -> list[tuple[bool, bool]]:
-        """Return of each rivalry whether no motion within limits shows the first, or the second.
+        """Return of each rivalry whether no motion is expected to show the first, or the second.
 
-        Of at most ten minutes, at any positions, velocities and accelerations. See
+        Within limits, where the model was identified, in ten minutes. See
         :meth:`Separation.hidden`.
 
         Raises:
             PlanError: Limits that no position keeps.
         """
         arm, random = self.model.arm, np.random.default_rng(0)
-        q = resting_positions(limits, arm, None, random, _ANYWHERE)
-        # In every direction or at rest, at all speeds: the torque of most is greatest at an edge.
-        rates = random.choice([-1.0, 0.0, 1.0], (2, *q.shape)) * random.uniform(size=(2, len(q), 1))
+        q = resting_positions(_as_identified(limits, self.model), arm, None, random, _ANYWHERE)
+        rates = random.uniform(-1.0, 1.0, (2, *q.shape))
         state = State(q, rates[0] * limits.velocity, rates[1] * limits.acceleration)
         return self.objective(_LONGEST).hidden(state, _LONGEST)
 
@@ -250,24 +249,24 @@ def _poses(
 
 
 def nothing_shows(rivalry: Rivalry, hidden: tuple[bool, bool]) -> str:
-    """Return what no motion within limits separates; ``""`` if one may separate all.
+    """Return what no motion within limits is expected to separate; ``""`` if one may separate all.
 
     Args:
         rivalry: Two causes.
-        hidden: Whether no motion shows the first if it is true, and whether none the second.
+        hidden: Whether none is expected to show the first if it is true, and the second.
     """
     if all(none or not wanted for none, wanted in zip(hidden, rivalry.either, strict=True)):
         return (
-            "they are the same torque within the limits, to less than the errors: no motion of "
-            "this arm there can separate them"
+            "they are the same torque within the limits, to about the errors: no motion of this "
+            "arm there is expected to separate them"
         )
     for none, rival, other in zip(
         hidden, (rivalry.first, rivalry.second), (rivalry.second, rivalry.first), strict=True
     ):
         if none:
             return (
-                f"if it is {rival.words}, no motion of this arm within its limits can show that it "
-                f"is not {other.words}"
+                f"no motion of this arm within its limits is expected to rule out {other.words}, "
+                f"if it is {rival.words}"
             )
     return ""
 

@@ -298,25 +298,25 @@ class Contest:
 
     def inseparable(self, rivals: Sequence[RivalCause]) -> str:
         """Return which of some causes no motion separates from which; ``""``: from none."""
-        (open_to, hidden), within = self._wanted, "no motion of this arm within its limits can"
-        names, parts = dict[_Named, str](), list[str]()
+        names = dict[_Named, str]()
         for rival in rivals:  # of several forms the likeliest comes first
             names.setdefault(rival.named, rival.words)
-        for number, (named, words) in enumerate(names.items()):
-            never, if_true = list[str](), list[str]()
-            for place, (other, its) in enumerate(names.items()):
-                if (named, other) in hidden:
-                    if (other, named) in open_to:
-                        if_true.append(its)
-                    elif place > number or (other, named) not in hidden:
-                        never.append(its)
-            if never:
-                parts.append(f"{within} separate {words} from {' or '.join(never)}")
-            if if_true:
-                parts.append(
-                    f"if it is {words}, {within} show that it is not {' or '.join(if_true)}"
-                )
-        return "; ".join(parts)
+        never = {named: [other for other in names if (named, other) in self.hidden]
+                 for named in names}  # fmt: skip
+        some = {each for named in names if never[named] for each in (named, *never[named])}
+        concerned = [named for named in names if named in some]
+        if not concerned:
+            return ""
+        within = "no motion of this arm within its limits is expected to"
+        if all(len(never[named]) == len(concerned) - 1 for named in concerned):
+            *most, last = (names[named] for named in concerned)
+            return f"{within} separate {', '.join(most)} and {last}"
+        ruled_out = (
+            f"{' or '.join(names[other] for other in never[named])}, if it is {names[named]}"
+            for named in concerned
+            if never[named]
+        )
+        return f"{within} rule out {'; '.join(ruled_out)}"
 
     def _again(self, motion: MeasuredMotion) -> tuple[float, ...]:
         if not self.pairs:
