@@ -248,7 +248,7 @@ class Stages:
         self._progress.update(begin + self._within * (end - begin))
 
 
-class Steps:
+class ProgressBySteps:
     """Progress of one step after the other, each on a line of its own."""
 
     def __init__(self, stages: Mapping[str, Sequence[tuple[str, float]]] | None = None) -> None:

@@ -43,7 +43,7 @@ from dvrk_gravity.calibration import (
 )
 from dvrk_gravity.cli import calibrate as calibrate_command
 from dvrk_gravity.collecting import SimulatedDriver, collect
-from dvrk_gravity.command_line import Steps
+from dvrk_gravity.command_line import ProgressBySteps
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
@@ -469,7 +469,7 @@ def test_progress_of_a_step_never_decreases(monkeypatch):
         shown.append((progress._what, done))
 
     monkeypatch.setattr("dvrk_gravity.command_line.Progress.update", update)
-    show = Steps(calibrate_command._STAGES)
+    show = ProgressBySteps(calibrate_command._STAGES)
     for stage, part in (("reading", 0.0), ("regressor", 1.0), ("choice of terms", 0.0),
                         ("choice of terms", 1.0), ("zeros and tilt", 0.0)):  # fmt: skip
         show("identify model_0", part, stage)

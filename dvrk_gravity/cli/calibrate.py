@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     free = simulated or arguments.yes
     consent = (lambda question: True) if free else asking(rig)
     out.mkdir(parents=True, exist_ok=True)
-    shown = command_line.Steps(_STAGES)
+    shown = command_line.ProgressBySteps(_STAGES)
 
     def report(line: str) -> None:
         shown.done()

@@ -179,7 +179,7 @@ def carry_out(
     """Collect as the arguments say, with its progress on the terminal."""
     from dvrk_gravity.collecting import collect
 
-    progress = command_line.Steps()
+    progress = command_line.ProgressBySteps()
     try:
         return collect(
             plans, driver, arguments.out, rehearse=options.rehearses(arguments),

@@ -37,7 +37,7 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True)
-class DifferenceSteps:
+class Steps:
     """Steps of the finite differences of a regressor.
 
     Attributes:
@@ -100,7 +100,7 @@ class Objective(ABC):
         # d value = 2 sum_t w_t tr(slope Y' R^-1 dY)
         by_y = 2.0 * (weight[:, None] / self.noise)[..., None] * (y @ slope)
         by = tuple(np.empty(state.q.shape) for _ in range(3))
-        steps, count = DifferenceSteps(), len(y)
+        steps, count = Steps(), len(y)
         for j, unit in enumerate(np.eye(self.arm.n)):
             h = steps.position
             states = State(
@@ -223,7 +223,7 @@ class PriorKnowledge(Knowledge):
         """Return the joints' torques; friction that depends on the path is none of the columns."""
         true, slow = (
             self._columns.kinematics.true(state),
-            DifferenceSteps().velocity * self.arm.scale,
+            Steps().velocity * self.arm.scale,
         )
         start = len(self._columns.rigid.columns)
         parts = [self._columns.rigid.regressor(true)]
@@ -281,7 +281,7 @@ class ModelKnowledge(Knowledge):
     def regressor(self, state: State) -> Array:
         """Return the joints' torques; friction that depends on the path is left out."""
         true = replace(state, q=state.q - self._model.joint_offset)
-        slow = DifferenceSteps().velocity * self.arm.scale
+        slow = Steps().velocity * self.arm.scale
         found = np.zeros((*state.q.shape, self._known.size))
         for term in self._terms:
             found += self._known.torque((term,), _wider(true, term.full_speed, slow))

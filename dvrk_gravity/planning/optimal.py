@@ -36,7 +36,7 @@ Multiplier = Array | float  # of the shape of g; 0.0: of no force yet
 _HALVINGS = 10  # of the part of a motion that keeps its limits: to a thousandth
 _PLACES = 21  # positions at rest about which random motions are drawn. Chosen
 # Of finite differences of efforts by position, velocity and acceleration, rad and s: dry friction
-# reverses within the second, as in `information.DifferenceSteps`; the third is exact.
+# reverses within the second, as in `information.Steps`; the third is exact.
 _STEPS = (1e-5, 0.05, 1.0)
 _BOX_UNIT = 0.1  # m, which counts as much as all of a limit. Chosen
 _BOX_SPARE = 0.005  # m, by which links stay further off, for what is between grid points. Chosen
