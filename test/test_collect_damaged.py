@@ -57,27 +57,20 @@ def test_a_state_that_nothing_wrote_moves_nothing(tmp_path: Path, name: str, val
 
 
 def test_a_state_of_another_version_is_named_by_its_format(tmp_path: Path) -> None:
-    plan = plan_of("ecm")
-    driver = PathDriver(plan, plan.at(0.0)[0], once("motion, recorded", 1.0, MotionError("busy")))
-    with pytest.raises(MotionError):
-        go(driver, tmp_path / "bag", rehearse=False)
-    state = tmp_path / "bag.unfinished" / "state.json"
+    driver, out, state = stopped(tmp_path)
     state.write_text(json.dumps(json.loads(state.read_text()) | {"format": 2}))
     with pytest.raises(ConfigError, match="format: got 2, expected 1"):
-        go(driver, tmp_path / "bag", resume=True)
+        go(driver, out, resume=True)
 
 
 def test_what_was_begun_with_one_arm_is_not_resumed_with_another_of_the_same_joints(
     tmp_path: Path,
 ) -> None:
-    plan = plan_of("mtmr", size=0.1)
-    driver = PathDriver(plan, plan.at(0.0)[0], once("motion, recorded", 1.0, MotionError("busy")))
-    with pytest.raises(MotionError):
-        go(driver, tmp_path / "bag", rehearse=False)
-    other = replace(plan, arm=Arm.load("mtml"))
-    assert other.arm.joint_names == plan.arm.joint_names
+    driver, out, _ = stopped(tmp_path)
+    other = replace(driver.plan, arm=replace(driver.plan.arm, name="other"))
     with pytest.raises(ConfigError, match="another plan"):
-        go(driver, tmp_path / "bag", other, resume=True)
+        go(driver, out, other, resume=True)
+    assert not driver.commanded
 
 
 def test_a_part_that_is_gone_or_cut_is_missed_and_the_bag_is_not_written(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ of its first joint; where the arm limits the same sum, the stricter limits hold.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +35,8 @@ _RATES = ("velocity", "acceleration")
 KEYS = ("joints", "combinations", "boxes")
 # Of what is divided by: no arm is as slow, stands as short, or is as weak. Chosen.
 LEAST = 1e-6
-MOST = 1e9  # of any number: what a solver takes for infinite begins at 1e20. Chosen
+# Of positions and coordinates; what a solver takes for infinite begins at 1e20. Chosen.
+MOST = 1e9
 _ROUNDING = 1e-9  # of numbers that were written in degrees
 
 
@@ -203,14 +205,14 @@ def _box(where: str, entry: Any, number: int, arm: Arm) -> Box:
 def _corner(where: str, value: Any) -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise ConfigError(where, value, "three coordinates, m")
-    x, y, z = (_number(where, each) for each in value)
+    x, y, z = (_number(where, each, MOST) for each in value)
     return x, y, z
 
 
 def _pair(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise ConfigError(where, value, "two numbers, the lower one first")
-    low, high = (_number(where, each) for each in value)
+    low, high = (_number(where, each, MOST) for each in value)
     if not low < high:
         raise ConfigError(where, value, "the lower one first")
     return low, high
@@ -223,10 +225,12 @@ def _positive(where: str, value: Any) -> float:
     return number
 
 
-def _number(where: str, value: Any) -> float:
+def _number(where: str, value: Any, most: float = sys.float_info.max) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not abs(value) <= MOST:
-        raise ConfigError(where, value, f"a finite number, up to {MOST:g}")
+    if not number or not abs(value) <= sys.float_info.max:  # an integer may be longer
+        raise ConfigError(where, value, "a finite number")
+    if abs(value) > most:
+        raise ConfigError(where, value, f"numbers up to {most:g}")
     return float(value)
 
 
