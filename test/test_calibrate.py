@@ -292,6 +292,7 @@ def test_another_arm_seed_or_limit_is_named(calibrated):
         with pytest.raises(ConfigError, match=option) as raised:
             Logbook.open(folder, {**ASKED, option: value})
         assert "with which" in str(raised.value)
+        assert "None" not in str(raised.value)
         assert value in str(raised.value)
 
 

@@ -101,7 +101,8 @@ class Logbook:
             if before.get(name) != asked.get(name):
                 raise ConfigError(
                     name, asked.get(name),
-                    f"{before.get(name)}, with which {folder} was begun; or another --out",
+                    f"{before.get(name) or 'nothing'}, with which {folder} was begun; or another "
+                    "--out",
                 )  # fmt: skip
         for entry in entries:
             for name, known in entry.files.items():
