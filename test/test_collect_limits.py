@@ -57,6 +57,14 @@ def test_an_endless_joint_goes_the_short_way_to_limits_about_its_back(
     assert np.abs(went - middle).max() <= max(abs(at - middle), 5.0) + 1e-6
 
 
+def test_the_widest_limits_of_an_endless_joint_are_read_again(tmp_path: Path, endless: Arm) -> None:
+    (tmp_path / "limits.yaml").write_text("joints: {turn: {position: [-1.0e+9, 1.0e+9]}}")
+    limits = load_limits(tmp_path / "limits.yaml", endless)
+    save_limits(tmp_path / "again.yaml", limits, endless, "the same")
+    again = load_limits(tmp_path / "again.yaml", endless)
+    np.testing.assert_allclose([again.lower, again.upper], [limits.lower, limits.upper])
+
+
 def test_a_joint_within_limits_that_are_wider_than_a_turn_is_where_it_is(endless: Arm) -> None:
     limits = replace(PlanLimits.of(endless), lower=np.array([-6.0]), upper=np.array([6.0]))
     assert limits.turns(endless, np.array([5.0])) == 0.0

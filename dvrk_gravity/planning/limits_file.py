@@ -229,7 +229,7 @@ def _number(where: str, value: Any, most: float = sys.float_info.max) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not abs(value) <= sys.float_info.max:  # an integer may be longer
         raise ConfigError(where, value, "a finite number")
-    if abs(value) > most:
+    if abs(value) / (1.0 + _ROUNDING) > most:
         raise ConfigError(where, value, f"numbers up to {most:g}")
     return float(value)
 
