@@ -14,7 +14,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from types import SimpleNamespace
 from typing import Self
@@ -246,3 +246,32 @@ class Stages:
             self._at, self._within = self._at + ahead, share or 0.0
         begin, end = self._begins[self._at : self._at + 2]
         self._progress.update(begin + self._within * (end - begin))
+
+
+class ProgressBySteps:
+    """Progress of one step after the other, each on a line of its own."""
+
+    def __init__(self, stages: Mapping[str, Sequence[tuple[str, float]]] | None = None) -> None:
+        """Show nothing yet.
+
+        Args:
+            stages: Stages of steps by the first word of their name; see :class:`Stages`.
+        """
+        self._of_stages, self._step = stages or {}, ""
+        self._progress: Progress | None = None
+
+    def __call__(self, step: str, part: float | None, stage: str = "") -> None:
+        """Show a step's completed part, 0 to 1, or that of a stage of it."""
+        if step != self._step or self._progress is None:
+            self.done()
+            self._step, self._progress = step, Progress(step, 1.0)
+            self._stages = Stages(self._progress, self._of_stages.get(step.split()[0], ()))
+        if stage:
+            self._stages(stage, part)
+        else:
+            self._progress.update(part or 0.0)
+
+    def done(self) -> None:
+        """Clear the line."""
+        if self._progress is not None:
+            self._progress.done()

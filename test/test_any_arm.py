@@ -81,7 +81,7 @@ def known(request, tmp_path_factory) -> Identified:
         world, last = of_chain(folder)
     else:  # the Panda's fingers are held
         world, last = of_urdf(str(UR5) if request.param == "ur5" else f"{PANDA}#panda_hand")
-    fit = identify(world.record(1, 30.0), world.arm)
+    fit = identify(world.record(1, 20.0), world.arm)
     file = folder / "model.yaml"
     fit.model.save(file)
     return Identified(world, fit, file, last)
@@ -113,7 +113,7 @@ def test_an_effort_limit_far_above_the_torques_changes_nothing(tmp_path):
             shipped.replace('effort="1000"', effort).replace('velocity="1000"', 'velocity="4"')
         )
     world, _ = of_urdf(str(urdfs[0]))
-    recording = replace(world.record(1, 20.0), arm=None)
+    recording = replace(world.record(1, 15.0), arm=None)
     tight, *wide = (identify([recording], Arm.load(urdf)) for urdf in urdfs)
     for fit in wide:
         assert fit.identifiability.rank == tight.identifiability.rank
@@ -143,7 +143,7 @@ def test_another_motion_is_predicted_and_nothing_is_found_in_it(known):
 
 def test_a_hidden_payload_is_found_weighed_and_taken_into_the_model(known, tmp_path):
     loaded = known.world.with_payload(known.last, MASS, COM)
-    found = diagnose(loaded.record(2, 24.0), known.model)
+    found = diagnose(loaded.record(2, 14.0), known.model)
     payload = next(iter(found.findings))
     assert (payload.effect, payload.joints) == ("payload", (known.arm.joint_names[-1],))
     assert payload.parameters["mass"].value == pytest.approx(MASS, rel=0.05)
@@ -154,7 +154,7 @@ def test_a_hidden_payload_is_found_weighed_and_taken_into_the_model(known, tmp_p
         assert moment == pytest.approx(MASS * coordinate, abs=within), axis
     found.model.save(tmp_path / "extended.yaml")
     extended = TorqueModel.load(tmp_path / "extended.yaml")
-    other = loaded.record(3, 12.0)
+    other = loaded.record(3, 8.0)
     before, after = (error_beyond_noise(known, model, other) for model in (known.model, extended))
     assert before.max() > 3.0
     assert after.max() < 1.5

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from argparse import ArgumentParser
+from collections.abc import Iterator
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -25,9 +26,9 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import (
     CERTIFICATE,
     CalibrationSettings,
-    KeptDriver,
+    CheckedDriver,
     Logbook,
-    Moved,
+    MotionTally,
     Pages,
     SimulatedRig,
     Work,
@@ -41,8 +42,8 @@ from dvrk_gravity.calibration import (
     shown_drift,
 )
 from dvrk_gravity.cli import calibrate as calibrate_command
-from dvrk_gravity.cli.calibrate import Shown
 from dvrk_gravity.collecting import SimulatedDriver, collect
+from dvrk_gravity.command_line import ProgressBySteps
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
@@ -59,15 +60,24 @@ from dvrk_gravity.report import (
     plan_picture,
 )
 from dvrk_gravity.simulate import PlantFile
+from testing.world import COARSE
 
-pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures", "coarse_steps")
 
 ARM = Arm.load("ecm")
 BRIEF = CalibrationSettings(
-    motion=12.0, check=9.0, further=9.0, rounds=1, search=5, poses=3, seconds=1.0,
+    motion=10.0, check=9.0, further=9.0, rounds=1, search=2, poses=3, seconds=0.5,
     rehearsal=False,
 )  # fmt: skip
 ASKED = {"--arm": "ecm", "--seed": "1"}
+
+
+@pytest.fixture(scope="module")
+def coarse_steps() -> Iterator[None]:
+    """Simulate in steps of half a set point's time: what a calibration does is the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dvrk_gravity.collecting.simulated.STEP", COARSE)
+        yield
 
 
 class KilledError(Exception):
@@ -227,16 +237,16 @@ def test_a_simulated_motion_that_was_killed_is_made_again_the_same(calibrated, u
 
 def test_commands_and_seconds_of_all_goes_are_counted(tmp_path):
     book = Logbook.open(tmp_path, ASKED)
-    book.moving(Moved(2.0, 5.0, 100, 0.9, "velocity of yaw"))
-    book.moving(Moved(3.0, 5.0, 150, 0.9, "velocity of yaw"))  # the same go
+    book.note_motion(MotionTally(2.0, 5.0, 100, 0.9, "velocity of yaw"))
+    book.note_motion(MotionTally(3.0, 5.0, 150, 0.9, "velocity of yaw"))  # the same go
     again = Logbook.open(tmp_path, ASKED)
-    again.moving(Moved(1.0, 0.0, 50, 0.5, "position of yaw"))
+    again.note_motion(MotionTally(1.0, 0.0, 50, 0.5, "position of yaw"))
     last = Logbook.open(tmp_path, ASKED)
     motion = {"seconds": 9.0, "rehearsed": 0.0, "commands": 7, "used": 0.2, "most": ""}
     last.add("collect motion", "", (), motion)
     last.add("collect second", "", (), motion)
-    total = Moved.total(Logbook.open(tmp_path, ASKED).moved())
-    assert total == Moved(3.0 + 1.0 + 18.0, 5.0, 150 + 50 + 7 + 7, 0.9, "velocity of yaw")
+    total = Logbook.open(tmp_path, ASKED).total
+    assert total == MotionTally(3.0 + 1.0 + 18.0, 5.0, 150 + 50 + 7 + 7, 0.9, "velocity of yaw")
 
 
 def test_a_killed_calibration_counts_no_less_motion_than_an_uninterrupted_one(
@@ -381,7 +391,7 @@ def certified_with(folder: Path, **changed) -> tuple[str, ...]:
     fit, check, release = (
         json_file.load(folder / name) for name in ("model_0.json", "check.json", "release.json")
     )
-    motion = changed.pop("motion", Moved(60.0, 0.0, 60_000, 0.9, "velocity of yaw"))
+    motion = changed.pop("motion", MotionTally(60.0, 0.0, 60_000, 0.9, "velocity of yaw"))
     release |= {"poses": release["poses"], **changed.pop("release", {})}
     check["levels"] |= changed.pop("levels", {})
     fit["verdict"] |= changed.pop("verdict", {})
@@ -402,7 +412,7 @@ def test_what_there_is_no_sign_of_was_not_found_but_stays_unknown(calibrated):
         {"sentence": "a zero and a tilt, no sign of either", "suspected": False},
         {"sentence": "a zero or another, 0.2 deg", "suspected": True},
     ]
-    motion = Moved(60.0, 0.0, 60_000, 0.9, "velocity of yaw")
+    motion = MotionTally(60.0, 0.0, 60_000, 0.9, "velocity of yaw")
     found = certify(
         ARM, BRIEF, fit, check, release, {"findings": [], "ambiguities": pairs}, motion,
         namespace="/ECM", simulated="", date="", versions={}, files={}, model="model.yaml",
@@ -429,7 +439,7 @@ def test_a_certificate_is_refused_for_each_of_its_reasons(calibrated):
         ),
         ({"levels": good["levels"] | {"pitch": POOR}}, "held-out motion are too large"),
         ({"verdict": {"overall": POOR, "reason": "noise"}}, "unfit to compensate with"),
-        ({"motion": Moved(700.0, 0.0, 1, 0.5, "")}, "it moved for 11.7 min"),
+        ({"motion": MotionTally(700.0, 0.0, 1, 0.5, "")}, "it moved for 11.7 min"),
         ({"release": {"drift": [], "why": ""}}, "it was released at 0 of 3 poses"),
         ({"release": {"drift": unknown}}, "1 of 3 poses it drifted by more than 0.5 deg"),
     ):
@@ -460,7 +470,7 @@ def test_progress_of_a_step_never_decreases(monkeypatch):
         shown.append((progress._what, done))
 
     monkeypatch.setattr("dvrk_gravity.command_line.Progress.update", update)
-    show = Shown()
+    show = ProgressBySteps(calibrate_command._STAGES)
     for stage, part in (("reading", 0.0), ("regressor", 1.0), ("choice of terms", 0.0),
                         ("choice of terms", 1.0), ("zeros and tilt", 0.0)):  # fmt: skip
         show("identify model_0", part, stage)
@@ -605,7 +615,7 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
     limits = PlanLimits.of(ARM)
     narrow = replace(limits, velocity=0.1 * limits.velocity)
     driver = SimulatedDriver(PlantFile.of(ARM))
-    kept = KeptDriver(driver, narrow, ARM)
+    kept = CheckedDriver(driver, narrow, ARM)
     where = kept.connect()
     way = Straight.within(where, where + 0.2 * ARM.scale, limits, 1.0)
     with pytest.raises(MotionError, match="of the limit of velocity"):
@@ -622,7 +632,7 @@ def test_a_command_beyond_a_limit_is_refused_before_the_arm_moves():
 def test_nothing_that_takes_long_is_done_between_an_approach_and_its_motion(tmp_path, rehearse):
     plan = plan_of("ecm")
     driver = PathDriver(plan, plan.at(0.0)[0] + 0.1 * ARM.scale)
-    kept, done = KeptDriver(driver, plan.limits, ARM), []
+    kept, done = CheckedDriver(driver, plan.limits, ARM), []
     look, follow = kept.check.look, driver.follow
 
     def looks(path, duration):
@@ -640,8 +650,8 @@ def test_nothing_that_takes_long_is_done_between_an_approach_and_its_motion(tmp_
 
 @pytest.mark.parametrize("rehearsing", [False, True])
 def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
-    driver, notes = SimulatedDriver(PlantFile.of(ARM)), list[Moved]()
-    kept = KeptDriver(driver, PlanLimits.of(ARM), ARM, notes.append)
+    driver, notes = SimulatedDriver(PlantFile.of(ARM)), list[MotionTally]()
+    kept = CheckedDriver(driver, PlanLimits.of(ARM), ARM, notes.append)
     kept.rehearsing = rehearsing
     where = kept.connect()
     way = Straight.within(where, where + 0.2 * ARM.scale, PlanLimits.of(ARM), 0.1)
@@ -653,7 +663,7 @@ def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
     with pytest.raises(KilledError):
         kept.follow(way.at, way.duration, progress=stops)
 
-    def seconds(motion: Moved) -> float:
+    def seconds(motion: MotionTally) -> float:
         other, own = (motion.seconds, motion.rehearsed)[:: 1 if rehearsing else -1]
         assert other == 0.0
         return own
@@ -666,7 +676,7 @@ def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
 # Drawn arms.
 def test_a_command_that_is_no_number_is_refused_before_the_arm_moves():
     driver = SimulatedDriver(PlantFile.of(ARM))
-    kept = KeptDriver(driver, PlanLimits.of(ARM), ARM)
+    kept = CheckedDriver(driver, PlanLimits.of(ARM), ARM)
     where = kept.connect()
 
     def lost(time):

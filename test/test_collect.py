@@ -24,7 +24,7 @@ from dvrk_gravity.collecting import (
     EffortWatch,
     MotionStoppedError,
     SimulatedDriver,
-    TaughtRoom,
+    TaughtLimits,
     collect,
 )
 from dvrk_gravity.command_line import run
@@ -512,7 +512,7 @@ def test_a_simulated_joint_that_sticks_is_noticed(tmp_path: Path, ecm: PlantFile
 
 def test_a_taught_room_is_what_was_shown_less_a_margin_and_a_plan_takes_it(tmp_path: Path) -> None:
     arm = Arm.load("mtmr")
-    own, room = PlanLimits.of(arm), TaughtRoom(arm)
+    own, room = PlanLimits.of(arm), TaughtLimits(arm)
     assert set(room.coverage.values()) == {0.0}
     random = np.random.default_rng(1).uniform(0.2, 0.8, (500, arm.n))
     shown = own.lower + random * (own.upper - own.lower)
@@ -531,7 +531,7 @@ def test_a_taught_room_is_what_was_shown_less_a_margin_and_a_plan_takes_it(tmp_p
 
 def test_a_joint_that_was_not_moved_keeps_about_where_it_is(tmp_path: Path) -> None:
     arm = Arm.load("ecm")
-    room = TaughtRoom(arm)
+    room = TaughtLimits(arm)
     middle = 0.5 * (arm.lower + arm.upper)
     room.show(middle)
     limits = room.limits(np.radians(5.0))

@@ -10,7 +10,7 @@ import pytest
 from test_collect import PathDriver, go, once, plan_of
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import MotionStoppedError, Paced, TaughtRoom
+from dvrk_gravity.collecting import MotionStoppedError, Paced, TaughtLimits
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.planning import (
@@ -84,7 +84,7 @@ def test_a_joint_within_limits_that_are_wider_than_a_turn_is_where_it_is(endless
 def test_of_an_endless_joint_no_room_is_taught_that_nobody_showed(
     tmp_path: Path, endless: Arm, shown: tuple[float, float], taught: tuple[float, float]
 ) -> None:
-    room = TaughtRoom(endless)
+    room = TaughtLimits(endless)
     room.show(np.radians(np.linspace(*shown, 99))[:, None])
     save_limits(tmp_path / "limits.yaml", room.limits(np.radians(2.0)), endless, "taught")
     limits = load_limits(tmp_path / "limits.yaml", endless)

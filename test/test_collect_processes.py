@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -22,13 +21,20 @@ from test_excite import ASLEEP, POSE, FakeArm
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, load_limits, slacks
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.ros import PRIVATE
+from dvrk_gravity.ros import PRIVATE, processes
 
 DURATION = 2.4  # s
 PERIOD = 0.02  # s; a late set point is no further along a motion than one in time
-# As `python -m dvrk_gravity`, but that a busy machine may suspend it for a while.
+# As `python -m dvrk_gravity` in a folder, but that a busy machine may suspend it for a while, and
+# that its files may be limited; what it says of errors is in a file.
 PATIENTLY = f"""
-import sys
+import os, resource, sys
+folder, size = sys.argv[1], int(sys.argv[2])
+del sys.argv[1:3]
+os.chdir(folder)
+os.dup2(os.open("errors.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+if size:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 from dvrk_gravity.ros import mover
 mover.ASLEEP = {ASLEEP}
 from dvrk_gravity.__main__ import main
@@ -64,39 +70,31 @@ def planned(folder: Path, ramp: float = 0.8, duration: float = DURATION, roll: f
 
 
 class Collector:
-    """A process that collects, and what it prints."""
+    """A process that collects, forked as nodes are, and what it prints."""
 
-    def __init__(self, folder: Path, *words: str, before: Callable[[], None] | None = None) -> None:
-        command = [sys.executable, "-c", PATIENTLY, "collect", "plan.yaml", "--out", "bag"]
-        command += [
-            "--namespace",
-            PRIVATE,
-            "--timeout",
-            str(TIMEOUT),
-            "--rate",
-            f"{1.0 / PERIOD:g}",
-        ]
-        command += ["--yes", *words]
-        self.process = subprocess.Popen(
-            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, text=True, preexec_fn=before,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    def __init__(self, folder: Path, *words: str, largest: int = 0) -> None:
+        command = [sys.executable, "-c", PATIENTLY, str(folder), str(largest)]
+        command += ["collect", "plan.yaml", "--out", "bag", "--namespace", PRIVATE, "--yes"]
+        command += ["--timeout", str(TIMEOUT), "--rate", f"{1.0 / PERIOD:g}", *words]
+        self.process = processes.subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, errors="replace", start_new_session=True, preexec_fn=None,
         )  # fmt: skip
-        self.said = ""
+        self.errors, self.said = folder / "errors.txt", ""
 
     def __enter__(self) -> Collector:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.process.kill()
-        self.process.communicate()
+        self.process.wait(10.0)
+        self.process.stdout.close()
 
     def until(self, begin: str) -> None:
         """Wait for a line that begins so."""
-        assert self.process.stdout is not None
         while True:
             line = self.process.stdout.readline()
-            assert line, (self.said, self.process.communicate()[1])
+            assert line, (self.said, self.errors.read_text())
             self.said += line
             if line.startswith(begin):
                 return
@@ -109,9 +107,9 @@ class Collector:
 
     def end(self) -> tuple[int, str]:
         """Return its status, and its errors."""
-        said, errors = self.process.communicate(timeout=90.0)
-        self.said += said
-        return self.process.returncode, errors
+        status = self.process.wait(90.0)
+        self.said += self.process.stdout.read()
+        return status, self.errors.read_text()
 
 
 def require_whole(folder: Path, plan: Plan) -> None:
@@ -205,10 +203,7 @@ def test_a_network_that_stutters_loses_nothing_of_the_motion(
 def test_a_full_disk_holds_the_arm_and_what_was_recorded_is_resumed(
     fake: FakeArm, plan: Plan, tmp_path: Path
 ) -> None:
-    def small() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (SMALL_DISK, SMALL_DISK))
-
-    with Collector(tmp_path, "--no-rehearsal", before=small) as collector:
+    with Collector(tmp_path, "--no-rehearsal", largest=SMALL_DISK) as collector:
         status, error = collector.end()
     assert status == 2
     assert "stopped in its motion, " in error

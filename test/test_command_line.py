@@ -15,27 +15,25 @@ from dvrk_gravity import command_line
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.files.resources import shipped
-
-
-def call(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "dvrk_gravity", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        cwd=REPOSITORY,
-        env=os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
-        check=False,
-    )
+from dvrk_gravity.ros import processes
 
 
 def refused(*arguments: str) -> str:
-    """Run a command that has to be refused; return its one line."""
-    result = call(*arguments)
-    assert result.returncode == 2, result.stderr
-    lines = result.stderr.strip().splitlines()
-    assert len(lines) == 1, result.stderr
-    return lines[0]
+    """Run a command that has to be refused, forked as nodes are; return its one line."""
+    process = processes.subprocess.Popen(
+        [sys.executable, "-m", "dvrk_gravity", *arguments], stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
+        start_new_session=True, preexec_fn=None,
+    )  # fmt: skip
+    try:
+        status = process.wait(60.0)
+    finally:
+        process.kill()
+    with process.stdout as output:
+        said = output.read()
+    assert status == 2, said
+    (line,) = said.strip().splitlines()
+    return line
 
 
 @pytest.fixture

@@ -329,7 +329,7 @@ def test_exchanged_joints_are_not_taken_for_wrong_units():
     "exchanged", ["positions", pytest.param("efforts", marks=pytest.mark.slow)]
 )
 def test_two_joints_exchanged_in_one_quantity_alone_are_told(exchanged):
-    time, q, qd, qdd = sines(12.0)
+    time, q, qd, qdd = sines(12.0, rate=100.0)
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))
     order = [0, 1, 2, 5, 4, 3, 6]
     read = {
@@ -351,7 +351,7 @@ def test_two_joints_exchanged_in_one_quantity_alone_are_told(exchanged):
      (range(7), ["the efforts of all joints have"])],
 )  # fmt: skip
 def test_wrong_signs_of_several_joints_are_told_each_or_as_one(turned, told):
-    time, q, qd, qdd = sines(12.0)
+    time, q, qd, qdd = sines(12.0, rate=100.0)
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))
     effort[:, turned] *= -1.0
 
@@ -366,7 +366,7 @@ def test_wrong_signs_of_several_joints_are_told_each_or_as_one(turned, told):
     pytest.param("position", "elbow_pitch", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_a_motor_s_column_of_the_wrong_sign_is_told_where_motors_move_joints_together(what, motor):
-    time, q, qd, qdd = sines(12.0)
+    time, q, qd, qdd = sines(12.0, rate=100.0)
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))
     arm, column = MODEL.arm, JOINT_NAMES.index(motor)
     motors = {"q": arm.actuator_position(q), "effort": effort @ arm.actuator_to_joint}
@@ -391,7 +391,7 @@ def test_positions_of_three_joints_exchanged_are_told_as_two_exchanges():
 
 
 def test_motors_read_as_joints_are_warned_of_beside_a_reference_which_is_read_alike():
-    time, q, qd, qdd = sines(12.0)
+    time, q, qd, qdd = sines(12.0, rate=100.0)
     position = q @ ARM.joint_to_actuator.T
     effort = MODEL.torque(q, qd, qdd) @ ARM.actuator_to_joint
     bare, again = (recording(time, position, effort + noise(len(q), seed)) for seed in (1, 2))

@@ -18,7 +18,7 @@ from testing.mujoco_world import MujocoWorld
 pytestmark = pytest.mark.usefixtures("brief_simulation")
 
 MASS, CENTRE = 1.2, np.array([0.0, 0.02, 0.08])  # kg, m
-DURATION = 20.0  # s, of each recording
+DURATION = 14.0  # s, of each recording
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation")
 
 @cache
 def recorded() -> Recording:
-    return KNOWN.record(3, 4, 14.0, 100.0)
+    return KNOWN.record(3, 4, 10.0, 100.0)
 
 
 def scaled(recording: Recording, factor: float, joint: str = "") -> Recording:
@@ -58,7 +58,7 @@ def test_newton_millimetres_are_refused():
 def test_what_else_is_wrong_is_judged_at_the_right_scale():
     world, hidden = hide(KNOWN, "viscous_friction", np.random.default_rng(2))
 
-    scale, friction = diagnose(scaled(world.record(3, 4, 14.0, 100.0), 10.0), MODEL).findings
+    scale, friction = diagnose(scaled(world.record(3, 4, 10.0, 100.0), 10.0), MODEL).findings
 
     assert (scale.effect, friction.effect) == ("torque_scale", "viscous_friction")
     assert scale.parameters["factor"].value == pytest.approx(10.0, rel=0.02)

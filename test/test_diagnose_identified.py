@@ -125,7 +125,7 @@ def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path
 def test_an_extended_model_knows_the_range_where_it_was_right_and_no_other():
     """Where it took a torque to explain the efforts that it has no terms for, it is as unsure."""
     world, model, _ = calibrated("chain")
-    truth = world.truth(draw_other(world.arm, 3))
+    truth = world.truth(draw_other(world.arm, 3), 15.0)
     edge, end = np.quantile(truth.q[:, 0], (0.7, 1.0))
     seen = replace(model.uncertainty, upper=np.array([edge, *model.uncertainty.upper[1:]]))
     away = np.maximum(truth.q[:, 0] - edge, 0.0) / (end - edge)
@@ -146,7 +146,7 @@ def test_an_extended_model_knows_the_range_where_it_was_right_and_no_other():
 
 def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error():
     world, model, _ = calibrated("chain")
-    recording = world.record(world.truth(draw_other(world.arm, 3)), 3)
+    recording = world.record(world.truth(draw_other(world.arm, 3), 15.0), 3)
     least, upper = np.quantile(recording.position[:, 0], (0.0, 0.7))
     seen = replace(model.uncertainty, upper=np.array([upper, *model.uncertainty.upper[1:]]))
     motion = load([recording], replace(model, uncertainty=seen)).motion
@@ -164,8 +164,8 @@ def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error(
 
 def test_a_load_that_is_held_for_a_while_is_no_certain_push_of_each_joint():
     world, model, _ = calibrated("chain")
-    truth = world.truth(draw_other(world.arm, 3))
-    held = ((truth.time > 10.0) & (truth.time < 20.0))[:, None]
+    truth = world.truth(draw_other(world.arm, 3), 15.0)
+    held = ((truth.time > 5.0) & (truth.time < 10.0))[:, None]
     load = world.engine.added(truth.motion, 3, 4.0, np.array([0.05, 0.0, 0.1]))
     found = diagnose(world.record(replace(truth, effort=truth.effort + load * held), 3), model)
 

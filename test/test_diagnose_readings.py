@@ -64,13 +64,13 @@ def world() -> PlainWorld:
 
 @pytest.fixture(scope="module")
 def calibration(world) -> Recording:
-    return world.record(1, 20.0)
+    return world.record(1, 14.0)
 
 
 @pytest.fixture(scope="module")
 def identified(world, calibration, four_folds):
     """Return an arm's recording, and a model that was identified from another motion of it."""
-    return world.record(2, 20.0), identify(calibration, world.arm).model
+    return world.record(2, 12.0), identify(calibration, world.arm).model
 
 
 @pytest.mark.parametrize("seen_before", [True, False])
@@ -107,7 +107,7 @@ def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
     calibration = draw_calibration(world.arm, 1800)
     model = identify(world.record(world.truth(calibration), 1800), world.arm).model
     motion, noise = np.random.default_rng([1800, 0]).integers(1 << 30, size=2).tolist()
-    other = world.record(world.truth(draw_other(world.arm, motion, calibration), 15.0), noise)
+    other = world.record(world.truth(draw_other(world.arm, motion, calibration), 10.0), noise)
     loaded = load([other], model)
     assert try_readings(loaded.motion)[0].passes, "or there is nothing to tell apart"
     assert correct_readings(loaded, lambda line: None).wrong == ()

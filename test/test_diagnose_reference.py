@@ -143,7 +143,7 @@ def test_a_load_makes_the_arm_swing_further_and_is_weighed_all_the_same(world):
 
 def inverse_dynamics(world: PlainWorld, motion: Sines, noise: int) -> Recording:
     """What an arm that follows a motion exactly needs, read with noise."""
-    time = np.arange(0.0, 30.0, 0.01)
+    time = np.arange(0.0, 15.0, 0.01)
     q, qd, qdd = motion.at(time)
     tree = build_tree(world.arm, world.links, world.arm.gravity)
     effort = np.array([tree.inverse_dynamics(*sample) for sample in zip(q, qd, qdd, strict=True)])

@@ -177,7 +177,7 @@ def identified() -> tuple[MujocoWorld, TorqueModel, Hiding, Diagnosis]:
     calibration = draw_calibration(world.arm, 31)
     with few_folds():
         model = identify(world.record(world.truth(calibration, 20.0), 1), world.arm, "joint").model
-    truth = world.truth(draw_other(world.arm, 7, calibration), 20.0)
+    truth = world.truth(draw_other(world.arm, 7, calibration), 14.0)
     setting = world.setting(truth, left_by(model, world.record(truth, 2)))
     hiding = hide(setting, "encoder_scale", np.random.default_rng(1), joint=2, sizes=(5.0, 8.0))
     return world, model, hiding, diagnose(world.record(hiding.truth, 2), model)

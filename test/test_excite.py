@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +18,6 @@ import pytest
 from conftest import TIMEOUT
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.cli import excite
 from dvrk_gravity.command_line import run
 from dvrk_gravity.planning import (
     Move,
@@ -725,14 +725,24 @@ def test_the_simulator_is_driven_recorded_and_held(
     from dvrk_gravity.ros import NodeProcess
 
     out = tmp_path / "bag"
-    monkeypatch.setattr(excite, "PAUSED", -1.0)  # as if it had been kept waiting
+    monkeypatch.setattr("dvrk_gravity.cli.collect.PAUSED", -1.0)  # as if it had been kept waiting
     start = covering_motion(PlanLimits.of(Arm.load("mtmr")), 8.0, 4).middle
     where = f"initial_position:={start.tolist()}"
-    with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
-        words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
-        words += ["--namespace", PRIVATE, "--no-rehearsal", "--timeout", "1"]
-        assert run("dvrk_gravity.cli.excite", words) == 0, simulator.output
-    said = capsys.readouterr().out
+    words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
+    words += ["--namespace", PRIVATE, "--no-rehearsal", "--timeout", "1"]
+    # A machine that stands still holds the arm, rightly: begin anew, as a person would. It spoils
+    # one of three, not each.
+    for attempt in range(3):
+        with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
+            status = run("dvrk_gravity.cli.excite", words)
+        said, error = capsys.readouterr()
+        if status == 0:
+            break
+        assert attempt < 2, (error, simulator.output)
+        assert "sent hold" in error
+        stood_still = "no valid measured_js for" in error or "was suspended for" in error
+        assert stood_still or "behind real time: skipped" in simulator.output, error
+        shutil.rmtree(f"{out}.unfinished")
     assert "Next: identify" in said
     assert "s longer than its 8 s" in said
     recording = Recording.load(out)

@@ -20,7 +20,7 @@ from dvrk_gravity.planning import (
     Basis,
     Box,
     Combination,
-    Everywhere,
+    CoverageObjective,
     FourierMotion,
     ModelKnowledge,
     MotionDesign,
@@ -153,7 +153,7 @@ def test_the_gradient_of_the_information_is_its_slope_by_every_part_of_the_state
 def test_the_gradient_of_what_places_teach_is_its_slope_by_positions(ecm):
     limits, random = PlanLimits.of(ecm), np.random.default_rng(0)
     prior, weight = PriorKnowledge(ecm, limits.lower, limits.upper), np.full(30, 0.3)
-    everywhere = Everywhere(prior, limits.lower, limits.upper)
+    everywhere = CoverageObjective(prior, limits.lower, limits.upper)
     q = random.uniform(limits.lower, limits.upper, (30, ecm.n))
     state = State(q, *(np.zeros((30, ecm.n)) for _ in range(2)))
     value, (slope, *_) = everywhere.gradient(state, weight)

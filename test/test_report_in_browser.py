@@ -9,7 +9,7 @@ from browser import CHROMIUM, NAMES, Browser, chromium
 from test_finding_sentences import example_diagnosis
 from test_report import TIME, fit_of
 
-from dvrk_gravity.calibration import Certificate, JointCertificate, Moved
+from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally
 from dvrk_gravity.identification import Evaluation
 from dvrk_gravity.report import (
     certificate_page,
@@ -39,7 +39,7 @@ def certificate_of(arm) -> Certificate:
     )  # fmt: skip
     return Certificate(
         arm.name, "/MTMR", "an arm", "2026-01-01", {"numpy": "2"}, (), "certified", joints, 20, 0.2,
-        5.0, 1.0, 20, 0.05, 0.1, Moved(120.0, 0.0, 120000, 0.93, LONG), (LONG,), (LONG,),
+        5.0, 1.0, 20, 0.05, 0.1, MotionTally(120.0, 0.0, 120000, 0.93, LONG), (LONG,), (LONG,),
         {LONG: "0" * 64}, LONG,
     )  # fmt: skip
 

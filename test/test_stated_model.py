@@ -143,7 +143,7 @@ def test_what_a_reading_does_to_other_causes_is_not_told_as_more_of_them(world, 
 @pytest.mark.usefixtures("four_folds")
 @pytest.mark.parametrize("joint", [1, 5], ids=["that bears weight", "that bears none"])
 def test_an_effort_of_the_wrong_sign_is_told_though_the_file_has_no_friction(world, joint):
-    recording = PlainWorld.of(world.arm, nominal_inertias(world.arm)).record(1, 12.0)
+    recording = PlainWorld.of(world.arm, nominal_inertias(world.arm)).record(1, 10.0)
     sign = np.where(np.arange(6) == joint, -1.0, 1.0)
 
     first, *others = diagnose(replace(recording, effort=sign * recording.effort), UR5).findings

@@ -21,7 +21,7 @@ SPEC.loader.exec_module(play)
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(REPOSITORY)}
 DURATION = 16.0  # s
-BRIEF = "--simulated --duration 16"
+BRIEF = "--simulated --duration 12"
 
 pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation", "blank_pictures")
 

@@ -47,6 +47,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -56,13 +57,15 @@ import pinocchio as pin
 from dvrk_gravity.arms import urdf_arm
 from dvrk_gravity.arms.description import Description, Joint, JointKind, in_newtons
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
-from dvrk_gravity.arms.limits import check_range, check_travel
+from dvrk_gravity.arms.limits import LARGEST, check_travel
 from dvrk_gravity.arms.mtm import bodies
 from dvrk_gravity.arms.mtm.defaults import PUBLISHED_ERROR, SIZES
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.files import yaml_file
+from dvrk_gravity.files import entries, yaml_file
 
+_number = partial(entries.number, least=-LARGEST, most=LARGEST)
+_numbers = partial(entries.numbers, least=-LARGEST, most=LARGEST)
 _REQUIRED = ("name", "joints")
 _READINGS = (
     "drive_gains", "drive_gain_error", "effort_unit", "frictionless", "effort_has_gravity",
@@ -283,7 +286,7 @@ def _transmission(content: dict[str, Any], joints: Sequence[Joint]) -> tuple[Arr
     if given is None:
         matrix = np.eye(n)
     else:
-        rows = _list("actuator_to_joint", given, n)
+        rows = entries.sequence("actuator_to_joint", given, n)
         matrix = np.array(
             [_numbers(f"actuator_to_joint[{i}]", row, n) for i, row in enumerate(rows)]
         )
@@ -380,26 +383,9 @@ def _choice(field: str, value: Any, known: Sequence[Any]) -> Any:
     return value
 
 
-def _number(field: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(field, value, "a finite number")
-    check_range(field, [value])
-    return float(value)
-
-
-def _list(field: str, value: Any, length: int) -> list[Any]:
-    if not isinstance(value, list) or len(value) != length:
-        raise ConfigError(field, value, f"a list of {length}")
-    return value
-
-
-def _numbers(field: str, value: Any, length: int) -> list[float]:
-    return [_number(f"{field}[{i}]", item) for i, item in enumerate(_list(field, value, length))]
-
-
 def _of_joints(field: str, value: Any, joints: Sequence[Joint]) -> list[float]:
     """Return a number of each joint."""
-    items = _list(field, value, len(joints))
+    items = entries.sequence(field, value, len(joints))
     return [
         _number(f"{field} of {joint.name}", item) for joint, item in zip(joints, items, strict=True)
     ]

@@ -1,11 +1,10 @@
 from .certificate import Certificate as Certificate
 from .certificate import JointCertificate as JointCertificate
-from .certificate import Moved as Moved
 from .certificate import certify as certify
 from .certificate import largest_drift as largest_drift
 from .certificate import shown_drift as shown_drift
+from .checked_driver import CheckedDriver as CheckedDriver
 from .drawn import drawn_arm as drawn_arm
-from .kept import KeptDriver as KeptDriver
 from .logbook import Logbook as Logbook
 from .logbook import file_hash as file_hash
 from .release import holding as holding
@@ -17,5 +16,6 @@ from .settings import CalibrationSettings as CalibrationSettings
 from .steps import CERTIFICATE as CERTIFICATE
 from .steps import all_steps as all_steps
 from .steps import calibrate as calibrate
+from .tally import MotionTally as MotionTally
 from .work import Pages as Pages
 from .work import Work as Work

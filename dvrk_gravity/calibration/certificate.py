@@ -12,6 +12,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.calibration.settings import CalibrationSettings
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.effects import is_friction
 from dvrk_gravity.identification import POOR
 from dvrk_gravity.units import fixed, quantity
@@ -59,35 +60,6 @@ class JointCertificate:
 
 
 @dataclass(frozen=True)
-class Moved:
-    """How the arm was moved.
-
-    Attributes:
-        seconds: Of motion, compensation included, rehearsals apart.
-        rehearsed: Of rehearsals.
-        commands: Commands that were compared with the limits, at 1 kHz; none may leave them.
-        used: Greatest part of a limit that was used.
-        most: Which limit.
-    """
-
-    seconds: float
-    rehearsed: float
-    commands: int = 0
-    used: float = 0.0
-    most: str = ""
-
-    @classmethod
-    def total(cls, parts: Sequence[Mapping[str, Any]]) -> Moved:
-        """Return several as one."""
-        each = [cls(**part) for part in parts]
-        most = max(each, key=lambda part: part.used, default=cls(0.0, 0.0))
-        return cls(
-            sum(part.seconds for part in each), sum(part.rehearsed for part in each),
-            sum(part.commands for part in each), most.used, most.most,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
 class Certificate:
     """A calibration on one page.
 
@@ -129,7 +101,7 @@ class Certificate:
     held: int
     allowed: float
     reduced: float
-    motion: Moved
+    motion: MotionTally
     findings: tuple[str, ...]
     unknown: tuple[str, ...]
     files: Mapping[str, str]
@@ -153,7 +125,7 @@ def certify(
     check: Mapping[str, Any],
     release: Mapping[str, Any],
     diagnosis: Mapping[str, Any],
-    motion: Moved,
+    motion: MotionTally,
     **known: Any,
 ) -> Certificate:
     """Return the certificate of what was found.
@@ -231,7 +203,7 @@ def _worst(arm: Arm, release: Mapping[str, Any]) -> list[float]:
 def _reasons(
     arm: Arm, settings: CalibrationSettings, fit: Mapping[str, Any],
     joints: Sequence[JointCertificate], worst: Sequence[float], release: Mapping[str, Any],
-    motion: Moved,
+    motion: MotionTally,
 ) -> tuple[str, ...]:  # fmt: skip
     found = []
     if fit["verdict"]["overall"] == POOR:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dvrk_gravity import __version__
-from dvrk_gravity.calibration.certificate import Moved
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
 
@@ -47,7 +47,8 @@ class Logbook:
         folder: The folder.
         asked: What was asked for, by option.
         entries: The steps that are done, in their order.
-        begun: How earlier processes moved the arm in the step that is next; empty: not.
+        begun: How earlier processes moved the arm in the step that is not done yet; empty: they did
+            not.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class Logbook:
     ) -> None:
         self.folder, self.asked, self.entries = folder, dict(asked), list(entries)
         self.begun = dict(begun or {})
-        self._moving = self.begun
+        self._moving = self.begun  # with what the present process has moved it in that step
 
     @classmethod
     def open(cls, folder: Path, asked: Mapping[str, str]) -> Logbook:
@@ -91,7 +92,7 @@ class Logbook:
             before = {str(name): str(value) for name, value in content["asked"].items()}
             entries = [_entry(entry) for entry in content["steps"]]
             begun = dict(content.get("begun", {}))
-            Moved.total([begun] if begun else [])
+            MotionTally.total([begun] if begun else [])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ConfigError("", str(error), "a file as `calibrate` writes it", file) from None
         # Nothing rests on what was asked for before the first step: limits that no motion keeps may
@@ -132,7 +133,7 @@ class Logbook:
         Its motion is that of the present process; that of earlier ones is added.
         """
         if motion and self.begun:
-            motion = asdict(Moved.total([self.begun, motion]))
+            motion = asdict(MotionTally.total([self.begun, motion]))
         self.begun = self._moving = {}
         files = {
             path.relative_to(self.folder).as_posix(): file_hash(path)
@@ -143,20 +144,21 @@ class Logbook:
         self._write()
         return entry
 
-    def moving(self, motion: Moved) -> None:
-        """Note how the step that is next has moved the arm in the present process."""
+    def note_motion(self, motion: MotionTally) -> None:
+        """Note how the arm was moved so far in the step that is not done yet, by this process."""
         before = [self.begun] if self.begun else []
-        self._moving = asdict(Moved.total([*before, asdict(motion)]))
+        self._moving = asdict(MotionTally.total([*before, asdict(motion)]))
         self._write()
 
-    def motions(self, name: str) -> Entry | None:
+    def recorded(self, name: str) -> Entry | None:
         """Return the step that recorded a motion, ``None`` if there is no such recording."""
         entry = self.entry(f"collect {name}")
         return entry if entry is not None and entry.files else None
 
-    def moved(self) -> list[Mapping[str, Any]]:
-        """Return how the arm was moved in each step that moved it."""
-        return [entry.motion for entry in self.entries if entry.motion]
+    @property
+    def total(self) -> MotionTally:
+        """How the arm was moved in all steps that are done."""
+        return MotionTally.total(entry.motion for entry in self.entries if entry.motion)
 
     @property
     def files(self) -> dict[str, str]:
@@ -176,7 +178,7 @@ class Logbook:
 def _entry(content: Mapping[str, Any]) -> Entry:
     """Return a step; raise TypeError or ValueError for what :meth:`Logbook.add` does not write."""
     entry = Entry(**content)
-    Moved.total([entry.motion] if entry.motion else [])
+    MotionTally.total([entry.motion] if entry.motion else [])
     return replace(entry, files=dict(entry.files))
 
 

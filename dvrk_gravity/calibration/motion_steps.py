@@ -5,21 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.calibration.certificate import Moved
-from dvrk_gravity.calibration.kept import KeptDriver
+from dvrk_gravity.calibration.checked_driver import CheckedDriver
 from dvrk_gravity.calibration.logbook import Logbook
-from dvrk_gravity.calibration.release import PART, holding, random_poses
+from dvrk_gravity.calibration.release import PART
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import Outcome, Work, model_file, trusted_model
-from dvrk_gravity.collecting import REHEARSAL, Journal, MotionStoppedError, collect
+from dvrk_gravity.collecting import REHEARSAL, MotionStoppedError, collect, discard
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import load_unseparated
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
-from dvrk_gravity.identification import POOR, Fit
 from dvrk_gravity.planning import (
     Plan,
     SeparationSettings,
@@ -66,7 +64,7 @@ def plan_second(work: Work, book: Logbook, step: str) -> Outcome:
 def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     """Plan a motion that separates causes, or else shows what holds the arm, where it is needed."""
     of, model = work.settings, trusted_model(work, book)
-    if model is None or (book.motions(f"further_{k - 1}") is None and k > 1):
+    if model is None or (book.recorded(f"further_{k - 1}") is None and k > 1):
         return Outcome()
     findings = work.at(f"diagnosis_{k - 1}.json")
     found = json_file.load(findings)
@@ -75,9 +73,7 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     if holds and not found["next"]:
         never = "no motion within the limits is expected to separate what was found"
         return Outcome(never if found["unseparated"]["pairs"] else "")
-    longest = Straight.within(work.limits.lower, work.limits.upper, work.limits, PART).duration
-    after = of.further + of.poses * (of.seconds + _WAY * longest)
-    if Moved.total(book.moved()).seconds + after > of.longest:
+    if not _leaves_time(work, book):
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
     if found["next"]:
@@ -103,19 +99,12 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     )  # fmt: skip
 
 
-def held(work: Work, fit: Fit, seed: int) -> dict[str, Any]:
-    """Return at which part of random poses friction is sure to hold all joints, and each of them.
-
-    Poses are drawn as those of a release. Of a model that is unfit, none.
-    """
-    model, arm = fit.model, work.arm
-    if model.verdict == POOR:
-        return {"part": 0.0, "least": "", "joints": {}}
-    poses = random_poses(arm, work.limits, model, seed)
-    sure = holding(fit, poses, work.settings.friction) < 1.0
-    joints = dict(zip(arm.joint_names, sure.mean(axis=0).tolist(), strict=True))
-    least = min(joints, key=lambda name: joints[name])
-    return {"part": float(sure.all(axis=1).mean()), "least": least, "joints": joints}
+def _leaves_time(work: Work, book: Logbook) -> bool:
+    """Return whether a further motion and the releases after it end within the longest time."""
+    of, limits = work.settings, work.limits
+    longest = Straight.within(limits.lower, limits.upper, limits, PART).duration
+    after = of.further + of.poses * (of.seconds + _WAY * longest)
+    return book.total.seconds + after <= of.longest
 
 
 def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSettings:
@@ -141,13 +130,13 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
     if bag.exists():
         _require_of(plan, bag)
-        Journal(bag, "", "").remove()  # what a process that was killed just then has left
+        discard(bag)  # what a process that was killed just then has left
         # How the arm was moved was noted then.
-        return Outcome(f"{plan.duration:g} s, recorded before", (bag,), Moved(0.0, 0.0))
+        return Outcome(f"{plan.duration:g} s, recorded before", (bag,), MotionTally(0.0, 0.0))
     if not work.rig.resumes:
-        Journal(bag, "", "").remove()
+        discard(bag)
     with work.rig.driver() as moves:
-        driver = KeptDriver(moves, work.limits, work.arm, book.moving)
+        driver = CheckedDriver(moves, work.limits, work.arm, book.note_motion)
 
         def progress(phase: str, part: float) -> None:
             driver.rehearsing = phase.startswith(REHEARSAL)

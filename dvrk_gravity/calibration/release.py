@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.errors import PlanError
-from dvrk_gravity.identification import Fit
+from dvrk_gravity.identification import POOR, Fit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PlanLimits, Straight, resting_positions, slacks
 
@@ -93,6 +94,32 @@ def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: Torqu
         for each in slacks(way, limits, arm, model)
         if each.limit in ("effort", "distance")
     )
+
+
+def held_by_friction(
+    fit: Fit, limits: PlanLimits, settings: CalibrationSettings, seed: int
+) -> dict[str, Any]:
+    """Return at which part of random poses friction is sure to hold all joints, and each of them.
+
+    Poses are drawn as those of a release. Of a model that is unfit, none.
+
+    Args:
+        fit: The identification.
+        limits: What poses keep.
+        settings: Part of its friction that the arm has.
+        seed: Of the poses.
+
+    Returns:
+        ``part`` of poses with all joints held, the joint held ``least``, and ``joints``: the part
+        of each, by name.
+    """
+    model, arm = fit.model, fit.model.arm
+    if model.verdict == POOR:
+        return {"part": 0.0, "least": "", "joints": {}}
+    sure = holding(fit, random_poses(arm, limits, model, seed), settings.friction) < 1.0
+    joints = dict(zip(arm.joint_names, sure.mean(axis=0).tolist(), strict=True))
+    least = min(joints, key=lambda name: joints[name])
+    return {"part": float(sure.all(axis=1).mean()), "least": least, "joints": joints}
 
 
 def holding(fit: Fit, poses: Array, part: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import re
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -13,18 +14,18 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity import __version__
-from dvrk_gravity.calibration.certificate import Moved, certify, largest_drift
-from dvrk_gravity.calibration.kept import KeptDriver
+from dvrk_gravity.calibration.certificate import certify, largest_drift
+from dvrk_gravity.calibration.checked_driver import CheckedDriver
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.motion_steps import (
     collect_motion,
-    held,
     plan_first,
     plan_further,
     plan_second,
 )
-from dvrk_gravity.calibration.release import PART, release_poses
+from dvrk_gravity.calibration.release import PART, held_by_friction, release_poses
 from dvrk_gravity.calibration.settings import CalibrationSettings
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import (
     Outcome,
     Step,
@@ -40,9 +41,7 @@ from dvrk_gravity.files import json_file, text_file
 from dvrk_gravity.files.lock import alone_in
 from dvrk_gravity.identification import POOR, by_errors, evaluate, identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
-from dvrk_gravity.planning import (
-    Straight,
-)
+from dvrk_gravity.planning import Straight
 from dvrk_gravity.recording import Coordinates, Recording
 
 MODEL, CHECK, RELEASE = "model.yaml", "check.json", "release.json"
@@ -105,7 +104,7 @@ def all_steps(settings: CalibrationSettings) -> tuple[Step, ...]:
 
 def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     bags = fitted_bags(work, book, k)
-    if k and book.motions(f"further_{k}") is None:
+    if k and book.recorded(f"further_{k}") is None:
         return Outcome()
     fit = identify(
         bags, work.arm, MEASURED, report=lambda stage, share: work.progress(step, share, stage),
@@ -118,9 +117,14 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.identification(fit, sources))
     holdings = {name: vars(each) for name, each in fit.holding.items()}
+    held = held_by_friction(fit, work.limits, work.settings, work.seed + k)
     values = work.write(
         path.with_suffix(".json").name,
-        {**fit.to_json(), "holding": holdings, "held": held(work, fit, work.seed + k)},
+        {
+            **fit.to_json(),
+            "holding": holdings,
+            "held": held,
+        },
     )
     found = [100.0 * error.nrmse for error in fit.held_out.values()]
     return Outcome(
@@ -131,7 +135,7 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
 
 def _diagnose(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     """Diagnose the first model by all motions that it was not identified from."""
-    if (k and book.motions(f"further_{k}") is None) or trusted_model(work, book) is None:
+    if (k and book.recorded(f"further_{k}") is None) or trusted_model(work, book) is None:
         return Outcome()
     model = work.at(model_file(0))
     bags = [work.at("second"), *fitted_bags(work, book, k)[1:]]
@@ -182,19 +186,15 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     if model.verdict == POOR:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
         return Outcome(content["why"], (work.write(RELEASE, content),))
-    fitted = np.vstack(
-        [
-            Recording.load(bag).position[::_EVERY]
-            for bag in fitted_bags(work, book, work.settings.rounds)
-        ]
-    )
+    bags = fitted_bags(work, book, of.rounds)
+    fitted = np.vstack([Recording.load(bag).position[::_EVERY] for bag in bags])
     if not work.consent("the arm is about to be released under compensation: is it watched?"):
         raise MotionError("not released: no consent was given")
     drift: list[list[float]] = []
     moved: list[dict[str, Any]] = []
 
-    def note(motion: Moved) -> None:
-        book.moving(Moved.total([*moved, asdict(motion)]))
+    def note(motion: MotionTally) -> None:
+        book.note_motion(MotionTally.total([*moved, asdict(motion)]))
 
     poses, apart = np.zeros((0, work.arm.n)), 0.0
     while not len(poses) or len(drift) < len(poses):
@@ -202,7 +202,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
         if work.limits_now is not None:
             work.limits_now()
         with rig.driver() as moves:
-            driver = KeptDriver(moves, work.limits, work.arm, note)
+            driver = CheckedDriver(moves, work.limits, work.arm, note)
             where = driver.connect()
             if not len(poses):
                 poses, apart = release_poses(
@@ -224,7 +224,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     return Outcome(
         f"{len(poses)} poses of {of.seconds:g} s each: drift "
         f"{largest_drift(float(worst.max()))}",
-        (work.write(RELEASE, content),), Moved.total(moved),
+        (work.write(RELEASE, content),), MotionTally.total(moved),
     )  # fmt: skip
 
 
@@ -234,10 +234,12 @@ def _certify(work: Work, book: Logbook, step: str) -> Outcome:
     fit, check, release = (
         json_file.load(work.at(name), finite=False) for name in (last, CHECK, RELEASE)
     )
-    found = sorted(name for name in book.files if name.startswith("diagnosis_") and "json" in name)
-    diagnosis = json_file.load(work.at(found[-1])) if found else {"findings": [], "ambiguities": []}
+    diagnoses = sorted(each for each in book.files if re.fullmatch(r"diagnosis_\d+\.json", each))
+    diagnosis: dict[str, Any] = {"findings": [], "ambiguities": []}
+    if diagnoses:
+        diagnosis = json_file.load(work.at(diagnoses[-1]))
     certificate = certify(
-        work.arm, work.settings, fit, check, release, diagnosis, Moved.total(book.moved()),
+        work.arm, work.settings, fit, check, release, diagnosis, book.total,
         namespace=work.namespace, simulated=release["simulated"],
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), versions=_versions(book),
         files=book.files, model=MODEL,

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration.certificate import Certificate, Moved
+from dvrk_gravity.calibration.certificate import Certificate
 from dvrk_gravity.calibration.logbook import Logbook
 from dvrk_gravity.calibration.rig import Rig
 from dvrk_gravity.calibration.settings import CalibrationSettings
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.diagnosis import Diagnosis
 from dvrk_gravity.files import text_file
 from dvrk_gravity.identification import POOR, Evaluation, Fit
@@ -100,7 +101,7 @@ class Outcome:
 
     said: str = ""
     paths: tuple[Path, ...] = ()
-    motion: Moved | None = None
+    motion: MotionTally | None = None
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def last_model(book: Logbook) -> str:
 def fitted_bags(work: Work, book: Logbook, rounds: int) -> list[Path]:
     """Return the recordings that a model is identified from."""
     names = ["motion", *(f"further_{k}" for k in range(1, rounds + 1))]
-    return [work.at(name) for name in names if book.motions(name) is not None]
+    return [work.at(name) for name in names if book.recorded(name) is not None]
 
 
 def trusted_model(work: Work, book: Logbook) -> TorqueModel | None:

@@ -13,12 +13,12 @@ from dvrk_gravity.cli import options
 from dvrk_gravity.cli.collect import asking
 from dvrk_gravity.cli.diagnose import STAGES as OF_DIAGNOSE
 from dvrk_gravity.cli.identify import STAGES as OF_IDENTIFY
-from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import CalibrationSettings, Pages, Rig
+    from dvrk_gravity.planning import PlanLimits
 
 NAME = "calibrate"
 EXAMPLE = (
@@ -30,7 +30,6 @@ EXAMPLE = (
 DURATIONS = (10.0, 120.0)  # s; below, hardly anything is identified
 TIMES = (1.0, 120.0)  # s, for each plan
 POSES = (1, 100)
-TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
 # Evaluations per second of one core of a first plan: 7 (MTM, PSM) to 13 (UR5), measured on two
 # busy cores. Those that use a model, about 1.
 _PACE = 10.0
@@ -82,31 +81,23 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import CERTIFICATE, Work, calibrate
     from dvrk_gravity.compensate import MotionError
-    from dvrk_gravity.planning import PlanLimits, load_limits
 
-    bounds = (
-        ("duration", DURATIONS), ("time", TIMES), ("poses", POSES), ("timeout", TIMEOUTS),
-    )  # fmt: skip
-    for name, (least, most) in bounds:
-        if not least <= getattr(arguments, name) <= most:
-            raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
-    if arguments.seed < 0:
-        raise ConfigError("--seed", arguments.seed, "0 or more")
-    if arguments.ros_args:
-        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
+    options.require_bounds(
+        arguments,
+        {"duration": DURATIONS, "time": TIMES, "poses": POSES, "timeout": options.TIMEOUTS},
+    )
+    options.refuse_ros_args(arguments)
     simulated = arguments.simulated is not None
     inputs = [Arm.file(arguments.arm), arguments.limits]
     out = outputs.check_folder("--out", arguments.out, (), inputs)
     arm = Arm.load(arguments.arm)
-    limits = PlanLimits.of(arm)
-    if arguments.limits is not None:
-        limits = load_limits(arguments.limits, arm)
+    limits = options.limits_of(arguments, arm)
     settings = _settings(arguments)
     rig = _rig(arguments, arm, settings)
     free = simulated or arguments.yes
     consent = (lambda question: True) if free else asking(rig)
     out.mkdir(parents=True, exist_ok=True)
-    shown = Shown()
+    shown = command_line.ProgressBySteps(_STAGES)
 
     def report(line: str) -> None:
         shown.done()
@@ -135,30 +126,6 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if certificate["certified"] else 1
 
 
-class Shown:
-    """Shows the progress of the present step."""
-
-    def __init__(self) -> None:
-        self._step = ""
-        self._progress: command_line.Progress | None = None
-
-    def __call__(self, step: str, part: float | None, stage: str = "") -> None:
-        """Show a step's part, or that of a stage of it."""
-        if step != self._step or self._progress is None:
-            self.done()
-            self._step, self._progress = step, command_line.Progress(step, 1.0)
-            self._stages = command_line.Stages(self._progress, _STAGES.get(step.split()[0], ()))
-        if stage:
-            self._stages(stage, part)
-        else:
-            self._progress.update(part or 0.0)
-
-    def done(self) -> None:
-        """Clear the line."""
-        if self._progress is not None:
-            self._progress.done()
-
-
 def _kept(out: Path) -> str:
     """Return what is kept of a calibration, and how to go on."""
     from dvrk_gravity.calibration import Logbook
@@ -183,7 +150,6 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
 
 def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings) -> Rig:
     from dvrk_gravity.calibration import SimulatedRig, drawn_arm
-    from dvrk_gravity.simulate import PlantFile
 
     if arguments.simulated is None:
         # Here and not above: rclpy is slow to load, and bad arguments need none of it.
@@ -194,10 +160,7 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
         nobody = f"{namespace}/".startswith(f"{PRIVATE}/")  # no arm has such a name
         simulated = f"the node at {namespace}" if nobody else ""
         return RosRig(arm, namespace, arguments.timeout, simulated)
-    model = arguments.simulated
-    plant = PlantFile.load(model) if model else PlantFile.of(arm)
-    if plant.model.arm.joint_names != arm.joint_names:
-        raise ConfigError("--simulated", model, f"one with the joints of {arm.name}")
+    plant = options.plant_of(arguments, arm)
     return SimulatedRig(drawn_arm(plant, arguments.seed), arguments.seed, settings.friction)
 
 

@@ -1,4 +1,4 @@
-"""Move an arm along a plan and record it, or learn its free room from a person who moves it."""
+"""Move an arm along a plan and record it, or learn its free space from a person who moves it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ NAME = "collect"
 EXAMPLE = "python -m dvrk_gravity collect plan.yaml --namespace /MTMR --out my_bag"
 
 RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
-TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
 # A motion may take longer by this, s, and count as undisturbed. Chosen: a measurement every 10 ms
 # and one late step of 20 ms lie within.
 PAUSED = 0.05
@@ -75,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_moving(parser)
     parser.add_argument("--teach", type=Path, metavar="LIMITS",
-                        help="move nothing: write the free room that a person shows by moving "
+                        help="move nothing: write the free space that a person shows by moving "
                         "the arm to its corners, until Ctrl-C")  # fmt: skip
     parser.add_argument("--arm", help=f"with --teach: {options.arms()}")
     parser.add_argument("--from", dest="recording", type=Path, metavar="RECORDING",
@@ -87,8 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Collect, or teach."""
-    if arguments.ros_args:
-        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
+    options.refuse_ros_args(arguments)
     if arguments.teach is not None:
         from dvrk_gravity.cli import teach
 
@@ -104,22 +102,17 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check({}, read, {"--out": arguments.out})
 
     from dvrk_gravity.collecting import EffortSettings
-    from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.planning import Plan, load_limits, require_arm
+    from dvrk_gravity.planning import Plan, load_limits
 
     plan = Plan.load(arguments.plan)
-    model = None
-    if arguments.model is not None:
-        model = TorqueModel.load(arguments.model)
-        require_arm(model, plan.arm, str(arguments.model))
-        model = model.physical()
-        if model.uncertainty is None:
-            print(
-                f"note: {arguments.model} states no uncertainty: the arm is held where a motor's "
-                f"effort differs from it by more than {100 * EffortSettings().margin:g} % of the "
-                "motor's greatest. `identify` writes a model with its uncertainty",
-                flush=True,
-            )
+    model = options.planned_model(arguments, plan.arm)
+    if model is not None and model.uncertainty is None:
+        print(
+            f"note: {arguments.model} states no uncertainty: the arm is held where a motor's "
+            f"effort differs from it by more than {100 * EffortSettings().margin:g} % of the "
+            "motor's greatest. `identify` writes a model with its uncertainty",
+            flush=True,
+        )
 
     def limits() -> PlanLimits:
         if arguments.limits is not None:
@@ -138,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if arguments.model is not None:
         following = f"evaluate {collected.bag} --model {arguments.model}"
-    finish(collected, following, PAUSED)
+    finish(collected, following)
     return 0
 
 
@@ -149,16 +142,11 @@ def driver_of(arm: Arm, arguments: argparse.Namespace, name: str) -> Iterator[Dr
     Raises:
         ConfigError: An argument that is out of range.
     """
-    for option, (least, most) in (("rate", RATES), ("timeout", TIMEOUTS)):
-        if not least <= getattr(arguments, option) <= most:
-            raise ConfigError(f"--{option}", getattr(arguments, option), f"{least:g} to {most:g}")
+    options.require_bounds(arguments, {"rate": RATES, "timeout": options.TIMEOUTS})
     if arguments.simulated is not None:
         from dvrk_gravity.collecting import SimulatedDriver
-        from dvrk_gravity.simulate import PlantFile
 
-        plant = PlantFile.load(arguments.simulated) if arguments.simulated else PlantFile.of(arm)
-        if plant.model.arm.joint_names != arm.joint_names:
-            raise ConfigError("--simulated", arguments.simulated, f"a plant of {arm.name}")
+        plant = options.plant_of(arguments, arm)
         with SimulatedDriver(plant, rate=arguments.rate) as driver:
             yield driver
         return
@@ -191,16 +179,7 @@ def carry_out(
     """Collect as the arguments say, with its progress on the terminal."""
     from dvrk_gravity.collecting import collect
 
-    shown: dict[str, command_line.Progress] = {}
-
-    def progress(name: str, part: float) -> None:
-        if name not in shown:
-            for before in shown.values():
-                before.done()
-            shown.clear()
-            shown[name] = command_line.Progress(name, 100)
-        shown[name].update(round(100 * part))
-
+    progress = command_line.ProgressBySteps()
     try:
         return collect(
             plans, driver, arguments.out, rehearse=options.rehearses(arguments),
@@ -208,13 +187,12 @@ def carry_out(
             progress=progress, **how,  # type: ignore[arg-type]
         )  # fmt: skip
     finally:
-        for last in shown.values():
-            last.done()
+        progress.done()
 
 
-def finish(collected: Collected, following: str, paused: float) -> None:
+def finish(collected: Collected, following: str) -> None:
     """Print what was recorded, and what to do with it: a command."""
-    if collected.longer > paused:
+    if collected.longer > PAUSED:
         print(
             f"note: the motion took {collected.longer:.2f} s longer than its "
             f"{collected.seconds:g} s, because this computer was busy: accelerations differ from "

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.cli import options
-from dvrk_gravity.cli.collect import PAUSED, add_moving, carry_out, driver_of, finish
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.cli.collect import add_moving, carry_out, driver_of, finish
 from dvrk_gravity.files import outputs
 
 NAME = "excite"
@@ -40,15 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.planning import coverage, covering_plan
 
-    if arguments.ros_args:
-        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
+    options.refuse_ros_args(arguments)
     outputs.check({}, [Arm.file(arguments.arm)], {"--out": arguments.out})
     arm = Arm.load(arguments.arm)
-    for name, (least, most) in (("duration", DURATIONS), ("motions", MOTIONS)):
-        if not least <= getattr(arguments, name) <= most:
-            raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
-    if arguments.seed < 0:
-        raise ConfigError("--seed", arguments.seed, "0 or more")
+    options.require_bounds(arguments, {"duration": DURATIONS, "motions": MOTIONS})
     with driver_of(arm, arguments, NAME) as driver:
         seeds = range(arguments.seed, arguments.seed + arguments.motions)
         plans = [covering_plan(arm, arguments.duration, seed) for seed in seeds]
@@ -64,5 +58,5 @@ def run(arguments: argparse.Namespace) -> int:
     following = f"identify {collected.bag} --arm {arguments.arm} --out model.yaml"
     if arguments.seed != SEED:
         following += f"; or, with a model of another motion, evaluate {collected.bag} --model MODEL"
-    finish(collected, following, PAUSED)
+    finish(collected, following)
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,12 +16,78 @@ from dvrk_gravity.files.resources import shipped
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.planning import PlanLimits
     from dvrk_gravity.recording import Coordinates, RecordingFile
+    from dvrk_gravity.simulate import PlantFile
+
+Bounds = tuple[float, float]
+TIMEOUTS: Bounds = (0.02, 1.0)  # s without measured_js; as the compensator's
 
 
 def arms() -> str:
     """Return the possible values of ``--arm``, for its help."""
     return f"{', '.join(shipped('arms'))}, or an arm's .yaml or .urdf file"
+
+
+def require_bounds(arguments: argparse.Namespace, bounds: Mapping[str, Bounds]) -> None:
+    """Refuse a value outside its bounds, and a negative ``--seed``.
+
+    Raises:
+        ConfigError: Naming the option, its value and what was expected.
+    """
+    for name, (least, most) in bounds.items():
+        if not least <= getattr(arguments, name) <= most:
+            raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
+    if getattr(arguments, "seed", 0) < 0:
+        raise ConfigError("--seed", arguments.seed, "0 or more")
+
+
+def refuse_ros_args(arguments: argparse.Namespace) -> None:
+    """Refuse ``--ros-args``, which a verb that is no node does not read."""
+    if arguments.ros_args:
+        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: use --namespace")
+
+
+def limits_of(arguments: argparse.Namespace, arm: Arm) -> PlanLimits:
+    """Return the limits of ``--limits``, else the arm's own."""
+    from dvrk_gravity.planning import PlanLimits, load_limits
+
+    path = arguments.limits
+    return PlanLimits.of(arm) if path is None else load_limits(path, arm)
+
+
+def plant_of(arguments: argparse.Namespace, arm: Arm) -> PlantFile:
+    """Return the plant of ``--simulated``, else the arm's.
+
+    Raises:
+        ConfigError: A plant with other joints.
+    """
+    from dvrk_gravity.simulate import PlantFile
+
+    given = arguments.simulated
+    plant = PlantFile.load(given) if given else PlantFile.of(arm)
+    if plant.model.arm.joint_names != arm.joint_names:
+        raise ConfigError("--simulated", given, f"a plant of {arm.name}")
+    return plant
+
+
+def planned_model(arguments: argparse.Namespace, arm: Arm) -> TorqueModel | None:
+    """Return the model of ``--model``, for efforts that a motion takes, if there is one.
+
+    Raises:
+        ConfigError: A model of another arm.
+    """
+    from dvrk_gravity.model import TorqueModel
+
+    if arguments.model is None:
+        return None
+    model = TorqueModel.load(arguments.model)
+    names = {model.arm.name, arm.name}
+    # Two of the package's arms are not the same one, though their joints may have the same names.
+    another = len(names) == 2 and names <= set(shipped("arms"))
+    if another or model.arm.joint_names != arm.joint_names:
+        raise ConfigError("--model", model.arm.name, f"a model of {arm.name}", arguments.model)
+    return model.physical()
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +14,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.arms import Arm
-    from dvrk_gravity.planning import MotionDesign, PlanLimits, SeparationDesign
+    from dvrk_gravity.planning import MotionDesign, SeparationDesign
 
 NAME = "plan"
 EXAMPLE = (
@@ -72,7 +71,6 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import diagnosed_again
-    from dvrk_gravity.planning import PlanLimits, load_limits
     from dvrk_gravity.report import limits_text, plan_picture
 
     if not arguments.out.name:
@@ -91,18 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.duration is None:
         arguments.duration = DEFAULTS[separate is not None, arguments.poses]
     longest = LONGEST_POSES if arguments.poses else DURATIONS[1]
-    bounds = (("duration", (DURATIONS[0], longest)), ("time", TIMES))
-    for name, (least, most) in bounds:
-        if not least <= getattr(arguments, name) <= most:
-            raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
-    if arguments.seed < 0:
-        raise ConfigError("--seed", arguments.seed, "0 or more")
-
-    def limits_of(arm: Arm) -> PlanLimits:
-        given = arguments.limits
-        return PlanLimits.of(arm) if given is None else load_limits(given, arm)
-
-    design, lines, enough = (_separating if separate else _informative)(arguments, limits_of)
+    options.require_bounds(arguments, {"duration": (DURATIONS[0], longest), "time": TIMES})
+    design, lines, enough = (_separating if separate else _informative)(arguments)
     plan, about = design.plan, arguments.arm or separate
     table = "\n".join(limits_text(design.slacks))
     plan.save(arguments.out, f"Planned by dvrk_gravity for {about}. Its limits:\n\n{table}")
@@ -125,28 +113,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _informative(
-    arguments: argparse.Namespace, limits_of: Callable[[Arm], PlanLimits]
+    arguments: argparse.Namespace,
 ) -> tuple[MotionDesign, Iterable[str], bool]:
     """Plan what teaches most."""
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.planning import (
-        SolverSettings,
-        design_motion,
-        design_poses,
-        require_arm,
-        series_basis,
-    )
+    from dvrk_gravity.planning import SolverSettings, design_motion, design_poses, series_basis
     from dvrk_gravity.report import design_text
 
     arm = Arm.load(arguments.arm)
-    model = None
-    if arguments.model is not None:
-        model = TorqueModel.load(arguments.model)
-        require_arm(model, arm, str(arguments.model))
-        model = model.physical()
+    model = options.planned_model(arguments, arm)
+    if model is not None:
         arm = model.arm
-    limits = limits_of(arm)
+    limits = options.limits_of(arguments, arm)
     with command_line.Progress(NAME, 1.0) as progress:
         if arguments.poses:
             design = design_poses(
@@ -162,7 +140,7 @@ def _informative(
 
 
 def _separating(
-    arguments: argparse.Namespace, limits_of: Callable[[Arm], PlanLimits]
+    arguments: argparse.Namespace,
 ) -> tuple[SeparationDesign, Iterable[str], bool]:
     """Plan what separates causes."""
     from dvrk_gravity.diagnosis import load_unseparated
@@ -175,7 +153,7 @@ def _separating(
     settings = replace(usual, solver=replace(usual.solver, seconds=seconds))
     with command_line.Progress(NAME, 1.0) as progress:
         design = design_separation(
-            unseparated, limits_of(unseparated.model.arm), arguments.duration, arguments.poses,
-            arguments.seed, settings, progress.update,
+            unseparated, options.limits_of(arguments, unseparated.model.arm), arguments.duration,
+            arguments.poses, arguments.seed, settings, progress.update,
         )  # fmt: skip
     return design, separation_text(design), design.separates

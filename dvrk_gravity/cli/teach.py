@@ -1,4 +1,4 @@
-"""``collect --teach``: limits from a person who moves an arm to the corners of its free room."""
+"""``collect --teach``: limits from a person who moves an arm to the corners of its free space."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.arrays import Array
-    from dvrk_gravity.collecting import TaughtRoom
+    from dvrk_gravity.collecting import TaughtLimits
     from dvrk_gravity.recording import Recording
 
 MARGINS = (0.0, 20.0)  # deg
@@ -25,7 +26,7 @@ LITTLE = 0.2  # part of a joint's range; less is reported. Chosen
 def run(arguments: argparse.Namespace) -> int:
     """Read the arm, or a recording; write the limits; print what they cover."""
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.collecting import TaughtRoom
+    from dvrk_gravity.collecting import TaughtLimits
     from dvrk_gravity.planning import save_limits
     from dvrk_gravity.recording import Recording
 
@@ -34,22 +35,21 @@ def run(arguments: argparse.Namespace) -> int:
     for name, value in (("PLAN", arguments.plan), ("--out", arguments.out)):
         if value is not None:
             raise ConfigError(name, str(value), "nothing beside --teach, which records no motion")
-    if not MARGINS[0] <= arguments.margin <= MARGINS[1]:
-        raise ConfigError("--margin", arguments.margin, f"{MARGINS[0]:g} to {MARGINS[1]:g}")
+    options.require_bounds(arguments, {"margin": MARGINS})
     outputs.check({"--teach": arguments.teach}, [Arm.file(arguments.arm), arguments.recording])
     arm = Arm.load(arguments.arm)
-    room = TaughtRoom(arm)
+    taught = TaughtLimits(arm)
     if arguments.recording is not None:
-        room.show(_positions(Recording.load(arguments.recording), arm))
+        taught.show(_positions(Recording.load(arguments.recording), arm))
     else:
-        _listen(arm, arguments.namespace, room)
-    if not room.samples:
+        _listen(arm, arguments.namespace, taught)
+    if not taught.samples:
         raise ConfigError("--teach", "no measurements", "an arm that is moved before Ctrl-C")
-    limits = room.limits(math.radians(arguments.margin))
+    limits = taught.limits(math.radians(arguments.margin))
     save_limits(arguments.teach, limits, arm, f"Shown to dvrk_gravity, less {arguments.margin:g}"
                 " deg at either end.")  # fmt: skip
-    print(_line(room))
-    little = [name for name, part in room.coverage.items() if part < LITTLE]
+    print(_line(taught))
+    little = [name for name, part in taught.coverage.items() if part < LITTLE]
     if little:
         print(f"note: {', '.join(little)} moved through less than {100 * LITTLE:.0f} % of the "
               "range: a plan will not move there either")  # fmt: skip
@@ -67,28 +67,29 @@ def _positions(recording: Recording, arm: Arm) -> Array:
     return recording.position[:, [recording.joints.index(joint) for joint in arm.joint_names]]
 
 
-def _listen(arm: Arm, given: str | None, room: TaughtRoom) -> None:
-    """Show the room all positions until a signal asks for the end."""
+def _listen(arm: Arm, given: str | None, taught: TaughtLimits) -> None:
+    """Take in all positions until a signal asks for the end."""
     from dvrk_gravity.ros import Client, listen, namespace_of
 
     namespace = namespace_of(arm, given)
-    print(f"move the arm to the corners of its free room: reading {namespace}/measured_js until "
+    print(f"move the arm to the corners of its free space: reading {namespace}/measured_js until "
           "Ctrl-C", flush=True)  # fmt: skip
     terminal = sys.stderr.isatty()
     with Client(namespace, "collect") as client:
         due = time.monotonic() + EVERY
         for position in listen(client, arm):
             if position is not None:
-                room.show(position)
+                taught.show(position)
             if time.monotonic() >= due:
                 due = time.monotonic() + EVERY
                 before, after = ("\r\033[K", "") if terminal else ("", "\n")
-                line = _line(room) if room.samples else f"nothing on {namespace}/measured_js yet"
+                nothing = f"nothing on {namespace}/measured_js yet"
+                line = _line(taught) if taught.samples else nothing
                 print(f"{before}{line}", end=after, file=sys.stderr, flush=True)
     if terminal:
         print(file=sys.stderr)
 
 
-def _line(room: TaughtRoom) -> str:
+def _line(taught: TaughtLimits) -> str:
     return "shown: " + ", ".join(f"{name} {100 * part:.0f} %"
-                                 for name, part in room.coverage.items())  # fmt: skip
+                                 for name, part in taught.coverage.items())  # fmt: skip

@@ -6,11 +6,11 @@ from .driver import held_on_error as held_on_error
 from .effort_watch import EffortSettings as EffortSettings
 from .effort_watch import EffortWatch as EffortWatch
 from .journal import REHEARSAL as REHEARSAL
-from .journal import Journal as Journal
+from .journal import discard as discard
 from .pace import Paced as Paced
 from .run import Collected as Collected
 from .run import CollectSettings as CollectSettings
 from .run import MotionStoppedError as MotionStoppedError
 from .run import collect as collect
 from .simulated import SimulatedDriver as SimulatedDriver
-from .teaching import TaughtRoom as TaughtRoom
+from .teaching import TaughtLimits as TaughtLimits

@@ -17,21 +17,21 @@ from dvrk_gravity.planning import effort_band
 
 @dataclass(frozen=True)
 class EffortSettings:
-    """When an effort counts as another one than the motion's.
+    """When an effort is not explained by the motion.
 
     Attributes:
-        every: The model is asked about moments of the path so far apart, s: what changes at 0.6 Hz
-            changes by 15 % of its amplitude from one to the next, which the window has both of.
-        ahead: ... and so far ahead at once, s: of an identified MTM that takes 3 ms, less than a
-            period of the set points.
-        window: What it says for so long back counts, s: the arm lags, by LAG at most, and its
-            effort is measured some 10 ms late.
-        margin: Part of the motor's greatest effort that it may be outside of the band. Twice what
-            undisturbed simulated arms are for `lasts` with their plant's own model: at most .046 of
-            an MTM's, .031 of a PSM's, .004 of an ECM's, on covering plans of 8 and 20 s
+        every: Step at which the model is evaluated along the path, s. A torque at 0.6 Hz changes by
+            15 % of its amplitude within a step, and the window holds both of its ends.
+        ahead: Length of the path that is evaluated at a time, s. An identified MTM's takes 3 ms,
+            less than a period of the set points.
+        window: Length of the path, back from the set point, whose efforts are all expected, s: the
+            arm lags by up to LAG, and its effort is measured some 10 ms late.
+        margin: Distance from the band that is allowed, as a part of the motor's greatest effort.
+            Twice what undisturbed simulated arms need with their plant's own model: at most .046
+            for an MTM, .031 for a PSM, .004 for an ECM, on covering plans of 8 and 20 s
             (`test_an_undisturbed_arm_needs_half_of_the_margin`).
-        lasts: It has to be outside for so long, s: a servo's answer to a step has ended, and an
-            arm at 60 deg/s has gone 6 deg.
+        lasts: Time beyond the margin after which the arm is stopped, s: a servo's answer to a step
+            has ended, and an arm at 60 deg/s has gone 6 deg.
     """
 
     every: float = 0.04

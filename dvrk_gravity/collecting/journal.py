@@ -170,7 +170,7 @@ class Journal:
     @property
     def folder(self) -> Path:
         """Where it lies, beside the bag."""
-        return self.out.with_name(self.out.name + SUFFIX)
+        return _folder(self.out)
 
     @property
     def file(self) -> Path:
@@ -216,7 +216,7 @@ class Journal:
         self.parts.append(part)
         return BagWriter(self.folder / part.name)
 
-    def begins(self, before: float) -> list[float]:
+    def resume_points(self, before: float) -> list[float]:
         """Return moments from which the present motion may go on, s, ascending.
 
         Args:
@@ -238,7 +238,7 @@ class Journal:
             self.parts[-1].marks.append((self.motion, moment, bag.count))
         self.save()
 
-    def cut_at(self, motion: int, moment: float) -> None:
+    def drop_from(self, motion: int, moment: float) -> None:
         """Drop what was recorded of a motion from a moment on, s.
 
         Of a motion that begins again (0.0), all of it.
@@ -324,9 +324,14 @@ class Journal:
                         f"{first:.1f} to {next_one:.1f} s; remove {self.folder} and collect again"
                     )  # fmt: skip
 
-    def remove(self) -> None:
-        """Remove the folder, when its bag is written."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+
+def _folder(out: Path) -> Path:
+    return out.with_name(out.name + SUFFIX)
+
+
+def discard(out: Path) -> None:
+    """Remove what collections of a bag have left beside it, if anything."""
+    shutil.rmtree(_folder(out), ignore_errors=True)
 
 
 def fingerprint(plans: Sequence[Plan]) -> str:

@@ -13,9 +13,7 @@ from dvrk_gravity.planning import RISE, RISE_BOUNDS, FourierMotion, PlanLimits, 
 
 # Covered within a ramp of length 1: the integral of 10 s^3 - 15 s^4 + 6 s^5, half of it in the end.
 _WAY = RISE.integ()
-
-
-RAMPS = (1.0, 2.0, 4.0, 8.0)  # s, the shortest one first: longer ones accelerate less
+RAMPS = (1.0, 2.0, 4.0, 8.0)  # s, the shortest one first: longer ones accelerate less. Chosen
 _STEP = 1e-3  # s, of the grid within a ramp
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting.driver import Driver, Path, States
 from dvrk_gravity.collecting.effort_watch import EffortWatch
-from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal
+from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal, discard
 from dvrk_gravity.collecting.pace import Paced, resumed
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
@@ -32,11 +32,11 @@ class CollectSettings:
         rehearsal: Speed of the rehearsal, of the motion's. Chosen: a hundredth of its
             accelerations, so that what is in the way is met gently.
         approach: Part of the limits that an approach uses: it passes through untested space.
-        disturbed: So long before the arm was stopped may its recording be disturbed, s: what is
-            noticed must have lasted a tenth of a second, and pulls at the arm before it is.
-        mark: From so much to so much of a motion, s, it can be resumed.
-        message: A recorded message takes so much, bytes: a JointState of seven joints and its row.
-        rate: Messages per second at most, Hz: a console's.
+        disturbed: Time before a stop whose recording is dropped, s. Chosen: what stops an arm lasts
+            a tenth of a second before it is noticed, and may pull at it for longer.
+        mark: Interval of the points at which a motion can be resumed, s. Chosen.
+        message: Size of a recorded message, bytes: a JointState of seven joints and its row.
+        rate: Greatest rate of messages, Hz: a console's.
     """
 
     rehearsal: float = 0.1
@@ -139,7 +139,7 @@ def collect(
             work.move(rehearse)
             journal.enter(journal.motion, JOINING, 0.0, approaching=False)
         samples, parts = journal.join(plans, 2.0 * settings.mark), len(journal.parts)
-        journal.remove()
+        discard(journal.out)
         return Collected(journal.out, samples, seconds, work.longer, parts)
 
 
@@ -171,7 +171,7 @@ class _Collection:
         """Carry out what is left of the plans."""
         journal, first = self._journal, self._journal.motion
         for number in range(first, len(self._plans)):
-            self._limits_now(number)
+            self._limits_now(number)  # refuses what would stop the arm later
         rehearsing = rehearse and journal.phase == REHEARSAL
         self._ask(
             f"the arm is about to move{' slowly, in rehearsal' if rehearsing else ''}: is its room "
@@ -212,7 +212,7 @@ class _Collection:
         goes_on = journal.found and number == journal.motion
         if rehearse and not (goes_on and journal.phase == MOTION):
             at = [max(journal.moment - of.disturbed, 0.0)] if goes_on else []
-            self._phase(bag, number, REHEARSAL, self._rest(number, at, of.rehearsal), where)
+            self._phase(bag, number, REHEARSAL, self._remaining(number, at, of.rehearsal), where)
             self._driver.hold()
             journal.enter(number, MOTION, 0.0, approaching=True)
             self._ask(f"rehearsed: now at {1.0 / of.rehearsal:g} times that speed?")
@@ -220,17 +220,17 @@ class _Collection:
             goes_on = False
         begins: list[float] = []
         if goes_on and journal.phase == MOTION:
-            begins = journal.begins(0.0 if journal.approaching else of.disturbed)
-        paced = self._rest(number, begins)
-        journal.cut_at(number, paced.begin)
+            begins = journal.resume_points(0.0 if journal.approaching else of.disturbed)
+        paced = self._remaining(number, begins)
+        journal.drop_from(number, paced.begin)
         self.longer += self._phase(bag, number, MOTION, paced, where)
         if number + 1 < len(self._plans):
             self._driver.hold()
             where = self._connect(number + 1)
         return where
 
-    def _rest(self, number: int, begins: list[float], speed: float = 1.0) -> Paced:
-        """Return what is left of a motion from one of these moments on, s."""
+    def _remaining(self, number: int, begins: list[float], speed: float = 1.0) -> Paced:
+        """Return what is left of a motion, from one of these moments on, s."""
         plan = self._plans[number]
         return resumed(plan.motion, begins, self._limits_now(number), plan.arm, speed)
 

@@ -1,4 +1,4 @@
-"""The free room of an arm, as a person shows it by moving the arm to its corners."""
+"""Limits of an arm's free space, from a person who moves the arm to its corners."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning import PlanLimits
 
-# Of a joint that was hardly moved, rad (Arm.scale): a plan needs some way, and a person who moves
-# the others lets it wander by as much. Chosen.
+# Range that a joint gets at least, rad (Arm.scale), also if it was hardly moved: a plan needs some,
+# and a person who moves the other joints lets it wander by as much. Chosen.
 LEAST = float(np.radians(1.0))
 
 
-class TaughtRoom:
+class TaughtLimits:
     """Ranges of joints, and of their combinations that the arm limits, that were shown.
 
     What a plan then uses is all that lies within them, also where several joints are at their ends

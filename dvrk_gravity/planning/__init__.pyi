@@ -1,11 +1,10 @@
+from .coverage_objective import CoverageObjective as CoverageObjective
 from .design import MotionDesign as MotionDesign
 from .design import SeriesSettings as SeriesSettings
 from .design import condition_number as condition_number
 from .design import design_motion as design_motion
 from .design import knowledge_of as knowledge_of
-from .design import require_arm as require_arm
 from .design import series_basis as series_basis
-from .everywhere import Everywhere as Everywhere
 from .exciting import coverage as coverage
 from .exciting import covering_motion as covering_motion
 from .exciting import covering_plan as covering_plan

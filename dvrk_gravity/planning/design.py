@@ -10,10 +10,8 @@ import numpy as np
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import base_directions
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.files.resources import shipped
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning.everywhere import Everywhere
+from dvrk_gravity.planning.coverage_objective import CoverageObjective
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.information import Knowledge, ModelKnowledge, PriorKnowledge
 from dvrk_gravity.planning.keeping import Slack, slacks
@@ -25,17 +23,18 @@ from dvrk_gravity.tabular import Columns, Tabular
 
 @dataclass(frozen=True)
 class SeriesSettings:
-    """Of what a motion is made.
+    """Frequencies and ramps of a motion.
 
     Attributes:
         highest: Highest frequency, Hz: that of published exciting motions of these arms.
-        most: Most frequencies: multiples of half of what fits into the motion once, as evenly apart
-            by their ratio as these are. Chosen: more are slower to solve, and reach no more.
-        cycles: Cycles of the lowest one in a motion. Chosen: slow enough to go through the range.
-        lowest: ... but no lower than this, Hz. Chosen: so slowly joints pass their range at a tenth
-            of their speed.
-        ramp: From rest into the motion, and out of it, s; as `excite`'s.
-        most_ramp: ... but no more than this part of a motion.
+        most: Greatest number of frequencies. They are multiples of half a cycle in a motion, in
+            ratios as equal as these allow. Chosen: more are slower to solve, and reach no more.
+        cycles: Cycles of the lowest frequency in a motion. Chosen: slow enough to go through the
+            range.
+        lowest: Least frequency, Hz, also of a long motion. Chosen: joints then pass their range at
+            a tenth of their speed.
+        ramp: Time from rest into the motion, and out of it, s; as `excite`'s.
+        most_ramp: Greatest part of a short motion that a ramp may take. Chosen.
     """
 
     highest: float = 0.6
@@ -108,7 +107,7 @@ def design_motion(
         PlanError: No motion keeps the limits.
     """
     knowledge = knowledge_of(arm, limits, model)
-    wanted = Everywhere(knowledge, limits.lower, limits.upper)
+    wanted = CoverageObjective(knowledge, limits.lower, limits.upper)
     search = MotionSearch(basis, limits, wanted, model, seed, settings)
     motion = search.best(report)
     gram = search.gram(motion)
@@ -152,15 +151,3 @@ def condition(columns: Array) -> float:
     columns = columns.reshape(-1, columns.shape[-1])
     spread = np.ptp(columns, axis=0)
     return float(np.linalg.cond(columns / spread)) if spread.all() else float("inf")
-
-
-def require_arm(model: TorqueModel, arm: Arm, path: str) -> None:
-    """Refuse a model of another arm.
-
-    Raises:
-        ConfigError: Naming it.
-    """
-    names, kinds = {model.arm.name, arm.name}, shipped("arms")
-    another = len(names) == 2 and names <= set(kinds)  # their joints may have the same names
-    if another or model.arm.joint_names != arm.joint_names:
-        raise ConfigError("--model", model.arm.name, f"a model of {arm.name}", path)

@@ -38,12 +38,12 @@ class NoiseSettings:
 
 @dataclass(frozen=True)
 class Steps:
-    """Of the finite differences of a regressor.
+    """Steps of the finite differences of a regressor.
 
     Attributes:
         position: rad or m. The regressor is smooth.
-        velocity: rad/s or m/s (a tenth), within which dry friction reverses here: of a step there
-            would be no slope. Chosen; a motion spends few samples there.
+        velocity: rad/s (a tenth, m/s). Dry friction is taken to reverse linearly within it, since a
+            jump has no slope to follow. Chosen: a motion spends few samples there.
     """
 
     position: float = 1e-6
@@ -221,7 +221,10 @@ class PriorKnowledge(Knowledge):
 
     def regressor(self, state: State) -> Array:
         """Return the joints' torques; friction that depends on the path is none of the columns."""
-        true, slow = self._columns.kinematics.true(state), Steps().velocity * self.arm.scale
+        true, slow = (
+            self._columns.kinematics.true(state),
+            Steps().velocity * self.arm.scale,
+        )
         start = len(self._columns.rigid.columns)
         parts = [self._columns.rigid.regressor(true)]
         for unknowns in self._columns.unknowns:

@@ -27,8 +27,8 @@ STEP = 0.005  # s, of the grid: of .6 Hz the proof adds 5e-5 of an acceleration
 WITHIN = 1.96  # standard deviations: 95 % of a normal distribution
 ROUNDING = 1e-9  # of limits, which files have in degrees
 KINDS = ("position", "velocity", "acceleration", "effort", "distance")
-# Of a straight way: velocities and accelerations are chosen within limits, and between two
-# positions it goes no further out than the farther one.
+# What a straight move must be checked for. Its duration keeps velocities and accelerations, and
+# between two positions within limits it stays within them.
 UNSEEN = ("effort", "distance")
 _BLOCK = 4000  # samples worked on at a time
 

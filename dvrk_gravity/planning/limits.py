@@ -155,30 +155,7 @@ class PlanLimits:
             ConfigError: Limits in its file that no joint has, or none where a joint stops.
         """
         require_drivable(arm)
-        settings, known = LimitSettings(), mtm.defaults
-        lower, upper = arm.range
-        if not mtm.is_mtm(arm):
-            margin = np.minimum(settings.margin * arm.scale, settings.most_margin * (upper - lower))
-            lower, upper = lower + margin, upper - margin
-            used = settings.used * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
-            velocity = np.minimum(settings.velocity * arm.scale, arm.velocity_limit)
-            acceleration = settings.acceleration * arm.scale
-            return cls(
-                arm.joint_names, lower, upper, velocity, acceleration, arm.actuator_effort_limit,
-                used,
-            )  # fmt: skip
-        lower, upper = lower + known.MARGIN, upper - known.MARGIN
-        lower[2], upper[2] = max(lower[2], known.ELBOW[0]), min(upper[2], known.ELBOW[1])
-        velocity, acceleration = np.minimum(known.VELOCITY, arm.velocity_limit), known.ACCELERATION
-        low, high = known.ELBOW_MOTOR.tolist()
-        motor = Combination(
-            tuple((name, 1.0) for name in arm.joint_names[1:3]), low, high, float(velocity[2]),
-            float(acceleration[2]),
-        )  # fmt: skip
-        return cls(
-            arm.joint_names, lower, upper, velocity, acceleration, arm.actuator_effort_limit,
-            np.array(known.EXCITED_RANGE), (motor,),
-        )  # fmt: skip
+        return _limits_of_mtm(arm) if mtm.is_mtm(arm) else _limits_by_settings(arm)
 
     @property
     def pair(self) -> PairLimit | None:
@@ -242,6 +219,35 @@ class PlanLimits:
             np.array([*self.velocity, *(each.velocity for each in self.combinations)]),
             np.array([*self.acceleration, *(each.acceleration for each in self.combinations)]),
         )
+
+
+def _limits_by_settings(arm: Arm) -> PlanLimits:
+    settings, (lower, upper) = LimitSettings(), arm.range
+    margin = np.minimum(settings.margin * arm.scale, settings.most_margin * (upper - lower))
+    lower, upper = lower + margin, upper - margin
+    used = settings.used * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
+    velocity = np.minimum(settings.velocity * arm.scale, arm.velocity_limit)
+    return PlanLimits(
+        arm.joint_names, lower, upper, velocity, settings.acceleration * arm.scale,
+        arm.actuator_effort_limit, used,
+    )  # fmt: skip
+
+
+def _limits_of_mtm(arm: Arm) -> PlanLimits:
+    """Return the published limits of a master arm, of its elbow's motor, too."""
+    known, (lower, upper) = mtm.defaults, arm.range
+    lower, upper = lower + known.MARGIN, upper - known.MARGIN
+    lower[2], upper[2] = max(lower[2], known.ELBOW[0]), min(upper[2], known.ELBOW[1])
+    velocity, acceleration = np.minimum(known.VELOCITY, arm.velocity_limit), known.ACCELERATION
+    low, high = known.ELBOW_MOTOR.tolist()
+    motor = Combination(
+        tuple((name, 1.0) for name in arm.joint_names[1:3]), low, high, float(velocity[2]),
+        float(acceleration[2]),
+    )  # fmt: skip
+    return PlanLimits(
+        arm.joint_names, lower, upper, velocity, acceleration, arm.actuator_effort_limit,
+        np.array(known.EXCITED_RANGE), (motor,),
+    )  # fmt: skip
 
 
 def stricter(combinations: Iterable[Combination]) -> tuple[Combination, ...]:

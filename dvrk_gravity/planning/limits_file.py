@@ -27,6 +27,7 @@ from dvrk_gravity.arms import FASTEST, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
+from dvrk_gravity.files.entries import mapping, sequence
 from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
 from dvrk_gravity.planning.places import tip
 
@@ -55,17 +56,17 @@ def load_limits(path: str | Path, arm: Arm) -> PlanLimits:
 def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
     """Return an arm's limits with those of the content of such a file."""
     limits = PlanLimits.of(arm)
-    _require_known("", content, KEYS)
+    mapping("", content, KEYS)
     values = {name: getattr(limits, name).copy() for name in ("lower", "upper", *_RATES, "effort")}
-    for name, entry in _mapping("joints", content.get("joints", {})).items():
+    for name, entry in mapping("joints", content.get("joints", {})).items():
         where = f"joints.{name}"
         if name not in arm.joint_names:
             raise ConfigError("joints", name, f"one of {', '.join(arm.joint_names)}")
-        _require_known(where, _mapping(where, entry), ("position", *_RATES, "effort"))
+        mapping(where, entry, ("position", *_RATES, "effort"))
         k = arm.joint_names.index(name)
         _put(values, k, where, entry, arm)
     combinations = limits.combinations
-    for k, entry in enumerate(_list("combinations", content.get("combinations", []))):
+    for k, entry in enumerate(sequence("combinations", content.get("combinations", []))):
         given = _combination(f"combinations[{k}]", entry, arm)
         for known in combinations:
             both = known.within(given)
@@ -79,7 +80,7 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
         combinations = stricter((*combinations, given))
     boxes = tuple(
         _box(f"boxes[{k}]", entry, k, arm)
-        for k, entry in enumerate(_list("boxes", content.get("boxes", [])))
+        for k, entry in enumerate(sequence("boxes", content.get("boxes", [])))
     )
     return replace(limits, **values, combinations=combinations, boxes=boxes)
 
@@ -159,8 +160,8 @@ def _put(values: dict[str, Array], k: int, where: str, entry: Mapping[str, Any],
 
 
 def _combination(where: str, entry: Any, arm: Arm) -> Combination:
-    _require_known(where, _mapping(where, entry), ("of", "position", *_RATES))
-    of = _mapping(f"{where}.of", entry.get("of"))
+    mapping(where, entry, ("of", "position", *_RATES))
+    of = mapping(f"{where}.of", entry.get("of"))
     for name, factor in of.items():
         if name not in arm.joint_names:
             raise ConfigError(f"{where}.of", name, f"joints of {', '.join(arm.joint_names)}")
@@ -184,12 +185,12 @@ def _combination(where: str, entry: Any, arm: Arm) -> Combination:
 
 
 def _box(where: str, entry: Any, number: int, arm: Arm) -> Box:
-    _require_known(where, _mapping(where, entry), ("name", "lower", "upper", "links"))
+    mapping(where, entry, ("name", "lower", "upper", "links"))
     lower, upper = (_corner(f"{where}.{side}", entry.get(side)) for side in ("lower", "upper"))
     for axis, (low, high) in zip("xyz", zip(lower, upper, strict=True), strict=True):
         if not low < high:
             raise ConfigError(where, [low, high], f"lower below upper along {axis}")
-    links = _list(f"{where}.links", entry.get("links", [tip(arm)]))
+    links = sequence(f"{where}.links", entry.get("links", [tip(arm)]))
     for link in links:
         if link not in arm.body_names:
             raise ConfigError(f"{where}.links", link, f"some of {', '.join(arm.body_names)}")
@@ -231,24 +232,6 @@ def _number(where: str, value: Any, most: float = sys.float_info.max) -> float:
     if abs(value) / (1.0 + _ROUNDING) > most:
         raise ConfigError(where, value, f"numbers up to {most:g}")
     return float(value)
-
-
-def _mapping(where: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise ConfigError(where, value, "a mapping")
-    return value
-
-
-def _list(where: str, value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise ConfigError(where, value, "a list")
-    return value
-
-
-def _require_known(where: str, entry: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in entry:
-        if key not in known:
-            raise ConfigError(where, key, f"{', '.join(known)}")
 
 
 def _size(arm: Arm, k: int) -> float:

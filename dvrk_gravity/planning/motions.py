@@ -8,6 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.planning.fourier import RISE_BOUNDS
 
 
 @dataclass(frozen=True)
@@ -100,13 +101,11 @@ def _step(s: Array) -> tuple[Array, Array]:
     return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
 
 
-# Greatest slope and curvature of the path 10 s^3 - 15 s^4 + 6 s^5.
-_SLOPE = 1.875
-_CURVATURE = 10.0 / np.sqrt(3.0)
-
-
 class Move:
-    """All joints leave and arrive together, without a jerk at either end.
+    """All joints leave and arrive together along 10 s^3 - 15 s^4 + 6 s^5, at rest at either end.
+
+    A :class:`~.pose_path.Straight` at one moment at a time, without its acceleration: a simulator
+    asks at every step.
 
     Attributes:
         duration: s.
@@ -131,8 +130,8 @@ class Move:
         """
         self._start, self._way, self._time = start, goal - start, time
         way = np.abs(self._way)
-        by_velocity = _SLOPE * way / velocity
-        by_acceleration = np.sqrt(_CURVATURE * way / acceleration)
+        by_velocity = RISE_BOUNDS[1] * way / velocity
+        by_acceleration = np.sqrt(RISE_BOUNDS[2] * way / acceleration)
         self.duration = float(max(by_velocity.max(), by_acceleration.max()))
 
     def at(self, time: float) -> tuple[Array, Array]:

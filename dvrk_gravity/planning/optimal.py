@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,7 +29,17 @@ from dvrk_gravity.planning.resting import resting_positions
 from dvrk_gravity.units import quantity
 
 Report = Callable[[float], None]
+# From (n,) middle and (2 k, n) coefficients to values g <= 0, and to what takes a force on each of
+# them back to a slope by middle and coefficients.
+Constraint = Callable[[Array, Array], tuple[Array, Callable[[Array], tuple[Array, Array]]]]
+Multiplier = Array | float  # of the shape of g; 0.0: of no force yet
 _HALVINGS = 10  # of the part of a motion that keeps its limits: to a thousandth
+_PLACES = 21  # positions at rest about which random motions are drawn. Chosen
+# Of finite differences of efforts by position, velocity and acceleration, rad and s: dry friction
+# reverses within the second, as in `information.Steps`; the third is exact.
+_STEPS = (1e-5, 0.05, 1.0)
+_BOX_UNIT = 0.1  # m, which counts as much as all of a limit. Chosen
+_BOX_SPARE = 0.005  # m, by which links stay further off, for what is between grid points. Chosen
 
 
 @dataclass(frozen=True)
@@ -69,25 +79,9 @@ class SolverSettings:
     evaluations: int | None = None
 
 
-@dataclass(eq=False)
-class _Constraint:
-    """Values g <= 0 with multipliers and what takes their slopes back to the coefficients."""
-
-    values: Callable[[Array, Array], tuple[Array, Callable[[Array], tuple[Array, Array]]]]
-    multiplier: Array = field(default_factory=lambda: np.zeros(0))
-
-    def add(
-        self, middle: Array, coefficients: Array, stiffness: float, update: bool = False
-    ) -> tuple[float, Array, Array]:
-        """Return the Lagrangian's part and its slopes; ``update`` the multipliers afterwards."""
-        g, back = self.values(middle, coefficients)
-        if self.multiplier.shape != g.shape:
-            self.multiplier = np.zeros(g.shape)
-        force = np.maximum(0.0, self.multiplier + stiffness * g)
-        value = float(np.sum(force**2 - self.multiplier**2)) / (2.0 * stiffness)
-        if update:
-            self.multiplier = force
-        return value, *back(force)
+def _force(g: Array, multiplier: Multiplier, stiffness: float) -> Array:
+    """Return the slope of the Lagrangian by g: after an iteration, the next multiplier."""
+    return np.asarray(np.maximum(0.0, multiplier + stiffness * g))
 
 
 class MotionSearch:
@@ -119,7 +113,7 @@ class MotionSearch:
         self.arm: Arm = objective.arm
         self.settings = settings or SolverSettings()
         self._random = np.random.default_rng(seed)
-        self.rest = resting_positions(limits, self.arm, model, self._random, 1 + 20)
+        self.rest = resting_positions(limits, self.arm, model, self._random, _PLACES)
         fastest = float(basis.frequency.max())
         needed = int(self.settings.samples * fastest * basis.duration) + 2
         count = min(self.settings.most_samples, needed)
@@ -132,11 +126,11 @@ class MotionSearch:
         self._grid = basis.at(basis.grid(1.0 / (self.settings.grid * fastest))[0])
         self._scale = self._sizes()
         self._begun, self._evaluated = 0.0, 0
-        self._constraints = [_Constraint(self._kinematic)]
+        self._constraints: list[Constraint] = [self._kinematic]
         if model is not None:
-            self._constraints.append(_Constraint(self._efforts))
+            self._constraints.append(self._efforts)
         if limits.boxes:
-            self._constraints.append(_Constraint(self._boxes))
+            self._constraints.append(self._boxes)
 
     def _sizes(self) -> Array:
         """Return (1 + 2 k, n) about how large middle and coefficients can be."""
@@ -165,15 +159,14 @@ class MotionSearch:
 
         drawn = sorted((self._draw(k) for k in range(settings.draws)), key=self.value, reverse=True)
         found = []
+        free: list[Multiplier] = [0.0] * len(self._constraints)
         for start in drawn[: settings.starts]:
-            x, multipliers = self._solve(start, 1, settings.first, count)
+            x, multipliers = self._solve(self._vector(start), free, 1, settings.first, count)
             found.append((self._kept(x), x, multipliers))
         found.sort(key=lambda each: -self.value(each[0]))
         done = settings.starts * settings.first
         _, x, multipliers = found[0]
-        for constraint, multiplier in zip(self._constraints, multipliers, strict=True):
-            constraint.multiplier = multiplier
-        x, _ = self._solve(x, settings.rounds, settings.iterations, count)
+        x, _ = self._solve(x, multipliers, settings.rounds, settings.iterations, count)
         return max(
             [self._kept(x), *(each[0] for each in found), self._kept(self._vector(drawn[0]))],
             key=self.value,
@@ -224,33 +217,30 @@ class MotionSearch:
 
     def _solve(
         self,
-        start: FourierMotion | Array,
+        x: Array,
+        multipliers: list[Multiplier],
         rounds: int,
         iterations: int,
         count: Callable[[Array], None],
-    ) -> tuple[Array, list[Array]]:
-        """Return where rounds of the augmented Lagrangian lead, and the multipliers."""
+    ) -> tuple[Array, list[Multiplier]]:
+        """Return where rounds of the augmented Lagrangian lead, and the multipliers there."""
         from scipy.optimize import minimize
 
         stiffness = self.settings.stiffness
-        if isinstance(start, FourierMotion):
-            x = self._vector(start)
-            for constraint in self._constraints:
-                constraint.multiplier = np.zeros(0)
-        else:
-            x = start
         for _ in range(rounds):
             if self._spent() >= 1.0:
                 break
             x = minimize(
-                self._lagrangian, x, args=(stiffness,), jac=True, method="L-BFGS-B",
+                self._lagrangian, x, args=(multipliers, stiffness), jac=True, method="L-BFGS-B",
                 callback=count, options={"maxiter": iterations, "maxcor": 30},
             ).x  # fmt: skip
             motion = self._motion(x)
-            for constraint in self._constraints:
-                constraint.add(motion.middle, motion.coefficients, stiffness, update=True)
+            multipliers = [
+                _force(constraint(motion.middle, motion.coefficients)[0], multiplier, stiffness)
+                for constraint, multiplier in zip(self._constraints, multipliers, strict=True)
+            ]
             stiffness *= self.settings.stiffer
-        return x, [constraint.multiplier for constraint in self._constraints]
+        return x, multipliers
 
     def _spent(self) -> float:
         """Return the part of the search's time, or of its evaluations, that is spent."""
@@ -260,7 +250,10 @@ class MotionSearch:
             parts.append(self._evaluated / settings.evaluations)
         return max(parts)
 
-    def _lagrangian(self, x: Array, stiffness: float) -> tuple[float, Array]:
+    def _lagrangian(
+        self, x: Array, multipliers: list[Multiplier], stiffness: float
+    ) -> tuple[float, Array]:
+        """Return the augmented Lagrangian, to be minimised, and its slope."""
         self._evaluated += 1
         motion = self._motion(x)
         states = (self._at @ motion.coefficients) + np.stack(
@@ -270,9 +263,11 @@ class MotionSearch:
         total = -value
         of_middle = -by[0].sum(axis=0)
         of_waves = -sum(b.T @ each for b, each in zip(self._at, by, strict=True))
-        for constraint in self._constraints:
-            part, middle, waves = constraint.add(motion.middle, motion.coefficients, stiffness)
-            total += part
+        for constraint, multiplier in zip(self._constraints, multipliers, strict=True):
+            g, back = constraint(motion.middle, motion.coefficients)
+            force = _force(g, multiplier, stiffness)
+            total += float(np.sum(force**2 - multiplier**2)) / (2.0 * stiffness)
+            middle, waves = back(force)
             of_middle = of_middle + middle
             of_waves = of_waves + waves
         slope = np.vstack([of_middle, of_waves]) * self._scale
@@ -319,7 +314,7 @@ class MotionSearch:
             busy = pull.any(axis=1)
             state = [each[busy] for each in (q, qd, qdd)]
             # The band moves little beside the torque itself.
-            for order, step in enumerate((1e-5, 0.05, 1.0)):
+            for order, step in enumerate(_STEPS):
                 for j, unit in enumerate(np.eye(self.arm.n)):
                     ahead, behind = (
                         self.arm.actuator_effort(
@@ -341,10 +336,10 @@ class MotionSearch:
         self, middle: Array, coefficients: Array
     ) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
         """Return (N, links) how far links are within boxes, in units of 0.1 m."""
-        boxes, size = self.limits.boxes, 0.1
+        boxes = self.limits.boxes
         q = self._grid[0] @ coefficients + middle
         away, slope = outside(self.arm, boxes, q)
-        part = (0.005 - away) / size  # 5 mm for what is between the points
+        part = (_BOX_SPARE - away) / _BOX_UNIT
 
         def back(force: Array) -> tuple[Array, Array]:
             busy = force.any(axis=1)
@@ -352,7 +347,9 @@ class MotionSearch:
             if busy.any():
                 links = [link for box in boxes for link in box.links]
                 lever = levers(self.arm, links, q[busy])
-                by[busy] = -np.einsum("Nl,Nlx,Nlxn->Nn", force[busy], slope[busy], lever) / size
+                by[busy] = (
+                    -np.einsum("Nl,Nlx,Nlxn->Nn", force[busy], slope[busy], lever) / _BOX_UNIT
+                )
             return by.sum(axis=0), self._grid[0].T @ by
 
         return part, back

@@ -13,6 +13,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
+from dvrk_gravity.files.entries import mapping
 from dvrk_gravity.model import arm_beside, arm_of, seen_from, values_of
 from dvrk_gravity.parameters import flatten, unflatten
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
@@ -27,8 +28,8 @@ CSV_RATE = 1000.0  # Hz
 SEEN_RATE = 10.0  # Hz: of .6 Hz a crest is missed by 2 % of its height at most
 LONGEST = 10_000.0  # s; `plan` makes 7200 s at most
 _MOST = 1e6  # no position, time or frequency is greater, rad, m, s or Hz
-_POSES = ("stand", "approach", "part", "positions")
-_MOTION = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
+_MOTION_KEYS = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
+_POSES_KEYS = ("stand", "approach", "part", "positions")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,16 +135,15 @@ class Plan:
         kind = content.get("kind")
         if kind not in (MOTION, POSES):
             raise ConfigError("kind", kind, f"{MOTION} or {POSES}, as `plan` writes it")
-        _require_keys("", content, ("format", "kind", "arm", kind, "limits"))
+        keys = ("format", "kind", "arm", kind, "limits")
+        mapping("", content, keys, keys)
         if content["format"] != FORMAT:
             raise ConfigError("format", content["format"], f"{FORMAT}, as `plan` writes it")
-        for name in ("arm", "limits"):
-            if not isinstance(content[name], Mapping):
-                raise ConfigError(name, content[name], "a mapping")
-        _require_keys("limits", content["limits"], KEYS)  # a file that was cut lacks some
-        arm = arm_of(arm_beside(flatten(content["arm"]), folder))
+        mapping("limits", content["limits"], KEYS, KEYS)  # a file that was cut lacks some
+        arm = arm_of(arm_beside(flatten(mapping("arm", content["arm"])), folder))
         limits = limits_from(content["limits"], arm)
-        read = _motion(content[kind], arm) if kind == MOTION else _poses(content[kind], arm, limits)
+        entry = content[kind]
+        read = _read_motion(entry, arm) if kind == MOTION else _read_poses(entry, arm, limits)
         if not read.duration <= LONGEST:
             raise ConfigError(kind, f"{read.duration:.3g} s", f"at most {LONGEST:g} s")
         return cls(arm, read, limits)
@@ -163,9 +163,9 @@ class Plan:
         text_file.write(Path(path), "\n".join([",".join(["time", *columns]), *lines]) + "\n")
 
 
-def _motion(entry: Any, arm: Arm) -> FourierMotion:
-    _require_keys(MOTION, entry, _MOTION)
-    duration, ramp = (_positive(f"{MOTION}.{name}", entry[name]) for name in _MOTION[:2])
+def _read_motion(entry: Any, arm: Arm) -> FourierMotion:
+    mapping(MOTION, entry, _MOTION_KEYS, _MOTION_KEYS)
+    duration, ramp = (_positive(f"{MOTION}.{name}", entry[name]) for name in _MOTION_KEYS[:2])
     if not 1.0 / CSV_RATE <= ramp <= 0.5 * duration:
         expected = f"at least {1.0 / CSV_RATE:g} s, and at most half of the duration"
         raise ConfigError(f"{MOTION}.ramp", ramp, expected)
@@ -182,8 +182,8 @@ def _motion(entry: Any, arm: Arm) -> FourierMotion:
     return FourierMotion(Basis(frequency, ramp, duration), middle[0], np.vstack([cosine, sine]))
 
 
-def _poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
-    _require_keys(POSES, entry, _POSES)
+def _read_poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
+    mapping(POSES, entry, _POSES_KEYS, _POSES_KEYS)
     stand, part = (_positive(f"{POSES}.{name}", entry[name]) for name in ("stand", "part"))
     if part > 1.0:
         raise ConfigError(f"{POSES}.part", part, "at most 1, the limits")
@@ -200,24 +200,12 @@ def _poses(entry: Any, arm: Arm, limits: PlanLimits) -> PosePath:
 
 def _by_joint(where: str, entry: Any, arm: Arm, count: int | None) -> Array:
     """Return (count, n) numbers, which are given by joint."""
-    _require_keys(where, entry, arm.joint_names)
+    mapping(where, entry, arm.joint_names, arm.joint_names)
     columns = []
     for joint in arm.joint_names:
         columns.append(_numbers(f"{where}.{joint}", entry[joint], count))
         count = len(columns[0])
     return np.array(columns).T
-
-
-def _require_keys(where: str, entry: Any, keys: tuple[str, ...]) -> None:
-    """Check that a mapping has these keys and no other."""
-    if not isinstance(entry, Mapping):
-        raise ConfigError(where, entry, "a mapping")
-    for key in entry:
-        if key not in keys:
-            raise ConfigError(where, key, f"one of {', '.join(keys)}")
-    for key in keys:
-        if key not in entry:
-            raise ConfigError(f"{where}.{key}".lstrip("."), None, "a value")
 
 
 def _positive(where: str, value: Any) -> float:

@@ -25,17 +25,20 @@ Choice = Callable[[Array, int, Callable[[float], None]], list[int]]
 
 @dataclass(frozen=True)
 class PoseSettings:
-    """Of a static calibration.
+    """How a static calibration is made.
 
     Attributes:
-        candidates: Random poses among which those of the plan are chosen. Chosen.
-        approach: Way that every joint goes to a pose in the direction of approach, rad (a tenth of
-            it, m): several times the displacement in which friction builds up, .01 to .03 rad.
-        stand: At a pose, from each side, s: the console's .5 s of settling, and as long a reading.
-        reading: Of that, what is read, s.
+        candidates: Number of random poses among which those of the plan are chosen. Chosen.
+        approach: Distance that every joint moves to a pose in the direction of approach, rad (a
+            tenth of it, m): several times the displacement in which friction builds up, .01 to
+            .03 rad.
+        stand: Time at a pose from each side, s: the console's .5 s of settling, and a reading as
+            long.
+        reading: Part of that time in which efforts are read, s.
         part: Part of the greatest speeds and accelerations that moves use. Chosen.
-        most: Poses at most.
-        learnt: Part of its standard deviation before, below which a parameter is reported. Chosen.
+        most: Greatest number of poses. Chosen.
+        learnt: A parameter is reported if its standard error is below this part of what it was
+            before. Chosen.
     """
 
     candidates: int = 800
@@ -68,7 +71,7 @@ def design_poses(
         duration: Greatest, s.
         model: As for :func:`design_motion`.
         seed: Of the candidates.
-        settings: Of the calibration.
+        settings: See :class:`PoseSettings`.
         report: Called with the share that is done.
 
     Raises:
@@ -82,14 +85,11 @@ def design_poses(
 
     motion = pose_path(arm, limits, duration, model, seed, of, choose, report)
     ordered = motion.poses
-    inverse = np.eye(knowledge.rows.shape[1])
-    for direction in (1.0, -1.0):
-        weight = np.full(len(ordered), of.reading)
-        inverse += knowledge.inverse_covariance(stands(ordered, direction), weight)
-        inverse -= np.eye(len(inverse))
+    weight = np.full(len(ordered), of.reading)
+    up, down = (knowledge.gram(stands(ordered, direction), weight) for direction in (1.0, -1.0))
     parameters = zip(
         knowledge.names, knowledge.units, knowledge.before.tolist(),
-        knowledge.errors(inverse).tolist(), strict=True,
+        knowledge.errors(np.eye(len(up)) + up + down).tolist(), strict=True,
     )  # fmt: skip
     # Of inertia, and of friction that grows with speed, poses say nothing.
     learnt = tuple(each for each in parameters if each[3] < of.learnt * each[2])
@@ -118,7 +118,7 @@ def pose_path(
         duration: Greatest, s.
         model: For efforts; ``None``: none are known.
         seed: Of the candidates.
-        of: Of the calibration.
+        of: See :class:`PoseSettings`.
         choose: Returns the indices of so many of (N, n) poses, the best first.
         report: Called with the share that is done.
 
@@ -192,10 +192,11 @@ def _tour(
     report: Callable[[float], None],
 ) -> Array:
     """Return poses in an order, as many as there is time for; the first ones matter most."""
-    free = bool(limits.boxes) or model is not None
+    # Limits of joints and their combinations hold between any two poses; others must be checked.
+    checked = bool(limits.boxes) or model is not None
     wanted = len(poses)
     while True:
-        ordered = _nearest(poses[:wanted], path, limits, arm, model, free)
+        ordered = _nearest(poses[:wanted], path, limits, arm, model, checked)
         lasts = path(ordered).duration
         report(duration / max(duration, lasts))
         if lasts <= duration or wanted <= 1:
@@ -205,12 +206,12 @@ def _tour(
 
 def _nearest(
     poses: Array, path: Callable[[Array], PosePath], limits: PlanLimits, arm: Arm,
-    model: TorqueModel | None, guarded: bool,
+    model: TorqueModel | None, checked: bool,
 ) -> Array:  # fmt: skip
     """Return poses, after each the nearest one to which the way keeps all limits."""
 
     def keeps(some: Array) -> bool:
-        return not guarded or all(
+        return not checked or all(
             each.left >= 0.0 for each in slacks(path(some), limits, arm, model)
         )
 

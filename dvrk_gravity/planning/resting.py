@@ -110,9 +110,19 @@ def _centre(limits: PlanLimits, arm: Arm) -> Array:
         bounds=[(None, None)] * arm.n + [(None, 10.0)],
     )
     q, room = found.x[:-1], float(found.x[-1])
-    if room >= 0.0:
-        return np.asarray(q)
-    # The least by which combinations would have to give, with the joints' own limits kept.
+    if room < 0.0:
+        raise PlanError(f"no position keeps all limits: {_conflict(limits, arm)}")
+    return np.asarray(q)
+
+
+def _conflict(limits: PlanLimits, arm: Arm) -> str:
+    """Return which combinations exclude each other, and the least by which they have to give.
+
+    The joints' own limits are kept.
+    """
+    from scipy.optimize import linprog
+
+    lower, upper = limits.range
     own, count = arm.n, len(limits.combinations)
     rows = limits.rows[own:]
     give = np.vstack([np.hstack([rows, -np.eye(count)]), np.hstack([-rows, -np.eye(count)])])
@@ -130,7 +140,7 @@ def _centre(limits: PlanLimits, arm: Arm) -> Array:
         )
         if gives > _ROUNDING
     ]
-    raise PlanError(f"no position keeps all limits: {', and '.join(short)}")
+    return ", and ".join(short)
 
 
 def _unit(limits: PlanLimits, arm: Arm, row: int) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from html import escape
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration import Certificate, JointCertificate, Moved, shown_drift
+from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally, shown_drift
 from dvrk_gravity.identification import Evaluation, in_words
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
@@ -105,7 +105,7 @@ def _of_drift(certificate: Certificate) -> str:
     )
 
 
-def _of_motion(motion: Moved) -> str:
+def _of_motion(motion: MotionTally) -> str:
     rehearsed = (
         f", and {motion.rehearsed / 60:.1f} min of rehearsals at a tenth of the speed"
         if motion.rehearsed

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from dvrk_gravity.arms import LARGEST, PLANTS, Arm, mtm, plausible_plant
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import assumed_inertias, assumed_rotors, terms
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.files import yaml_file
+from dvrk_gravity.files import entries, yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
 from dvrk_gravity.model import TorqueModel, arm_beside
 from dvrk_gravity.parameters import flatten
@@ -24,6 +24,8 @@ from dvrk_gravity.simulate.sensors import Sensors
 from dvrk_gravity.validation import is_urdf
 
 _SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
+_number = partial(entries.number, least=-LARGEST, most=LARGEST)
+_numbers = partial(entries.numbers, least=-LARGEST, most=LARGEST)
 _STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")
 
 
@@ -124,31 +126,25 @@ def initial_position(arm: Arm) -> tuple[float, ...]:
 
 
 def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:
-    _only("", content, _SECTIONS)
-    for key in _SECTIONS[:3]:
-        if key not in content:
-            raise ConfigError(key, None, "a value")
-    values = flatten(_mapping("parameters", content["parameters"]))
+    _only("", content, _SECTIONS, _SECTIONS[:3])
+    values = flatten(entries.mapping("parameters", content["parameters"]))
     model = TorqueModel.from_parameters(arm_beside(values, folder))
     links = {
         str(name): _inertia(f"links.{name}", row)
-        for name, row in _mapping("links", content["links"]).items()
+        for name, row in entries.mapping("links", content["links"]).items()
     }
     _only("links", links, model.arm.body_names)
     n = len(model.arm.joints)
-    rotors = _numbers("rotor_inertia", content["rotor_inertia"], n, least=0.0)
+    rotors = np.array(_numbers("rotor_inertia", content["rotor_inertia"], n, least=0.0))
     return PlantFile(model, links, rotors, _sensors(content.get("sensors", {}), n))
 
 
 def _inertia(where: str, row: Any) -> pin.Inertia:
     fields = ("mass", "com", "inertia")
-    _only(where, _mapping(where, row), fields)
-    for key in fields:
-        if key not in row:
-            raise ConfigError(f"{where}.{key}", None, "a value")
+    _only(where, row, fields, fields)
     mass = _number(f"{where}.mass", row["mass"], least=0.0)
-    com = _numbers(f"{where}.com", row["com"], 3)
-    xx, yy, zz, xy, xz, yz = _numbers(f"{where}.inertia", row["inertia"], 6).tolist()
+    com = np.array(_numbers(f"{where}.com", row["com"], 3))
+    xx, yy, zz, xy, xz, yz = _numbers(f"{where}.inertia", row["inertia"], 6)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     least, middle, most = np.linalg.eigvalsh(tensor)
     # Pinocchio takes any numbers; a body's principal moments obey the triangle inequality.
@@ -158,9 +154,9 @@ def _inertia(where: str, row: Any) -> pin.Inertia:
 
 
 def _sensors(content: Any, n: int) -> Sensors:
-    _only("sensors", _mapping("sensors", content), (*_STEPS, "effort_delay"))
+    _only("sensors", content, (*_STEPS, "effort_delay"))
     arrays = {
-        key: _numbers(f"sensors.{key}", content[key], n, least=0.0)
+        key: np.array(_numbers(f"sensors.{key}", content[key], n, least=0.0))
         for key in _STEPS
         if key in content
     }
@@ -168,27 +164,10 @@ def _sensors(content: Any, n: int) -> Sensors:
     return Sensors(**arrays, effort_delay=delay)
 
 
-def _mapping(field: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise ConfigError(field, value, "a mapping")
-    return value
-
-
-def _only(field: str, content: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in content:
+def _only(where: str, value: Any, known: Sequence[str], required: Sequence[str] = ()) -> None:
+    """Refuse what is no mapping of these keys; an unknown one by its own name."""
+    for key in entries.mapping(where, value):
         if key not in known:
-            name = f"{field}.{key}" if field else str(key)
+            name = f"{where}.{key}" if where else str(key)
             raise ConfigError(name, key, f"one of {', '.join(known)}")
-
-
-def _number(field: str, value: Any, least: float = -math.inf) -> float:
-    bad = isinstance(value, bool) or not isinstance(value, int | float)
-    if bad or not max(least, -LARGEST) <= value <= LARGEST:
-        raise ConfigError(field, value, f"a number from {max(least, -LARGEST):g} to {LARGEST:g}")
-    return float(value)
-
-
-def _numbers(field: str, value: Any, length: int, least: float = -math.inf) -> Array:
-    if not isinstance(value, list) or len(value) != length:
-        raise ConfigError(field, value, f"a list of {length} numbers")
-    return np.array([_number(f"{field}[{i}]", item, least) for i, item in enumerate(value)])
+    entries.mapping(where, value, required=required)

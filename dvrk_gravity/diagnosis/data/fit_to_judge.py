@@ -23,6 +23,8 @@ _DEVIATIONS = 3.0
 # Part of what inertia and friction leave of a joint's effort, and of its weight, squared, that the
 # weights of all joints explain, below which they are not in it. Chosen: smooth functions of the
 # positions explain some of any error. A weight that would be a smaller part cannot be judged.
+# `identify` has a fit and its standard errors, and another question: the part of the masses' weight
+# that is left (`GONE`), where another unit counts as none. Here efforts may have any scale.
 _EXPLAINED = 0.25
 _CONSTANT = 0.01  # of a weight's RMS: what varies less is not distinguished from a bias. Chosen
 _SAMPLES = 4000  # that are looked at: a bound on time

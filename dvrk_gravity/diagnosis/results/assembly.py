@@ -34,6 +34,7 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
+from dvrk_gravity.diagnosis.results.method_notes import method_notes
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
     fault_finding,
@@ -137,7 +138,7 @@ def report(
         held_out=held_out.samples,
         warnings=loaded.warnings,
         notes=(
-            *sentences.method_notes(loaded, data, floor),
+            *method_notes(loaded, data, floor),
             *sentences.larger_errors(grown),
             *sentences.extrapolated(outside),
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),

@@ -6,11 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shlex import quote
 
-import numpy as np
-
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.inference.held_out import Gain, Unconfirmed
 from dvrk_gravity.diagnosis.results.findings import Contender
 from dvrk_gravity.effects import Estimate, Hypothesis, compared_with
@@ -350,59 +346,3 @@ def why_exact(model: TorqueModel) -> str:
     if model.uncertainty is not None:
         return ""
     return model.unsure or "it states no uncertainty"
-
-
-def method_notes(loaded: Loaded, data: FilteredData, floor: np.ndarray) -> list[str]:
-    """Return how recordings were prepared and hypotheses judged, a sentence each.
-
-    Args:
-        loaded: The motion as it was finally read.
-        data: What was compared.
-        floor: (n,) noise, N·m.
-    """
-    notes = [
-        *loaded.handling,
-        f"{data.count} blocks, every third held out of fit and model selection; the others in five "
-        "folds for cross-validation",
-    ]
-    if data.repetition is not None:
-        notes.append(
-            f"the motion repeats every {data.repetition.period:.4g} s, {data.copies:.3g} times: a "
-            "block is one phase of every period"
-        )
-    notes.append(f"noise floor: {FLOORS[data.noise_source(floor)]}")
-    notes.append(_certainty(data))
-    if data.band is None:
-        return notes
-    notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
-    motion = loaded.motion
-    names = np.array(motion.arm.joint_names)
-    if motion.stands.any():
-        notes.append(
-            f"not judged: efforts of {', '.join(names[motion.stands])}, which never move: friction "
-            "may hold any torque up to its level"
-        )
-    stuck = np.where(motion.stands, 0.0, motion.stuck.mean(axis=0))
-    return notes + [
-        f"{name} stands still {100 * part:.0f} % of the time: those samples are left out"
-        for name, part in zip(names, stuck, strict=True)
-        if part > 0.05
-    ]
-
-
-def _certainty(data: FilteredData) -> str:
-    """Return how certain the model was taken to be."""
-    model = data.motion.model
-    if data.motion.reference is not None:
-        return "the reference's efforts at the same phase were used in place of a model's torques"
-    if model.uncertainty is None:
-        why = f" ({model.unsure})" if model.unsure else ""
-        return (
-            f"the model states no uncertainty{why}: its parameters were taken as exact and, where "
-            "much error remained, as free as links plausibly weigh (their prior in "
-            "docs/judgement.md)"
-        )
-    return (
-        f"the model's parameters were free in {model.uncertainty.size} directions within their "
-        "posterior, and its error at calibration counted as noise"
-    )

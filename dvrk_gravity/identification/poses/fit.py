@@ -8,12 +8,10 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.effects import MAX_DEGREE, as_value, write_rows
 from dvrk_gravity.estimation import (
     Uncertainty,
     inner_slabs,
@@ -23,6 +21,15 @@ from dvrk_gravity.estimation import (
 )
 from dvrk_gravity.identification.poses.reading import Poses, read_poses
 from dvrk_gravity.identification.poses.selection import choose
+from dvrk_gravity.identification.poses.solution_parameters import (
+    CABLE,
+    coefficients_at,
+    fitted_parameters,
+    model_values,
+    of_gravity,
+    reported_quantities,
+    shown_torque,
+)
 from dvrk_gravity.identification.poses.solver import (
     ROBUST,
     Composition,
@@ -42,26 +49,16 @@ from dvrk_gravity.identification.quality.weights import contradictions, idle
 from dvrk_gravity.identification.result import (
     Choice,
     Fit,
-    FittedParameter,
     Identifiability,
     JointError,
     Trace,
     joint_errors,
 )
-from dvrk_gravity.model import TorqueModel, coefficients_of
-from dvrk_gravity.parameters import Value
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 
 Report = Callable[[str, float], None]
 
-_CABLE = "directional_cable"  # fitted of each joint's own position
-# Of the difference between the directions, a compensator applies in motion this part. Chosen: half
-# of what poses that were approached and held show leaves friction enough that nothing is driven.
-RATIO = 0.5
-# Speed below which it applies none of it, rad/s (a tenth in m/s), chosen; and speed from which on
-# it applies all of that part: the most usual ``sat_vec_vec`` of real console files.
-DEAD_BAND = 0.02
-SATURATION = 0.2
 BLOCKS = 5  # held out where no joint has three positions (Kohavi 1995: five to ten)
 DRIVEN = 0.3  # part of the model's error that negative friction may be by chance. Chosen
 # Correlation of two estimates from which on they are inseparable. Chosen: a standard error is then
@@ -128,13 +125,13 @@ def fit_static(
     error = (poses.effort[held_out] - predicted)[unseen]
     uncertainty = uncertainty_of_poses(
         model, solution.theta, solution.without_stiction(table), spread, solution.prior,
-        partial(_coefficients_at, table, solution), np.sqrt(np.mean(error**2, axis=0)), poses.q,
+        partial(coefficients_at, table, solution), np.sqrt(np.mean(error**2, axis=0)), poses.q,
     )  # fmt: skip
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
         held_out=errors(measured[held_out], shown(predicted)),
         training=training,
-        parameters=_parameters(table, solution, spread),
+        parameters=fitted_parameters(table, solution, spread),
         identifiability=pose_identifiability(table, solution, spread),
         choices=tuple(choices),
         warnings=(*warnings, *_driven(model, poses, training)),
@@ -238,117 +235,10 @@ def fit_poses(
         The model, the solution, (n,) robust residual scale in N·m or N, and (N, n) weights.
     """
     solution, scale, weight = solve_robust(table, choices)
-    values = _values(table, solution)
+    values = model_values(table, solution)
     if table.gravity_columns.bounded:
-        values |= _shown_torque(table, scale, weight)
+        values |= shown_torque(table, scale, weight)
     return TorqueModel.from_parameters(values, table.arm), solution, scale, weight
-
-
-def _coefficients_at(table: Table, solution: PoseSolution, theta: Array) -> dict[str, Array]:
-    """Return the coefficients of each term of the model that other (p,) coefficients give."""
-    values = _values(table, replace(solution, theta=theta))
-    return coefficients_of(TorqueModel.from_parameters(values, table.arm).terms)
-
-
-def _values(table: Table, solution: PoseSolution) -> dict[str, Value]:
-    return {
-        "arm": table.arm.source or table.arm.name,
-        **table.gravity_columns.parameters(solution.gravity),
-        **_cables(table, solution),
-        **_held_load(table, solution),
-    }
-
-
-def _cable_rows(table: Table, solution: PoseSolution, joint: int) -> dict[str, Array]:
-    """Return by side (13, p) matrices from theta to a joint's coefficients, lowest power first."""
-    columns = table.joints[joint]
-    centre = 0.5 * (table.valid.lower[joint] + table.valid.upper[joint])
-    half = 0.5 * (table.valid.upper[joint] - table.valid.lower[joint])
-    # A joint that was not posed has nothing but constants.
-    offset, slope = (-centre / half, 1.0 / half) if joint in table.poses.moving else (0.0, 0.0)
-    line = np.zeros((1 + MAX_DEGREE, 1 + MAX_DEGREE))  # (offset + slope q)^k in column k
-    for k in range(1 + MAX_DEGREE):
-        coefficients = polynomial.polypow([offset, slope], k)
-        line[: len(coefficients), k] = coefficients
-    rows = {
-        name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")
-    }
-    for k, column in zip(solution.indices(joint), solution.columns[joint], strict=True):
-        if columns.group[column] != 0:
-            continue
-        series = chebyshev.cheb2poly(columns.own[column])
-        powers = line[:, : len(series)] @ series
-        rows["positive"][:, k] += powers
-        rows["negative"][:, k] += -powers if columns.along[column] else powers
-    return rows
-
-
-def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
-    values: dict[str, Value] = {}
-    for joint, name in enumerate(table.arm.joint_names):
-        rows = _cable_rows(table, solution, joint)
-        used = np.flatnonzero(np.any([side.any(axis=1) for side in rows.values()], axis=0))
-        degree = int(used[-1]) if len(used) else 0
-        for side, powers in rows.items():
-            values[f"{_CABLE}.{side}.{name}"] = as_value((powers @ solution.theta)[: degree + 1])
-    scale = table.arm.scale
-    return values | {
-        f"{_CABLE}.dead_band": as_value(DEAD_BAND * scale),
-        f"{_CABLE}.saturation_velocity": as_value(SATURATION * scale),
-        f"{_CABLE}.ratio": as_value(np.full(table.arm.n, RATIO)),
-        **_range(_CABLE, table),
-    }
-
-
-def _held_load(table: Table, solution: PoseSolution) -> dict[str, Value]:
-    """Return the parameters of the functions of other joints' positions, if there are any."""
-    index: dict[tuple[int, ...], int] = {}
-    entries = []
-    for joint in range(table.arm.n):
-        columns = table.joints[joint]
-        for k, column in zip(solution.indices(joint), solution.columns[joint], strict=True):
-            if columns.group[column] != 0:
-                function = index.setdefault(tuple(columns.orders[column].tolist()), len(index))
-                kind = "difference" if columns.along[column] else "mean"
-                entries.append((kind, joint, function, solution.theta[k]))
-    if not index:
-        return {}
-    sizes = {kind: np.zeros((len(index), table.arm.n)) for kind in ("mean", "difference")}
-    for kind, joint, function, value in entries:
-        sizes[kind][function, joint] = value
-    values: dict[str, Value] = {
-        "held_load.orders": tuple(float(order) for orders in index for order in orders)
-    }
-    for kind, size in sizes.items():
-        values |= write_rows(table.arm, f"held_load.{kind}", size)
-    return values | _range("held_load", table)
-
-
-def _shown_torque(table: Table, scale: Array, weight: Array) -> dict[str, Value]:
-    effort = table.poses.effort
-    used = weight > 0.0
-    lower = np.where(used, effort, np.inf).min(axis=0) - scale
-    upper = np.where(used, effort, -np.inf).max(axis=0) + scale
-    return {"shown_torque.lower": as_value(lower), "shown_torque.upper": as_value(upper)}
-
-
-def _range(term: str, table: Table) -> dict[str, Value]:
-    return {
-        f"{term}.valid_lower": as_value(table.valid.lower),
-        f"{term}.valid_upper": as_value(table.valid.upper),
-    }
-
-
-def _parameters(
-    table: Table, solution: PoseSolution, spread: Uncertainty
-) -> tuple[FittedParameter, ...]:
-    """Return gravity's parameters and the cables' coefficients with intervals."""
-    found = []
-    for name, unit, direction in _quantities(table, solution):
-        value = float(direction @ solution.theta)
-        interval = spread.interval(value, direction)
-        found.append(FittedParameter(name, value, unit, interval, spread.identifiable(direction)))
-    return tuple(found)
 
 
 def pose_identifiability(
@@ -356,22 +246,6 @@ def pose_identifiability(
 ) -> Identifiability:
     """Return what the poses determine."""
     return determined(solution, tuple(_statements(table, solution, spread)))
-
-
-def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
-    yield from _of_gravity(table, solution)
-    for j, joint in enumerate(table.arm.joints):
-        for side, rows in _cable_rows(table, solution, j).items():
-            for power, row in enumerate(rows):
-                if row.any():
-                    unit = joint.effort_unit + (f"/{joint.unit}^{power}" if power else "")
-                    yield f"{_CABLE}.{side}.{joint.name}[{power}]", unit, row
-
-
-def _of_gravity(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
-    rest = np.zeros(len(solution.theta) - solution.count)
-    for name, unit, direction in table.gravity_columns.quantities():
-        yield name, unit, np.concatenate([direction, rest])
 
 
 def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> Iterator[str]:
@@ -389,11 +263,11 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
             f"{whose} friction and {whose} cable torque cannot be separated, and the errors "
             "include friction; approach every pose from both directions"
         )
-    quantities = {name: direction for name, _, direction in _quantities(table, solution)}
-    for first, _, of_first in _of_gravity(table, solution):
+    quantities = {name: direction for name, _, direction in reported_quantities(table, solution)}
+    for first, _, of_first in of_gravity(table, solution):
         for j, power in product(poses.moving, (0, 1)):
             joint = joints[j]
-            second = f"{_CABLE}.positive.{joint.name}[{power}]"
+            second = f"{CABLE}.positive.{joint.name}[{power}]"
             if second not in quantities:
                 continue
             correlation = spread.correlation(of_first, quantities[second])

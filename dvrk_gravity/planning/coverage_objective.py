@@ -1,7 +1,8 @@
-"""What a motion teaches of the torques that no column has: where its joints have been.
+"""An objective that also makes a motion go through all of each joint's range.
 
-A model lacks something everywhere: a cable of another shape, friction that differs from place to
-place. Its columns alone would leave half of a joint's range unseen, where they need no second half.
+Every model lacks something that depends on the position: a cable of another shape, friction that
+differs along the range. The model's columns alone are determined by half of a range, and a motion
+that is planned for them leaves out the other half.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from dvrk_gravity.planning.information import Knowledge, Objective
 PLACES = 8  # along a joint's range, with a torque of their own: as a cable of degree 7 has
 
 
-class Everywhere(Objective):
-    """Log det A of what is known, and of a torque at each of a joint's places beside it.
+class CoverageObjective(Objective):
+    """Log det A of what is known, and of an unknown torque at each of several places of a joint.
 
-    That torque's prior standard deviation is the model's error, which is the noise, too. So T s at
-    a place add log(1 + T / tau), with the error's correlation time tau. Between two places it is
-    linear (a hat function each).
+    Its prior standard deviation is the model's error, and so is the noise. T s at a place therefore
+    add log(1 + T / tau), with the error's correlation time tau. Between two places the torque is
+    linear: each has a hat function.
     """
 
     def __init__(self, knowledge: Knowledge, lower: Array, upper: Array) -> None:

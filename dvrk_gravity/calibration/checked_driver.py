@@ -11,7 +11,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.calibration.certificate import Moved
+from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.collecting import Driver, Path, Watch
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.planning import PlanLimits, distances
@@ -77,7 +77,7 @@ class LimitCheck:
                 raise MotionError(f"a command would go {-1e3 * near:.3g} mm into a box: not moved")
 
 
-class KeptDriver:
+class CheckedDriver:
     """A driver that refuses to leave the limits.
 
     Attributes:
@@ -92,7 +92,7 @@ class KeptDriver:
         driver: Driver,
         limits: PlanLimits,
         arm: Arm,
-        note: Callable[[Moved], None] = lambda motion: None,
+        note: Callable[[MotionTally], None] = lambda motion: None,
     ) -> None:
         """Look at nothing yet.
 
@@ -173,14 +173,14 @@ class KeptDriver:
             self._note(after)
         return longer
 
-    def motion(self, released: float = 0.0) -> Moved:
+    def motion(self, released: float = 0.0) -> MotionTally:
         """Return how the arm was moved, with the s for which it was released."""
-        return Moved(
+        return MotionTally(
             self.seconds + released, self.rehearsed, self.check.samples, self.check.used,
             self.check.most,
         )  # fmt: skip
 
-    def _after(self, seconds: float) -> Moved:
+    def _after(self, seconds: float) -> MotionTally:
         """Return how it was moved after so many s of a path."""
         before = self.motion()
         if self.rehearsing:
