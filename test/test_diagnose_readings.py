@@ -107,7 +107,7 @@ def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
     calibration = draw_calibration(world.arm, 1800)
     model = identify(world.record(world.truth(calibration), 1800), world.arm).model
     motion, noise = np.random.default_rng([1800, 0]).integers(1 << 30, size=2).tolist()
-    other = world.record(world.truth(draw_other(world.arm, motion, calibration), 10.0), noise)
+    other = world.record(world.truth(draw_other(world.arm, motion, calibration), 15.0), noise)
     loaded = load([other], model)
     assert try_readings(loaded.motion)[0].passes, "or there is nothing to tell apart"
     assert correct_readings(loaded, lambda line: None).wrong == ()

@@ -121,15 +121,16 @@ def paired(gains: Array) -> list[float]:
     Only the latter is clear if a few blocks dominate. Blocks of gain zero do not count; none are
     returned for fewer than ``FEWEST_BLOCKS``.
     """
-    from scipy import stats
+    from scipy.special import stdtr
+    from scipy.stats import wilcoxon
 
     gains = gains[gains != 0.0]
     if len(gains) < FEWEST_BLOCKS or np.std(gains) == 0.0:
         return []
-    return [
-        float(stats.ttest_1samp(gains, 0.0, alternative="greater").pvalue),
-        float(stats.wilcoxon(gains, alternative="greater").pvalue),
-    ]
+    dof = len(gains) - 1
+    # As `ttest_1samp`, which takes half a millisecond to check its input, hundreds of times.
+    student = stdtr(dof, -np.mean(gains) * np.sqrt(dof) / np.std(gains))
+    return [float(student), float(wilcoxon(gains, alternative="greater").pvalue)]
 
 
 def of_gain(gains: Array, likelihood: float, parameters: int) -> float:
