@@ -9,7 +9,7 @@ findings.json is recorded from the same arm, and both recordings are diagnosed t
 what was hidden is the finding, and no other cause is an alternative to it. What is the same torque
 everywhere (testing/score.py) counts as one. The bar is for all of them, whether or not the plan
 promises (95 %) to separate what was hidden from all others. Counted apart are only those in which
-all others that are left are such as the diagnosis says that no motion within limits excludes.
+the diagnosis says of all others that are left that no motion is expected to exclude them.
 """
 
 from __future__ import annotations
@@ -275,7 +275,7 @@ def main(given: Sequence[str] | None = None) -> int:
                         continue
                     if not diagnosis.separated_by:
                         said += 1
-                        print(f"{name} {seed} {effect}: no motion can, says the first diagnosis")
+                        print(f"{name} {seed} {effect}: no motion is expected to")
                         continue
                     row = trial(lab, file, first, simulated, hidden, diagnosis, settings, seed)
                 except DvrkGravityError as error:
@@ -297,7 +297,7 @@ def main(given: Sequence[str] | None = None) -> int:
     )
     print(
         f"separated {kept} ambiguous diagnoses (of {tried} in all), {promised} of those for which "
-        f"the plan promises it; beside these, no motion within limits can, says the diagnosis: "
+        f"the plan promises it; beside these, the diagnosis expects that of no motion: "
         f"{said} before the motion, {len(rows) - len(possible)} after it"
     )
     if arguments.json is not None:
@@ -308,7 +308,7 @@ def main(given: Sequence[str] | None = None) -> int:
 def _verdict(row: dict[str, object]) -> str:
     if row["separated"]:
         return "separated"
-    return "no motion can" if row["never"] else "NOT separated"
+    return "expected of no motion" if row["never"] else "NOT separated"
 
 
 if __name__ == "__main__":
