@@ -51,7 +51,7 @@ def test_a_tilt_is_told_alone_though_nothing_showed_what_weighs_on_the_upright_j
 def test_a_large_tilt_is_told_as_exactly(world, model):
     tilt = {"roll": 0.8, "pitch": 0.7}
 
-    diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 10.0), arm=None), model)
+    diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 15.0), arm=None), model)
 
     (found,) = diagnosis.findings
     assert (found.effect, found.in_model) == ("base_tilt", True)
@@ -66,7 +66,7 @@ def test_a_large_tilt_is_told_as_exactly(world, model):
 def test_an_arm_that_hangs_from_a_wall_or_a_ceiling_is_told_so(world, model, roll):
     tilt = {"roll": roll, "pitch": 0.0}
 
-    diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 10.0), arm=None), model)
+    diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 15.0), arm=None), model)
 
     (found,) = diagnosis.findings
     assert (found.effect, found.in_model) == ("base_tilt", True)
