@@ -36,7 +36,7 @@ _ENOUGH = 10.5
 # was fitted, the first is off by rounding, and four settle all digits shown. None leads away.
 _REFINED = 4
 _DRAWN = 1000  # sizes of a cause, of which chances are known to two per cent
-# How much more of a motion than of random states in the same time: plans have 4.6 times as much
+# How much more of a motion than of random states in the same time: plans have 4.9 times as much
 # information as the median of random motions (`benchmark/plan.py`).
 _BEST = 5.0
 
