@@ -14,9 +14,9 @@ from rclpy.node import Node
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import MotionError
+from dvrk_gravity.compensate import MotionError, Sample
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.listening import on_position
+from dvrk_gravity.ros.listening import on_sample
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
 from dvrk_gravity.ros.others import node_names
 from dvrk_gravity.ros.presence import MEASURED
@@ -87,7 +87,7 @@ class RosRig:
         A joint that has gone away by :data:`AWAY` ends it early. The compensator holds the arm when
         it ends; if it is killed, the watchdog does.
         """
-        arm, way, heard = self._arm, np.zeros(len(pose)), -math.inf
+        arm, way, heard, clock = self._arm, np.zeros(len(pose)), -math.inf, 0.0
         given: dict[str, Any] = {
             "enabled": "true", "disable_builtin": "true", "timeout": self._timeout,
         }  # fmt: skip
@@ -97,43 +97,67 @@ class RosRig:
         watching = _words({"watchdog_timeout": self._timeout})
         with Client(self._namespace, "calibrate_release") as client:
 
-            def measured(position: Array) -> None:
-                nonlocal way, heard
-                way, heard = np.maximum(way, np.abs(position - pose)), time.monotonic()
+            def measured(sample: Sample) -> None:
+                nonlocal way, heard, clock
+                way = np.maximum(way, np.abs(sample.position - pose))
+                heard, clock = time.monotonic(), 1e-9 * sample.stamp
 
             # From where it was held: what it falls before it is known to be released counts.
-            on_position(client, arm, measured)
+            on_sample(client, arm, measured)
             client.watch_state("compensator")
+            client.watch_state("watchdog")
             with (
-                NodeProcess("watchdog", *watching, namespace=self._namespace, of_arm=True),
+                NodeProcess(
+                    "watchdog", *watching, namespace=self._namespace, of_arm=True
+                ) as watchdog,
                 NodeProcess(
                     "compensator", *words, namespace=self._namespace, of_arm=True
                 ) as compensator,
             ):
 
+                def away() -> bool:
+                    return bool((way >= AWAY * arm.scale).any())
+
+                def ended() -> str:
+                    """Return why it is not, or not safely, compensated any more, ``""``: it is."""
+                    for node in (watchdog, compensator):
+                        if node.process.poll() is not None:
+                            return f"the {node.verb} has ended: {node.output[-300:]}"
+                    state, watched = client.state("compensator"), client.state("watchdog")
+                    # A compensator that stands still does not say so.
+                    if watched.startswith("hold sent"):
+                        return f"the watchdog holds the arm: {watched}"
+                    return f"the compensator stopped: {state}" if state.startswith("fault") else ""
+
                 def commands() -> bool:
                     return client.state("compensator").startswith("commanding")
 
-                def settled() -> bool:
-                    ended = compensator.process.poll() is not None
-                    return commands() or ended or client.state("compensator").startswith("fault")
-
                 try:
-                    client.wait(settled, "the compensator to command", _STARTS)
+                    client.wait(
+                        lambda: commands() or away() or bool(ended()),
+                        "the compensator to command", _STARTS,
+                    )  # fmt: skip
                 except ProcessError as error:
                     raise MotionError(f"{error}: {client.state('compensator')}") from None
-                begun = time.monotonic()
-                while time.monotonic() < begun + seconds and (way < AWAY * arm.scale).all():
+                begun, first = time.monotonic(), clock
+                # Of its own clock, too: that of a simulated arm may be slow.
+                while not away() and min(time.monotonic() - begun, clock - first) < seconds:
                     client.spin(0.05)
+                    if why := ended():
+                        raise MotionError(why)
                     if not commands():
-                        why = client.state("compensator") or compensator.output[-300:]
-                        raise MotionError(f"the compensator stopped: {why}")
+                        raise MotionError(f"the compensator stopped: {client.state('compensator')}")
                     if time.monotonic() - heard > DEAF:
                         raise MotionError(
                             f"released, no measured_js was heard for {DEAF:g} s: how far it "
                             "drifted is not known"
                         )
             self._note_simulator(client.node)
+        if status := compensator.process.returncode:
+            raise MotionError(
+                f"the compensator ended with status {status}: check that the arm holds: "
+                f"{compensator.output[-300:]}"
+            )
         return way
 
     def _note_simulator(self, node: Node) -> None:
