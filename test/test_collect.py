@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import select
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -668,7 +669,17 @@ def test_a_person_who_teaches_an_arm_that_is_silent_reads_which_topic_is(
 
 @pytest.mark.parametrize(
     ("answers", "status", "asked"),
-    [("n\n", 2, 1), ("\n", 2, 1), ("y\nn\n", 2, 2), ("y\nYES\n", 0, 2)],
+    [
+        ("n", 2, 1),
+        ("", 2, 1),
+        ("\x04", 2, 1),  # Ctrl-D
+        ("y n", 2, 2),
+        ("y YES", 0, 2),
+        ("y\ny n", 2, 2),  # typed twice: the second question was not read then
+        ("y\ny\ny\n \x04", 2, 2),
+        ("y hung-up", 2, 2),
+        ("hung-up", 2, 1),
+    ],
 )
 def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
     tmp_path: Path,
@@ -684,12 +695,23 @@ def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
     short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
     replace(plan, motion=short).save("plan.yaml")
     person, terminal = os.openpty()
-    os.write(person, answers.encode())
+    left = answers.split(" ")
+
+    def wait(*of: Any) -> Any:
+        answer = left.pop(0)
+        if answer == "hung-up":
+            os.close(person)
+        else:
+            os.write(person, answer.encode() + b"\n" * (answer != "\x04"))
+        return select.select(*of)
+
+    monkeypatch.setattr("dvrk_gravity.cli.collect.select", SimpleNamespace(select=wait))
     with os.fdopen(terminal) as stdin:
         monkeypatch.setattr("sys.stdin", stdin)
         words = ["plan.yaml", "--out", "bag"]
         assert run("dvrk_gravity.cli.collect", words) == status
-    os.close(person)
+    if "hung-up" not in answers:
+        os.close(person)
     said = capsys.readouterr()
     assert said.out.count("[y/N]") == asked
     assert ("no consent" in said.err) == (status == 2)

@@ -6,8 +6,9 @@ import argparse
 import os
 import select
 import sys
+import termios
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -217,6 +218,8 @@ def asking(driver: object) -> Callable[[str], bool]:
         raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")
 
     def ask(question: str) -> bool:
+        with suppress(termios.error):  # what was typed before a question is no answer to it
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(f"{question} [y/N] ", end="", flush=True)
         while not select.select([sys.stdin], [], [], _ASK_EVERY)[0]:
             if getattr(driver, "interrupted", False):
