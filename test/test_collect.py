@@ -206,6 +206,34 @@ def test_no_sample_at_1_khz_is_beyond_a_limit_from_an_approach_to_a_motion_taken
     assert (np.abs(acceleration) <= limits.rates[1] + 1e-9).all()
 
 
+@pytest.mark.parametrize("again", [False, True], ids=["rehearsed", "and killed when asked"])
+def test_what_was_begun_without_a_rehearsal_is_rehearsed_where_that_is_asked_for(
+    tmp_path: Path, again: bool
+) -> None:
+    """Whoever leaves the rehearsal out for one go has not done so for the next one."""
+    plan = plan_of("mtmr")
+    driver = PathDriver(plan, plan.at(0.0)[0], once("motion, recorded", 2.0, MotionError("a hand")))
+    with pytest.raises(MotionStoppedError):
+        go(driver, tmp_path / "bag", rehearse=False)
+    asked: list[str] = []
+
+    def consent(question: str) -> bool:
+        asked.append(question)
+        return "slowly" in question or not again
+
+    driver.phases.clear()
+    if again:
+        with pytest.raises(MotionStoppedError, match="no consent"):
+            go(driver, tmp_path / "bag", resume=True, consent=consent)
+        again = False
+    go(driver, tmp_path / "bag", resume=True, consent=consent)
+    assert "slowly" in asked[0]
+    assert driver.phases.count("rehearsal") == 1  # nor once more than needed
+    assert driver.phases.index("rehearsal") < driver.phases.index("motion, recorded")
+    np.testing.assert_allclose(positions(tmp_path / "bag")[-1], plan.at(plan.duration)[0])
+    assert len(positions(tmp_path / "bag")) >= WHOLE  # what was recorded before counts
+
+
 def test_several_motions_are_one_bag_and_are_resumed_in_the_one_that_was_stopped(
     tmp_path: Path,
 ) -> None:

@@ -67,6 +67,7 @@ class Journal:
         phase: One of :data:`PHASES`.
         approaching: Whether the arm is on its way to that phase's beginning.
         moment: s of the motion that have passed in that phase.
+        rehearsed: Whether that motion was rehearsed.
         why: Why it stopped; ``""``: it did not, or its process was killed.
         parts: What was recorded.
         found: Whether an earlier process began it.
@@ -79,6 +80,7 @@ class Journal:
     phase: str = REHEARSAL
     approaching: bool = True
     moment: float = 0.0
+    rehearsed: bool = False
     why: str = ""
     parts: list[RecordedPart] = field(default_factory=list)
     found: bool = False
@@ -159,6 +161,7 @@ class Journal:
         good = (
             self.phase in PHASES
             and isinstance(self.approaching, bool)
+            and isinstance(self.rehearsed, bool)
             and all(type(each) is int and each >= 0 for each in counts)
             and all(motion < len(plans) for motion, _ in moments)
             and all(type(each) in (int, float) for _, each in moments)
@@ -189,6 +192,7 @@ class Journal:
 
     def enter(self, motion: int, phase: str, moment: float, approaching: bool) -> None:
         """Note the beginning of a phase."""
+        self.rehearsed = self.rehearsed and motion == self.motion
         self.motion, self.phase, self.moment = motion, phase, moment
         self.approaching, self.why = approaching, ""
         self.save()
@@ -201,8 +205,10 @@ class Journal:
         """
         content: dict[str, Any] = {"format": FORMAT} | {
             name: getattr(self, name)
-            for name in ("plan", "topic", "motion", "phase", "approaching", "moment", "why")
-        }
+            for name in (
+                "plan", "topic", "motion", "phase", "approaching", "moment", "rehearsed", "why"
+            )
+        }  # fmt: skip
         content["parts"] = [asdict(part) for part in self.parts]
         self.folder.mkdir(exist_ok=True)
         text_file.write(self.file, json.dumps(content) + "\n", wait=False)
