@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import select
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -45,7 +48,7 @@ from dvrk_gravity.planning import (
     save_limits,
     slacks,
 )
-from dvrk_gravity.recording import BagWriter, Recording, encode_joint_state
+from dvrk_gravity.recording import BagReader, BagWriter, Recording, encode_joint_state
 from dvrk_gravity.simulate import PlantFile
 
 STEP = 5e-3  # s
@@ -250,7 +253,7 @@ def test_several_motions_are_one_bag_and_are_resumed_in_the_one_that_was_stopped
 
 
 def test_stopped_twice_it_still_records_the_whole_motion_and_later_parts_come_later(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan, out = plan_of("ecm"), tmp_path / "bag"
     driver = PathDriver(plan, plan.at(0.0)[0])
@@ -258,6 +261,8 @@ def test_stopped_twice_it_still_records_the_whole_motion_and_later_parts_come_la
         driver.stop = once("motion, recorded", moment, MotionError("a hand"))
         with pytest.raises(MotionStoppedError):
             go(driver, out, rehearse=False, resume=True)
+    now = time.time_ns()  # and this computer's clock is set back
+    monkeypatch.setattr("time.time_ns", partial(next, count(now - 10**15, 5_000_000)))
     driver.clock = 10**17  # a simulator that was started again
     found = go(driver, out, rehearse=False, resume=True)
     assert found.parts == 3
@@ -266,6 +271,10 @@ def test_stopped_twice_it_still_records_the_whole_motion_and_later_parts_come_la
     assert abs(len(recording) - WHOLE) <= 3
     assert np.diff(recording.time).min() > 0.0
     assert np.diff(recording.time).max() < 5.0
+    with BagReader(out) as bag:  # players and --time-base receive go by it
+        received = [each for _, each, _ in bag.raw(driver.topic)]
+    assert np.diff(received).min() >= 0
+    assert received[0] >= now - 10**11
 
 
 def test_slow_poses_are_collected_too(tmp_path: Path) -> None:

@@ -283,8 +283,8 @@ class Journal:
     def join(self, plans: Sequence[Plan], apart: float) -> int:
         """Write the bag of all parts, whole or not at all; return the number of its messages.
 
-        Stamps stay as they are: between two parts is a gap. Only where a later part's clock is
-        behind the earlier one's, it is set on.
+        Times stay as they are: between two parts is a gap. Only where a later part's clock (the
+        arm's, or this computer's) is behind the earlier one's, it is set on.
 
         Args:
             plans: The motions.
@@ -298,18 +298,18 @@ class Journal:
         folder.mkdir()
         with BagWriter(folder / self.out.name, keep_partial=False) as bag:
             bag.add_topic(self.topic, JOINT_STATE)
-            last = -(2**63)
+            last = last_received = -(2**63)
             for part in self.parts:
-                shift = None
+                shift = shift_received = None
                 for received, data in self._messages(part):
                     stamp = _stamp(data)
-                    if shift is None:
-                        late = last + round(_APART * 1e9) - stamp
-                        shift = late if stamp <= last else 0
+                    if shift is None or shift_received is None:
+                        shift, shift_received = _late(last, stamp), _late(last_received, received)
                     if shift:
                         data = _stamped(data, stamp + shift)
                     last = max(last, stamp + shift)
-                    bag.write(self.topic, JOINT_STATE, data, received)
+                    last_received = max(last_received, received + shift_received)
+                    bag.write(self.topic, JOINT_STATE, data, received + shift_received)
             self._require_whole(plans, apart)
         (folder / self.out.name).rename(self.out)
         return bag.count
@@ -349,6 +349,11 @@ def fingerprint(plans: Sequence[Plan]) -> str:
         positions = plan.at(np.linspace(0.0, plan.duration, _FINGERPRINT))[0]
         of.update((np.round(positions, 6) + 0.0).tobytes())
     return of.hexdigest()[:16]
+
+
+def _late(last: int, first: int) -> int:
+    """Return by how much a part that begins at a time is set on, after the last one before, ns."""
+    return last + round(_APART * 1e9) - first if first <= last else 0
 
 
 def _order(data: bytes) -> str:
