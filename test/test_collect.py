@@ -756,6 +756,31 @@ def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
     assert ("motion, recorded" in said.out) == (status == 0)
 
 
+@pytest.mark.parametrize("other", ["ecm", "psm", "mtmr", "none"])
+def test_a_plan_that_is_replaced_after_its_rehearsal_is_one_line_and_no_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], other: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    as_an_arm(monkeypatch)
+    plan = plan_of("ecm")
+    short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
+    replace(plan, motion=short).save("plan.yaml")
+
+    def consent(question: str) -> bool:
+        if question.startswith("rehearsed"):
+            Path("plan.yaml").unlink()
+            if other != "none":
+                plan_of(other, seed=2).save("plan.yaml")
+        return True
+
+    monkeypatch.setattr("dvrk_gravity.cli.collect.asking", lambda driver: consent)
+    assert run("dvrk_gravity.cli.collect", ["plan.yaml", "--out", "bag"]) == 2
+    said = capsys.readouterr()
+    assert "plan.yaml: got " in said.err
+    assert said.err.count("\n") == 1
+    assert "motion, recorded" not in said.out
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

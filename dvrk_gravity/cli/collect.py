@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
     read = [arguments.plan, arguments.model, arguments.limits]
     outputs.check({}, read, {"--out": arguments.out})
 
-    from dvrk_gravity.collecting import EffortSettings
+    from dvrk_gravity.collecting import EffortSettings, fingerprint
     from dvrk_gravity.planning import Plan, load_limits
 
     plan = Plan.load(arguments.plan)
@@ -118,7 +118,11 @@ def run(arguments: argparse.Namespace) -> int:
     def limits() -> PlanLimits:
         if arguments.limits is not None:
             return load_limits(arguments.limits, plan.arm)
-        return Plan.load(arguments.plan).limits
+        now = Plan.load(arguments.plan)
+        if fingerprint([now]) != fingerprint([plan]):
+            raise ConfigError("", "another plan meanwhile", "the one that it began with",
+                              arguments.plan)  # fmt: skip
+        return now.limits
 
     limits()
     free = arguments.yes or arguments.simulated is not None
