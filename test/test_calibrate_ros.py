@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
@@ -86,8 +87,9 @@ def test_a_reading_that_cannot_be_is_no_drift(domain, wrong):
         ("compensator", signal.SIGKILL, "the compensator has ended"),
         ("compensator", signal.SIGSTOP, "hold sent"),
         ("watchdog", signal.SIGKILL, "the watchdog has ended"),
+        ("calibrate", signal.SIGTSTP, "^$"),
     ],
-    ids=["compensator killed", "compensator stands still", "watchdog killed"],
+    ids=["compensator killed", "compensator stands still", "watchdog killed", "suspended"],
 )
 def test_an_arm_that_nobody_compensates_or_watches_any_more_has_no_drift(
     rig, tmp_path, monkeypatch, verb, number, says
@@ -106,7 +108,10 @@ def test_an_arm_that_nobody_compensates_or_watches_any_more_has_no_drift(
         end = time.monotonic() + 30.0
         while time.monotonic() < end:
             if "compensator" in started and "compensating" in started["compensator"].output:
-                started[verb].signal(number)
+                if verb in started:
+                    started[verb].signal(number)
+                else:
+                    os.kill(os.getpid(), number)
                 break
             time.sleep(0.05)
 
@@ -114,7 +119,8 @@ def test_an_arm_that_nobody_compensates_or_watches_any_more_has_no_drift(
     with rig.driver() as driver:
         pose = driver.connect()
     threading.Thread(target=strike, daemon=True).start()
-    with pytest.raises(MotionError, match=says):
+    expected = MotionError if verb in ("compensator", "watchdog") else KeyboardInterrupt
+    with pytest.raises(expected, match=says):
         rig.release(model, pose, 5.0)
     with rig.driver() as driver:
         driver.connect()  # at rest: it is held
