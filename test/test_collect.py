@@ -692,6 +692,21 @@ def test_collect_and_teach_by_their_commands(
     assert (limits.lower >= shown.min(axis=0) - 1e-3).all()
 
 
+def test_a_recording_in_which_an_encoder_slips_teaches_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = plan_of("ecm", size=0.5)
+    time = np.arange(WHOLE) * STEP
+    path = plan.at(time)[0]
+    path[400:, 1] += 0.4
+    Recording(plan.arm.joint_names, time, path).save("bag.csv")
+    teach = ["--teach", "limits.yaml", "--arm", "ecm", "--from", "bag.csv"]
+    assert run("dvrk_gravity.cli.collect", teach) == 2
+    assert "bag.csv: pitch: position goes from" in capsys.readouterr().err
+    assert not Path("limits.yaml").exists()
+
+
 def test_a_person_who_teaches_an_arm_that_is_silent_reads_which_topic_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
