@@ -200,7 +200,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     poses, apart = np.zeros((0, work.arm.n)), 0.0
     while not len(poses) or len(drift) < len(poses):
         work.progress(step, len(drift) / max(len(poses), 1))
-        book.require_unchanged()  # each release reads the model anew
+        book.require_unchanged()  # each release reads the model again
         if work.limits_now is not None:
             work.limits_now()
         with rig.driver() as moves:
