@@ -126,6 +126,27 @@ def test_an_arm_that_nobody_compensates_or_watches_any_more_has_no_drift(
         driver.connect()  # at rest: it is held
 
 
+def test_a_watchdog_that_has_held_the_arm_before_forbids_no_release(rig, tmp_path):
+    model = tmp_path / "model.yaml"
+    PlantFile.of(ARM).model.save(model)
+    with (
+        NodeProcess("watchdog", "-p", "watchdog_timeout:=1.0", namespace=NAMESPACE),
+        Client(NAMESPACE, "person") as person,
+    ):
+        person.watch_state("watchdog")
+        publisher = person.node.create_publisher(JointState, "servo_jf", 10)
+        person.wait(lambda: person.state("watchdog").startswith("watching"), "the watchdog")
+        while not person.state("watchdog").startswith("hold sent"):
+            if not person.state("watchdog").startswith("the arm is commanded"):
+                publisher.publish(JointState(effort=[0.0] * ARM.n))
+            person.spin(0.05)
+        person.node.destroy_publisher(publisher)
+        person.spin(3.0)  # until its hold is forgotten
+        with rig.driver() as driver:
+            pose = driver.connect()
+        assert (rig.release(model, pose, 1.0) < np.radians(0.5) * ARM.scale).all()
+
+
 def test_an_arm_whose_clock_is_slow_is_released_for_as_long_by_its_own(rig, tmp_path, monkeypatch):
     model = tmp_path / "model.yaml"
     PlantFile.of(ARM).model.save(model)

@@ -104,7 +104,6 @@ class RosRig:
             # From where it was held: what it falls before it is known to be released counts.
             on_sample(client, self._arm, drift.add)
             client.watch_state("compensator")
-            client.watch_state("watchdog")
             with (
                 NodeProcess(
                     "watchdog", *watching, namespace=self._namespace, of_arm=True
@@ -119,10 +118,7 @@ class RosRig:
                     for node in (watchdog, compensator):
                         if node.process.poll() is not None:
                             return f"the {node.verb} has ended: {node.output[-300:]}"
-                    state, watched = client.state("compensator"), client.state("watchdog")
-                    # A compensator that stands still does not say so.
-                    if watched.startswith("hold sent"):
-                        return f"the watchdog holds the arm: {watched}"
+                    state = client.state("compensator")
                     return f"the compensator stopped: {state}" if state.startswith("fault") else ""
 
                 def commands() -> bool:
@@ -135,6 +131,7 @@ class RosRig:
                     )  # fmt: skip
                 except ProcessError as error:
                     raise MotionError(f"{error}: {client.state('compensator')}") from None
+                client.watch_state("watchdog")  # from now on: another one may have held it before
                 begun, first = time.monotonic(), drift.clock
                 drift.silence = 0.0
                 # Of its own clock, too: that of a simulated arm may be slow.
@@ -146,6 +143,9 @@ class RosRig:
                     client.spin(0.05)
                     if why := ended():
                         raise MotionError(why)
+                    # A compensator that stands still does not say so.
+                    if (watched := client.state("watchdog")).startswith("hold sent"):
+                        raise MotionError(f"the watchdog holds the arm: {watched}")
                     if not commands():
                         raise MotionError(f"the compensator stopped: {client.state('compensator')}")
                     if max(drift.silence, time.monotonic() - drift.heard) > DEAF:
