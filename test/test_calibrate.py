@@ -169,6 +169,25 @@ def test_limits_that_change_between_two_releases_end_them(uninterrupted, tmp_pat
     assert len(released) == 1
 
 
+@pytest.mark.parametrize("name", ["model.yaml", "second.yaml"])
+def test_a_file_that_changes_between_two_releases_ends_them(
+    uninterrupted, tmp_path, monkeypatch, name
+):
+    """The certificate has the hash of the model that was checked: another one is not released."""
+    folder, released = as_before("release", uninterrupted, tmp_path / "again"), []
+
+    def release(rig, model, pose, seconds):
+        released.append(pose)
+        with (folder / name).open("a") as file:
+            file.write("# another\n")
+        return np.zeros(ARM.n)
+
+    monkeypatch.setattr(SimulatedRig, "release", release)
+    with pytest.raises(ConfigError, match="changed since"):
+        calibrate(work_in(folder, []))
+    assert len(released) == 1
+
+
 def test_a_recording_of_another_motion_is_not_taken_for_the_one_held_out(uninterrupted, tmp_path):
     folder = as_before("collect second", uninterrupted, tmp_path / "again")
     shutil.rmtree(folder / "second")

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
+import select
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -44,7 +48,7 @@ from dvrk_gravity.planning import (
     save_limits,
     slacks,
 )
-from dvrk_gravity.recording import BagWriter, Recording, encode_joint_state
+from dvrk_gravity.recording import BagReader, BagWriter, Recording, encode_joint_state
 from dvrk_gravity.simulate import PlantFile
 
 STEP = 5e-3  # s
@@ -205,6 +209,34 @@ def test_no_sample_at_1_khz_is_beyond_a_limit_from_an_approach_to_a_motion_taken
     assert (np.abs(acceleration) <= limits.rates[1] + 1e-9).all()
 
 
+@pytest.mark.parametrize("again", [False, True], ids=["rehearsed", "and killed when asked"])
+def test_what_was_begun_without_a_rehearsal_is_rehearsed_where_that_is_asked_for(
+    tmp_path: Path, again: bool
+) -> None:
+    """Whoever leaves the rehearsal out for one go has not done so for the next one."""
+    plan = plan_of("mtmr")
+    driver = PathDriver(plan, plan.at(0.0)[0], once("motion, recorded", 2.0, MotionError("a hand")))
+    with pytest.raises(MotionStoppedError):
+        go(driver, tmp_path / "bag", rehearse=False)
+    asked: list[str] = []
+
+    def consent(question: str) -> bool:
+        asked.append(question)
+        return "slowly" in question or not again
+
+    driver.phases.clear()
+    if again:
+        with pytest.raises(MotionStoppedError, match="no consent"):
+            go(driver, tmp_path / "bag", resume=True, consent=consent)
+        again = False
+    go(driver, tmp_path / "bag", resume=True, consent=consent)
+    assert "slowly" in asked[0]
+    assert driver.phases.count("rehearsal") == 1  # nor once more than needed
+    assert driver.phases.index("rehearsal") < driver.phases.index("motion, recorded")
+    np.testing.assert_allclose(positions(tmp_path / "bag")[-1], plan.at(plan.duration)[0])
+    assert len(positions(tmp_path / "bag")) >= WHOLE  # what was recorded before counts
+
+
 def test_several_motions_are_one_bag_and_are_resumed_in_the_one_that_was_stopped(
     tmp_path: Path,
 ) -> None:
@@ -221,7 +253,7 @@ def test_several_motions_are_one_bag_and_are_resumed_in_the_one_that_was_stopped
 
 
 def test_stopped_twice_it_still_records_the_whole_motion_and_later_parts_come_later(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan, out = plan_of("ecm"), tmp_path / "bag"
     driver = PathDriver(plan, plan.at(0.0)[0])
@@ -229,6 +261,8 @@ def test_stopped_twice_it_still_records_the_whole_motion_and_later_parts_come_la
         driver.stop = once("motion, recorded", moment, MotionError("a hand"))
         with pytest.raises(MotionStoppedError):
             go(driver, out, rehearse=False, resume=True)
+    now = time.time_ns()  # and this computer's clock is set back
+    monkeypatch.setattr("time.time_ns", partial(next, count(now - 10**15, 5_000_000)))
     driver.clock = 10**17  # a simulator that was started again
     found = go(driver, out, rehearse=False, resume=True)
     assert found.parts == 3
@@ -237,6 +271,10 @@ def test_stopped_twice_it_still_records_the_whole_motion_and_later_parts_come_la
     assert abs(len(recording) - WHOLE) <= 3
     assert np.diff(recording.time).min() > 0.0
     assert np.diff(recording.time).max() < 5.0
+    with BagReader(out) as bag:  # players and --time-base receive go by it
+        received = [each for _, each, _ in bag.raw(driver.topic)]
+    assert np.diff(received).min() >= 0
+    assert received[0] >= now - 10**11
 
 
 def test_slow_poses_are_collected_too(tmp_path: Path) -> None:
@@ -654,6 +692,21 @@ def test_collect_and_teach_by_their_commands(
     assert (limits.lower >= shown.min(axis=0) - 1e-3).all()
 
 
+def test_a_recording_in_which_an_encoder_slips_teaches_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = plan_of("ecm", size=0.5)
+    time = np.arange(WHOLE) * STEP
+    path = plan.at(time)[0]
+    path[400:, 1] += 0.4
+    Recording(plan.arm.joint_names, time, path).save("bag.csv")
+    teach = ["--teach", "limits.yaml", "--arm", "ecm", "--from", "bag.csv"]
+    assert run("dvrk_gravity.cli.collect", teach) == 2
+    assert "bag.csv: pitch: position goes from" in capsys.readouterr().err
+    assert not Path("limits.yaml").exists()
+
+
 def test_a_person_who_teaches_an_arm_that_is_silent_reads_which_topic_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -668,7 +721,17 @@ def test_a_person_who_teaches_an_arm_that_is_silent_reads_which_topic_is(
 
 @pytest.mark.parametrize(
     ("answers", "status", "asked"),
-    [("n\n", 2, 1), ("\n", 2, 1), ("y\nn\n", 2, 2), ("y\nYES\n", 0, 2)],
+    [
+        ("n", 2, 1),
+        ("", 2, 1),
+        ("\x04", 2, 1),  # Ctrl-D
+        ("y n", 2, 2),
+        ("y YES", 0, 2),
+        ("y\ny n", 2, 2),  # typed twice: the second question was not read then
+        ("y\ny\ny\n \x04", 2, 2),
+        ("y hung-up", 2, 2),
+        ("hung-up", 2, 1),
+    ],
 )
 def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
     tmp_path: Path,
@@ -684,17 +747,53 @@ def test_a_person_is_asked_before_the_arm_moves_and_before_it_moves_fast(
     short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
     replace(plan, motion=short).save("plan.yaml")
     person, terminal = os.openpty()
-    os.write(person, answers.encode())
+    left = answers.split(" ")
+
+    def wait(*of: Any) -> Any:
+        answer = left.pop(0)
+        if answer == "hung-up":
+            os.close(person)
+        else:
+            os.write(person, answer.encode() + b"\n" * (answer != "\x04"))
+        return select.select(*of)
+
+    monkeypatch.setattr("dvrk_gravity.cli.collect.select", SimpleNamespace(select=wait))
     with os.fdopen(terminal) as stdin:
         monkeypatch.setattr("sys.stdin", stdin)
         words = ["plan.yaml", "--out", "bag"]
         assert run("dvrk_gravity.cli.collect", words) == status
-    os.close(person)
+    if "hung-up" not in answers:
+        os.close(person)
     said = capsys.readouterr()
     assert said.out.count("[y/N]") == asked
     assert ("no consent" in said.err) == (status == 2)
     assert ("rehearsal: 5 s" in said.out) == (asked == 2)
     assert ("motion, recorded" in said.out) == (status == 0)
+
+
+@pytest.mark.parametrize("other", ["ecm", "psm", "mtmr", "none"])
+def test_a_plan_that_is_replaced_after_its_rehearsal_is_one_line_and_no_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], other: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    as_an_arm(monkeypatch)
+    plan = plan_of("ecm")
+    short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
+    replace(plan, motion=short).save("plan.yaml")
+
+    def consent(question: str) -> bool:
+        if question.startswith("rehearsed"):
+            Path("plan.yaml").unlink()
+            if other != "none":
+                plan_of(other, seed=2).save("plan.yaml")
+        return True
+
+    monkeypatch.setattr("dvrk_gravity.cli.collect.asking", lambda driver: consent)
+    assert run("dvrk_gravity.cli.collect", ["plan.yaml", "--out", "bag"]) == 2
+    said = capsys.readouterr()
+    assert "plan.yaml: got " in said.err
+    assert said.err.count("\n") == 1
+    assert "motion, recorded" not in said.out
 
 
 @pytest.mark.parametrize(

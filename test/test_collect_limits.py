@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from test_collect import PathDriver, go, once, plan_of
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.calibration import CheckedDriver
 from dvrk_gravity.collecting import MotionStoppedError, Paced, TaughtLimits
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError
@@ -55,6 +57,18 @@ def test_an_endless_joint_goes_the_short_way_to_limits_about_its_back(
     went = np.degrees(np.array(driver.commanded)[:, 0, 0])
     middle = 180.0 + 360.0 * turns
     assert np.abs(went - middle).max() <= max(abs(at - middle), 5.0) + 1e-6
+
+
+@pytest.mark.parametrize(("at", "refused"), [(-175.0, True), (170.0, False), (549.0, True)])
+def test_an_endless_joint_is_calibrated_in_the_turn_of_its_limits(
+    endless: Arm, at: float, refused: bool
+) -> None:
+    limits = replace(PlanLimits.of(endless), lower=np.radians([160.0]), upper=np.radians([200.0]))
+    plan = Plan(endless, FourierMotion(Basis(np.array([0.5]), 0.8, 4.0), np.array([np.pi]),
+                                       np.zeros((2, 1))), limits)  # fmt: skip
+    kept = CheckedDriver(PathDriver(plan, np.radians([at])), limits, endless)
+    with pytest.raises(MotionError, match="in another turn") if refused else nullcontext():
+        kept.connect()
 
 
 def test_the_widest_limits_of_an_endless_joint_are_read_again(tmp_path: Path, endless: Arm) -> None:

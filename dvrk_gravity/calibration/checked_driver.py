@@ -43,15 +43,12 @@ class LimitCheck:
         """
         limits = self._limits
         lower, upper = limits.range
-        begin = path(np.zeros(1))[0]
-        turns = limits.turns(self._arm, begin[0])
-        start = (begin - turns) @ limits.rows.T
+        start = path(np.zeros(1))[0] @ limits.rows.T
         # An arm that stands outside of a limit comes in.
         lower, upper = np.minimum(lower, start[0]), np.maximum(upper, start[0])
         moments = np.append(np.arange(0.0, duration, 1.0 / RATE), duration)
         for first in range(0, len(moments), _BLOCK):
             q, qd, qdd = path(moments[first : first + _BLOCK])
-            q = q - turns
             along = [each @ limits.rows.T for each in (q, qd, qdd)]
             if not np.isfinite(along).all():
                 raise MotionError("a command would not be a finite number: not moved")
@@ -104,6 +101,7 @@ class CheckedDriver:
                 what kills the process then does not lose it, and after it.
         """
         self._driver, self.check, self._note = driver, LimitCheck(limits, arm), note
+        self._limits, self._arm = limits, arm
         self._looked: deque[Path] = deque(maxlen=2)  # an approach, and what it leads to
         self.seconds = self.rehearsed = 0.0
         self.rehearsing = False
@@ -122,8 +120,23 @@ class CheckedDriver:
         self.hold()
 
     def connect(self) -> Array:
-        """Wait for the arm, and return its (n,) rest position, rad or m."""
-        return self._driver.connect()
+        """Wait for the arm, and return its (n,) rest position, rad or m.
+
+        Raises:
+            MotionError: An endless joint is in another turn than its limits: what is identified
+                there holds there, and the arm is to be released within the limits.
+        """
+        where = self._driver.connect()
+        turns = self._limits.turns(self._arm, where)
+        if turns.any():
+            joint = int(np.argmax(np.abs(turns)))
+            least, most = np.degrees([self._limits.lower[joint], self._limits.upper[joint]])
+            raise MotionError(
+                f"{self.topic}: {self._arm.joint_names[joint]} is at "
+                f"{np.degrees(where[joint]):.4g} deg, in another turn than its limits, {least:.4g} "
+                f"to {most:.4g} deg: turn it back by hand, or give limits about where it is"
+            )
+        return where
 
     def hold(self) -> bool:
         """Hold the arm if it was moved; return whether hold was sent."""

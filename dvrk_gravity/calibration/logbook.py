@@ -104,18 +104,27 @@ class Logbook:
                     f"{before.get(name) or 'nothing'}, with which {folder} was begun; or another "
                     "--out",
                 )  # fmt: skip
-        for entry in entries:
+        book = cls(folder, asked, entries, begun)
+        book.require_unchanged()
+        for path in left:
+            path.unlink()
+        return book
+
+    def require_unchanged(self) -> None:
+        """Check that every file is as its step left it: what follows is based on them.
+
+        Raises:
+            ConfigError: One was changed or removed.
+        """
+        for entry in self.entries:
             for name, known in entry.files.items():
-                found = _hash_or_none(folder / name)
+                found = _hash_or_none(self.folder / name)
                 if found != known:
                     what = "no file" if found is None else "a file that was changed since"
                     raise ConfigError(
                         "", what, f"it as the step {entry.step!r} left it; put it back, or begin "
-                        "with another --out", folder / name,
+                        "with another --out", self.folder / name,
                     )  # fmt: skip
-        for path in left:
-            path.unlink()
-        return cls(folder, asked, entries, begun)
 
     @staticmethod
     def steps_in(folder: Path) -> list[str]:

@@ -68,6 +68,7 @@ def calibrate(work: Work) -> dict[str, Any]:
             entry = book.entry(step.name)
             before = " (done before)" if entry else ""
             if entry is None:
+                book.require_unchanged()
                 outcome = step.run(work, book, step.name)
                 motion = {} if outcome.motion is None else asdict(outcome.motion)
                 entry = book.add(step.name, outcome.said, outcome.paths, motion)
@@ -199,6 +200,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     poses, apart = np.zeros((0, work.arm.n)), 0.0
     while not len(poses) or len(drift) < len(poses):
         work.progress(step, len(drift) / max(len(poses), 1))
+        book.require_unchanged()  # each release reads the model again
         if work.limits_now is not None:
             work.limits_now()
         with rig.driver() as moves:

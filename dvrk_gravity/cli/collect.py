@@ -6,8 +6,9 @@ import argparse
 import os
 import select
 import sys
+import termios
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -101,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
     read = [arguments.plan, arguments.model, arguments.limits]
     outputs.check({}, read, {"--out": arguments.out})
 
-    from dvrk_gravity.collecting import EffortSettings
+    from dvrk_gravity.collecting import EffortSettings, fingerprint
     from dvrk_gravity.planning import Plan, load_limits
 
     plan = Plan.load(arguments.plan)
@@ -117,7 +118,11 @@ def run(arguments: argparse.Namespace) -> int:
     def limits() -> PlanLimits:
         if arguments.limits is not None:
             return load_limits(arguments.limits, plan.arm)
-        return Plan.load(arguments.plan).limits
+        now = Plan.load(arguments.plan)
+        if fingerprint([now]) != fingerprint([plan]):
+            raise ConfigError("", "another plan meanwhile", "the one that it began with",
+                              arguments.plan)  # fmt: skip
+        return now.limits
 
     limits()
     free = arguments.yes or arguments.simulated is not None
@@ -217,6 +222,8 @@ def asking(driver: object) -> Callable[[str], bool]:
         raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")
 
     def ask(question: str) -> bool:
+        with suppress(termios.error):  # what was typed before a question is no answer to it
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(f"{question} [y/N] ", end="", flush=True)
         while not select.select([sys.stdin], [], [], _ASK_EVERY)[0]:
             if getattr(driver, "interrupted", False):

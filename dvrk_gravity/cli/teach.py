@@ -60,10 +60,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _positions(recording: Recording, arm: Arm) -> Array:
     """Return (N, n) positions of all joints of an arm, whatever else was recorded."""
+    from dvrk_gravity.recording import jumps
+
     missing = [joint for joint in arm.joint_names if joint not in recording.joints]
     if missing:
         raise RecordingError(recording.source, f"lacks {', '.join(missing)} of {arm.name}")
     recording.require_held(arm)
+    if recording.time is not None and (jumped := jumps(recording)):  # an encoder that slipped
+        raise RecordingError(recording.source, f"{jumped[0].joint}: {jumped[0].text}")
     return recording.position[:, [recording.joints.index(joint) for joint in arm.joint_names]]
 
 

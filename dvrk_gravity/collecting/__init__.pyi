@@ -7,6 +7,7 @@ from .effort_watch import EffortSettings as EffortSettings
 from .effort_watch import EffortWatch as EffortWatch
 from .journal import REHEARSAL as REHEARSAL
 from .journal import discard as discard
+from .journal import fingerprint as fingerprint
 from .pace import Paced as Paced
 from .run import Collected as Collected
 from .run import CollectSettings as CollectSettings

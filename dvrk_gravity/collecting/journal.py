@@ -67,6 +67,7 @@ class Journal:
         phase: One of :data:`PHASES`.
         approaching: Whether the arm is on its way to that phase's beginning.
         moment: s of the motion that have passed in that phase.
+        rehearsed: Whether that motion was rehearsed.
         why: Why it stopped; ``""``: it did not, or its process was killed.
         parts: What was recorded.
         found: Whether an earlier process began it.
@@ -79,6 +80,7 @@ class Journal:
     phase: str = REHEARSAL
     approaching: bool = True
     moment: float = 0.0
+    rehearsed: bool = False
     why: str = ""
     parts: list[RecordedPart] = field(default_factory=list)
     found: bool = False
@@ -159,6 +161,7 @@ class Journal:
         good = (
             self.phase in PHASES
             and isinstance(self.approaching, bool)
+            and isinstance(self.rehearsed, bool)
             and all(type(each) is int and each >= 0 for each in counts)
             and all(motion < len(plans) for motion, _ in moments)
             and all(type(each) in (int, float) for _, each in moments)
@@ -189,6 +192,7 @@ class Journal:
 
     def enter(self, motion: int, phase: str, moment: float, approaching: bool) -> None:
         """Note the beginning of a phase."""
+        self.rehearsed = self.rehearsed and motion == self.motion
         self.motion, self.phase, self.moment = motion, phase, moment
         self.approaching, self.why = approaching, ""
         self.save()
@@ -201,8 +205,10 @@ class Journal:
         """
         content: dict[str, Any] = {"format": FORMAT} | {
             name: getattr(self, name)
-            for name in ("plan", "topic", "motion", "phase", "approaching", "moment", "why")
-        }
+            for name in (
+                "plan", "topic", "motion", "phase", "approaching", "moment", "rehearsed", "why"
+            )
+        }  # fmt: skip
         content["parts"] = [asdict(part) for part in self.parts]
         self.folder.mkdir(exist_ok=True)
         text_file.write(self.file, json.dumps(content) + "\n", wait=False)
@@ -277,8 +283,8 @@ class Journal:
     def join(self, plans: Sequence[Plan], apart: float) -> int:
         """Write the bag of all parts, whole or not at all; return the number of its messages.
 
-        Stamps stay as they are: between two parts is a gap. Only where a later part's clock is
-        behind the earlier one's, it is set on.
+        Times stay as they are: between two parts is a gap. Only where a later part's clock (the
+        arm's, or this computer's) is behind the earlier one's, it is set on.
 
         Args:
             plans: The motions.
@@ -292,18 +298,18 @@ class Journal:
         folder.mkdir()
         with BagWriter(folder / self.out.name, keep_partial=False) as bag:
             bag.add_topic(self.topic, JOINT_STATE)
-            last = -(2**63)
+            last = last_received = -(2**63)
             for part in self.parts:
-                shift = None
+                shift = shift_received = None
                 for received, data in self._messages(part):
                     stamp = _stamp(data)
-                    if shift is None:
-                        late = last + round(_APART * 1e9) - stamp
-                        shift = late if stamp <= last else 0
+                    if shift is None or shift_received is None:
+                        shift, shift_received = _late(last, stamp), _late(last_received, received)
                     if shift:
                         data = _stamped(data, stamp + shift)
                     last = max(last, stamp + shift)
-                    bag.write(self.topic, JOINT_STATE, data, received)
+                    last_received = max(last_received, received + shift_received)
+                    bag.write(self.topic, JOINT_STATE, data, received + shift_received)
             self._require_whole(plans, apart)
         (folder / self.out.name).rename(self.out)
         return bag.count
@@ -343,6 +349,11 @@ def fingerprint(plans: Sequence[Plan]) -> str:
         positions = plan.at(np.linspace(0.0, plan.duration, _FINGERPRINT))[0]
         of.update((np.round(positions, 6) + 0.0).tobytes())
     return of.hexdigest()[:16]
+
+
+def _late(last: int, first: int) -> int:
+    """Return by how much a part that begins at a time is set on, after the last one before, ns."""
+    return last + round(_APART * 1e9) - first if first <= last else 0
 
 
 def _order(data: bytes) -> str:

@@ -172,7 +172,7 @@ class _Collection:
         journal, first = self._journal, self._journal.motion
         for number in range(first, len(self._plans)):
             self._limits_now(number)  # refuses what would stop the arm later
-        rehearsing = rehearse and journal.phase == REHEARSAL
+        rehearsing = rehearse and not journal.rehearsed
         self._ask(
             f"the arm is about to move{' slowly, in rehearsal' if rehearsing else ''}: is its room "
             "free, and a hand at the emergency stop?"
@@ -210,17 +210,19 @@ class _Collection:
         """Rehearse a motion, and go through it recorded, from where the arm is or stopped."""
         journal, of = self._journal, self._settings
         goes_on = journal.found and number == journal.motion
-        if rehearse and not (goes_on and journal.phase == MOTION):
-            at = [max(journal.moment - of.disturbed, 0.0)] if goes_on else []
-            self._phase(bag, number, REHEARSAL, self._remaining(number, at, of.rehearsal), where)
-            self._driver.hold()
-            journal.enter(number, MOTION, 0.0, approaching=True)
-            self._ask(f"rehearsed: now at {1.0 / of.rehearsal:g} times that speed?")
-            where = self._connect(number)
-            goes_on = False
         begins: list[float] = []
         if goes_on and journal.phase == MOTION:
             begins = journal.resume_points(0.0 if journal.approaching else of.disturbed)
+        if rehearse and not (goes_on and journal.rehearsed):
+            at = begins
+            if goes_on and journal.phase == REHEARSAL:
+                at = [max(journal.moment - of.disturbed, 0.0)]
+            self._phase(bag, number, REHEARSAL, self._remaining(number, at, of.rehearsal), where)
+            self._driver.hold()
+            journal.rehearsed = True
+            journal.enter(number, MOTION, max(begins, default=0.0), approaching=True)
+            self._ask(f"rehearsed: now at {1.0 / of.rehearsal:g} times that speed?")
+            where = self._connect(number)
         paced = self._remaining(number, begins)
         journal.drop_from(number, paced.begin)
         self.longer += self._phase(bag, number, MOTION, paced, where)

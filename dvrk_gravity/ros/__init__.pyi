@@ -7,7 +7,7 @@ from .executor import PromptExecutor as PromptExecutor
 from .executor import PromptNode as PromptNode
 from .executor import kept_awake as kept_awake
 from .listening import listen as listen
-from .listening import on_position as on_position
+from .listening import on_sample as on_sample
 from .mover import MotionError as MotionError
 from .mover import Mover as Mover
 from .others import COMMANDS as COMMANDS

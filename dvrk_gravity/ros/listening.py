@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 
@@ -9,7 +10,13 @@ from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import DroppedSampleError, InputGate, SampleReader
+from dvrk_gravity.compensate import (
+    DroppedSampleError,
+    InputGate,
+    MotionError,
+    Sample,
+    SampleReader,
+)
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.presence import MEASURED
 from dvrk_gravity.ros.runtime import asked_to_end
@@ -19,34 +26,49 @@ _TIMEOUT = 0.1  # s; positions after a longer silence are compared with none bef
 _PAUSE = 0.05  # s
 
 
-def on_position(client: Client, arm: Arm, receive: Callable[[Array], None]) -> None:
-    """Call ``receive`` from now on with every (n,) measured position that is believed."""
+def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> None:
+    """Call ``receive`` from now on with every measurement that is believed.
+
+    An impossible one is left out. Where later ones stay there, an encoder has slipped, or it is
+    another arm: spinning ``client`` then raises MotionError.
+    """
     unpack, gate = JointStateReader().read, InputGate(arm)
     read = SampleReader(arm.joint_names, units=arm.units, arm=arm.name, held=arm.held).read
+    heard, jump = -math.inf, ""
 
     def believe(data: bytes) -> None:
+        nonlocal heard, jump
+        now = time.monotonic()
         try:
             fields = unpack(data)
             sample = read(
                 fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
             )
             clock = client.node.get_clock().now().nanoseconds
-            admitted = gate.admit(sample, time.monotonic(), clock, _TIMEOUT, 0.0, False)
-        except DroppedSampleError:
+            admitted = gate.admit(sample, now, clock, _TIMEOUT, 0.0, False)
+        except DroppedSampleError as error:
+            if error.cause == "position_jump":
+                jump = jump or str(error)
             return
-        receive(admitted.sample.position)
+        if jump and now - heard > _TIMEOUT:  # compared with none before
+            raise MotionError(f"{topic.topic_name}: {jump} It stays there: begin again")
+        heard, jump = now, ""
+        receive(admitted.sample)
 
-    client.node.create_subscription(JointState, MEASURED, believe, 100, raw=True)
+    topic = client.node.create_subscription(JointState, MEASURED, believe, 100, raw=True)
 
 
 def listen(client: Client, arm: Arm) -> Iterator[Array | None]:
     """Yield (n,) measured positions that are believed, until a signal asks for the end.
 
     While nothing comes, ``None`` is yielded some times a second.
+
+    Raises:
+        MotionError: Positions have jumped: those before and after it do not belong together.
     """
     heard: list[Array | None] = []
     ended: list[bool] = []
-    on_position(client, arm, heard.append)
+    on_sample(client, arm, lambda sample: heard.append(sample.position))
     with asked_to_end(lambda: ended.append(True)):
         while not ended:
             client.spin_once(_PAUSE)

@@ -14,13 +14,14 @@ from rclpy.node import Node
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import MotionError
+from dvrk_gravity.compensate import MotionError, Sample
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.listening import on_position
+from dvrk_gravity.ros.listening import on_sample
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
 from dvrk_gravity.ros.others import node_names
 from dvrk_gravity.ros.presence import MEASURED
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
+from dvrk_gravity.ros.runtime import asked_to_end
 
 # An arm that has gone so far, rad (Arm.scale), drifts: it is held. Chosen: ten times what a
 # certificate allows, and less than what a hand beside the arm would be hurt by.
@@ -87,7 +88,7 @@ class RosRig:
         A joint that has gone away by :data:`AWAY` ends it early. The compensator holds the arm when
         it ends; if it is killed, the watchdog does.
         """
-        arm, way, heard = self._arm, np.zeros(len(pose)), -math.inf
+        drift, asked = _Drift(self._arm, pose), list[bool]()
         given: dict[str, Any] = {
             "enabled": "true", "disable_builtin": "true", "timeout": self._timeout,
         }  # fmt: skip
@@ -95,46 +96,72 @@ class RosRig:
             given["max_stamp_age"] = 0.0
         words = ["--params-file", str(model), *_words(given)]
         watching = _words({"watchdog_timeout": self._timeout})
-        with Client(self._namespace, "calibrate_release") as client:
-
-            def measured(position: Array) -> None:
-                nonlocal way, heard
-                way, heard = np.maximum(way, np.abs(position - pose)), time.monotonic()
-
+        with (
+            # Suspended (Ctrl-Z), we would leave it released; a second Ctrl-C would end its holding.
+            asked_to_end(lambda: asked.append(True)),
+            Client(self._namespace, "calibrate_release") as client,
+        ):
             # From where it was held: what it falls before it is known to be released counts.
-            on_position(client, arm, measured)
+            on_sample(client, self._arm, drift.add)
             client.watch_state("compensator")
             with (
-                NodeProcess("watchdog", *watching, namespace=self._namespace, of_arm=True),
+                NodeProcess(
+                    "watchdog", *watching, namespace=self._namespace, of_arm=True
+                ) as watchdog,
                 NodeProcess(
                     "compensator", *words, namespace=self._namespace, of_arm=True
                 ) as compensator,
             ):
 
+                def ended() -> str:
+                    """Return why it is not, or not safely, compensated any more, ``""``: it is."""
+                    for node in (watchdog, compensator):
+                        if node.process.poll() is not None:
+                            return f"the {node.verb} has ended: {node.output[-300:]}"
+                    state = client.state("compensator")
+                    return f"the compensator stopped: {state}" if state.startswith("fault") else ""
+
                 def commands() -> bool:
                     return client.state("compensator").startswith("commanding")
 
-                def settled() -> bool:
-                    ended = compensator.process.poll() is not None
-                    return commands() or ended or client.state("compensator").startswith("fault")
-
                 try:
-                    client.wait(settled, "the compensator to command", _STARTS)
+                    client.wait(
+                        lambda: bool(asked or commands() or drift.away or ended()),
+                        "the compensator to command", _STARTS,
+                    )  # fmt: skip
                 except ProcessError as error:
                     raise MotionError(f"{error}: {client.state('compensator')}") from None
-                begun = time.monotonic()
-                while time.monotonic() < begun + seconds and (way < AWAY * arm.scale).all():
+                client.watch_state("watchdog")  # from now on: another one may have held it before
+                begun, first = time.monotonic(), drift.clock
+                drift.silence = 0.0
+                # Of its own clock, too: that of a simulated arm may be slow.
+                while (
+                    not drift.away and min(time.monotonic() - begun, drift.clock - first) < seconds
+                ):
+                    if asked:
+                        raise KeyboardInterrupt
                     client.spin(0.05)
+                    if why := ended():
+                        raise MotionError(why)
+                    # A compensator that stands still does not say so.
+                    if (watched := client.state("watchdog")).startswith("hold sent"):
+                        raise MotionError(f"the watchdog holds the arm: {watched}")
                     if not commands():
-                        why = client.state("compensator") or compensator.output[-300:]
-                        raise MotionError(f"the compensator stopped: {why}")
-                    if time.monotonic() - heard > DEAF:
+                        raise MotionError(f"the compensator stopped: {client.state('compensator')}")
+                    if max(drift.silence, time.monotonic() - drift.heard) > DEAF:
                         raise MotionError(
                             f"released, no measured_js was heard for {DEAF:g} s: how far it "
                             "drifted is not known"
                         )
             self._note_simulator(client.node)
-        return way
+        if status := compensator.process.returncode:
+            raise MotionError(
+                f"the compensator ended with status {status}: check that the arm holds: "
+                f"{compensator.output[-300:]}"
+            )
+        if asked:
+            raise KeyboardInterrupt
+        return drift.way
 
     def _note_simulator(self, node: Node) -> None:
         """Note that it is no arm if our simulator measures in its namespace, by any name."""
@@ -148,6 +175,34 @@ class RosRig:
         found = sorted(measures & is_pushed)
         if found and not self.simulated:
             self.simulated = f"the node {found[0]}"
+
+
+class _Drift:
+    """How far a released arm has gone.
+
+    Attributes:
+        way: (n,) largest way of each joint, rad or m.
+        heard: When it was last heard, monotonic, s.
+        silence: Longest time between two measurements, s.
+        clock: Its own clock, s.
+    """
+
+    def __init__(self, arm: Arm, pose: Array) -> None:
+        self._pose, self._away = pose, AWAY * arm.scale
+        self.way = np.zeros(len(pose))
+        self.heard, self.silence, self.clock = -math.inf, 0.0, 0.0
+
+    def add(self, sample: Sample) -> None:
+        """Take a measurement in."""
+        now = time.monotonic()
+        self.way = np.maximum(self.way, np.abs(sample.position - self._pose))
+        self.silence = max(self.silence, now - self.heard)
+        self.heard, self.clock = now, 1e-9 * sample.stamp
+
+    @property
+    def away(self) -> bool:
+        """Whether it is to be held."""
+        return bool((self.way >= self._away).any())
 
 
 def _words(parameters: Mapping[str, Any]) -> list[str]:
