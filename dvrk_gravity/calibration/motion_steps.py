@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.checked_driver import CheckedDriver
 from dvrk_gravity.calibration.logbook import Logbook
-from dvrk_gravity.calibration.release import PART
+from dvrk_gravity.calibration.release import PART, release_poses
 from dvrk_gravity.calibration.tally import MotionTally
-from dvrk_gravity.calibration.work import Outcome, Work, model_file, trusted_model
+from dvrk_gravity.calibration.work import Outcome, Work, fitted_bags, model_file, trusted_model
 from dvrk_gravity.collecting import REHEARSAL, MotionStoppedError, collect, discard
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import load_unseparated
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import (
     Plan,
     SeparationSettings,
@@ -29,9 +32,9 @@ from dvrk_gravity.planning import (
 )
 from dvrk_gravity.recording import Recording
 
+_EVERY = 10  # of the samples that were fitted, those that poses are compared with
+_POSES = 2000  # seeds of poses are so much further than those of motions
 _SURE = 0.95  # of the arms are to hold themselves at all poses of a release
-# Way from a pose to the nearest next one, as a part of the longest: of 20 poses of a UR5, .36.
-_WAY = 0.4
 _OTHER = 1000  # seeds of other motions are so much further
 # An arm that follows a path is no further beside it than this, rad (Arm.scale), in so many moments
 # of it. Chosen: above what stops a motion, 12 deg of a wrist's roll.
@@ -73,7 +76,7 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     if holds and not found["next"]:
         never = "no motion within the limits is expected to separate what was found"
         return Outcome(never if found["unseparated"]["pairs"] else "")
-    if not _leaves_time(work, book):
+    if not _leaves_time(work, book, model):
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
     if found["next"]:
@@ -99,12 +102,30 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     )  # fmt: skip
 
 
-def _leaves_time(work: Work, book: Logbook) -> bool:
-    """Return whether a further motion and the releases after it end within the longest time."""
+def poses_to_release_at(
+    work: Work, book: Logbook, model: TorqueModel, where: Array
+) -> tuple[Array, float]:
+    """Return the poses at which an arm at (n,) is released; see :func:`release_poses`."""
+    bags = fitted_bags(work, book, work.settings.rounds)
+    fitted = np.vstack([Recording.load(bag).position[::_EVERY] for bag in bags])
+    return release_poses(
+        work.arm, work.limits, model, fitted, work.settings, work.seed + _POSES, where
+    )
+
+
+def _leaves_time(work: Work, book: Logbook, model: TorqueModel) -> bool:
+    """Return whether a further motion, and the releases that it leads to, end in time.
+
+    Those will take about as long as those that the present model leads to.
+    """
     of, limits = work.settings, work.limits
-    longest = Straight.within(limits.lower, limits.upper, limits, PART).duration
-    after = of.further + of.poses * (of.seconds + _WAY * longest)
-    return book.total.seconds + after <= of.longest
+    where = 0.5 * (limits.lower + limits.upper)
+    poses, _ = poses_to_release_at(work, book, model, where)
+    seconds = sum(
+        Straight.within(start, goal, limits, PART).duration + of.seconds
+        for start, goal in pairwise([where, *poses])
+    )
+    return book.total.seconds + of.further + seconds <= of.longest
 
 
 def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSettings:

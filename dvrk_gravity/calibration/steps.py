@@ -22,8 +22,9 @@ from dvrk_gravity.calibration.motion_steps import (
     plan_first,
     plan_further,
     plan_second,
+    poses_to_release_at,
 )
-from dvrk_gravity.calibration.release import PART, held_by_friction, release_poses
+from dvrk_gravity.calibration.release import PART, held_by_friction
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import (
@@ -42,15 +43,13 @@ from dvrk_gravity.files.lock import alone_in
 from dvrk_gravity.identification import POOR, by_errors, evaluate, identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
 from dvrk_gravity.planning import Straight
-from dvrk_gravity.recording import Coordinates, Recording
+from dvrk_gravity.recording import Coordinates
 
 MODEL, CHECK, RELEASE = "model.yaml", "check.json", "release.json"
 CERTIFICATE = "certificate.json"
 MEASURED: Coordinates = "joint"
 """Of what is collected: the compensator takes the same readings for the joints'."""
 _SOFTWARE = ("numpy", "scipy", "pin")
-_EVERY = 10  # of the samples that were fitted, those that poses are compared with
-_POSES = 2000  # seeds of poses are so much further than those of motions
 
 
 def calibrate(work: Work) -> dict[str, Any]:
@@ -187,8 +186,6 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     if model.verdict == POOR:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
         return Outcome(content["why"], (work.write(RELEASE, content),))
-    bags = fitted_bags(work, book, of.rounds)
-    fitted = np.vstack([Recording.load(bag).position[::_EVERY] for bag in bags])
     if not work.consent("the arm is about to be released under compensation: is it watched?"):
         raise MotionError("not released: no consent was given")
     drift: list[list[float]] = []
@@ -207,9 +204,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
             driver = CheckedDriver(moves, work.limits, work.arm, note)
             where = driver.connect()
             if not len(poses):
-                poses, apart = release_poses(
-                    work.arm, work.limits, model, fitted, of, work.seed + _POSES, where
-                )
+                poses, apart = poses_to_release_at(work, book, model, where)
             way = Straight.within(where, poses[len(drift)], work.limits, PART)
             driver.follow(way.at, way.duration)
             driver.hold()
