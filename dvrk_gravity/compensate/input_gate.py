@@ -126,8 +126,8 @@ def _require_recent(stamp: int, clock: int, oldest: float) -> None:
     raise DroppedSampleError(
         cause,
         f"stamp {abs(age):.3f} s {where} this computer's clock, at most {oldest:g} s allowed: "
-        "stale data, unsynchronised computers, or a simulator on a busy one (max_stamp_age 0 "
-        "disables this check)",
+        "stale data, unsynchronised computers, or a simulator on a busy one "
+        "(compensator: max_stamp_age 0 disables this check)",
     )
 
 

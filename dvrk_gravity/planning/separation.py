@@ -112,7 +112,7 @@ class ExpectedEvidence:
     """What a plan is expected to show of a rivalry.
 
     Attributes:
-        words: The two in words.
+        between: The two in words.
         again: Evidence that is expected if the diagnosed motion is recorded again, as a
             log-likelihood; ``None``: not known.
         planned: That of the diagnosed recordings and the plan, the lesser of those that are
@@ -121,11 +121,16 @@ class ExpectedEvidence:
         why: Why the plan does not separate them; ``""`` if it does.
     """
 
-    words: str
+    between: tuple[str, str]
     again: float | None
     planned: float
     chance: float
     why: str = ""
+
+    @property
+    def words(self) -> str:
+        """Both in words."""
+        return " or ".join(self.between)
 
     @property
     def separates(self) -> bool:
@@ -192,7 +197,7 @@ def design_separation(
     )
     expected = tuple(
         ExpectedEvidence(
-            rivalry.words, rivalry.again, value, chance,
+            rivalry.between, rivalry.again, value, chance,
             "" if chance >= _SURE
             else nothing_shows(rivalry, hidden) or _why(unseparated, rivalry, motion),
         )
