@@ -36,6 +36,7 @@ from dvrk_gravity.planning import (
     PlanLimits,
     Prediction,
     Sense,
+    Separation,
     SeparationDesign,
     SeparationSettings,
     SolverSettings,
@@ -592,6 +593,23 @@ def test_a_clear_diagnosis_and_one_beside_a_reference_name_no_command(unclear):
     motion = passed(unclear.model)
     beside = replace(motion, reference=np.zeros_like(motion.q))
     assert Contest.of(beside, [found(unclear).findings[0].rivals], unclear.noise).pairs == ()
+
+
+def test_the_search_for_poses_ends_when_its_time_does(unclear, monkeypatch):
+    """Of many pairs of causes it would take an hour."""
+    asked = list[int]()
+    score = Separation.score
+    monkeypatch.setattr(Separation, "score", lambda *of: asked.append(1) or score(*of))
+    unseparated = unclear.unseparated()
+    limits = PlanLimits.of(unseparated.model.arm)
+    designs = []
+    for seconds in (60.0, 1e-9):
+        settings = replace(BRIEF, solver=replace(BRIEF.solver, seconds=seconds))
+        designs.append(design_separation(unseparated, limits, 30.0, poses=True, settings=settings))
+        asked.append(0)
+    whole, brief = (len(each.plan.motion.poses) for each in designs)
+    assert whole > brief == 2
+    assert sum(asked) < 6 * 15 + 2 * 6  # a few for each pose, of 60 candidates
 
 
 def test_static_poses_are_separated_by_poses(unclear):
