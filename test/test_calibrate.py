@@ -38,6 +38,7 @@ from dvrk_gravity.calibration import (
     drawn_arm,
     file_hash,
     holding,
+    largest_drift,
     release_poses,
     shown_drift,
 )
@@ -480,6 +481,11 @@ def test_a_diagnosis_says_once_that_there_is_nothing(uninterrupted):
 )  # fmt: skip
 def test_a_drift_is_no_more_exact_than_it_is(drift, unit, text):
     assert shown_drift(drift, unit) == text
+
+
+def test_of_an_arm_that_did_not_move_no_drift_of_zero_is_claimed():
+    assert largest_drift(0.0) == "< 0.01 deg"
+    assert largest_drift(2e-4) == "at most 0.01 deg"
 
 
 def test_progress_of_a_step_never_decreases(monkeypatch):

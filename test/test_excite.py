@@ -715,6 +715,26 @@ def test_without_an_arm_the_error_says_what_is_missing(fake: FakeArm) -> None:
         moving.connect(0.5)
 
 
+@pytest.mark.parametrize("simulated", [False, True])
+def test_old_stamps_are_those_of_a_bag_unless_our_simulator_measures(
+    fake: FakeArm, simulated: bool
+) -> None:
+    """A simulator on a busy machine skips time, and lags by more the longer it runs."""
+    from sensor_msgs.msg import JointState
+
+    from dvrk_gravity.ros import MotionError
+
+    fake.stamp = lambda: fake.time(nanoseconds=time.time_ns() - 21_000_000_000).to_msg()
+    if simulated:
+        fake.client.node.create_subscription(JointState, "simulator/push_jf", print, 10)
+    with mover(fake) as moving:
+        if simulated:
+            np.testing.assert_array_equal(moving.connect(), POSE)
+        else:
+            with pytest.raises(MotionError, match=r"no arm within 1 s: stamp_too_old: stamp 21\."):
+                moving.connect(1.0)
+
+
 def test_the_simulator_is_driven_recorded_and_held(
     domain: int,
     tmp_path: Path,

@@ -42,7 +42,7 @@ from dvrk_gravity.planning import (
     slacks,
     tip,
 )
-from dvrk_gravity.report import design_text
+from dvrk_gravity.report import design_text, limits_text
 
 BRIEF = SolverSettings(draws=8, starts=1, first=20, rounds=4, iterations=20)
 DURATION = 12.0
@@ -537,12 +537,25 @@ def test_a_difference_of_two_joints_is_limited_beside_their_sum(mtmr, tmp_path):
     assert limits.and_those(PlanLimits.of(mtmr)).combinations == limits.combinations
 
 
-def test_a_combination_that_leaves_nothing_of_the_arms_own_is_refused_by_name(mtmr, tmp_path):
+@pytest.mark.parametrize("lower", [50, 39])
+def test_a_combination_that_leaves_nothing_of_the_arms_own_is_refused_by_name(
+    mtmr, tmp_path, lower
+):
+    """Nor a single value, at which nothing moves."""
     path = tmp_path / "limits.yaml"
-    path.write_text("combinations: [{of: {shoulder_pitch: 1, elbow_pitch: 1}, position: [50, 60]}]")
-    words = r"combinations\[0\].position: got \[50, 60\], expected some of -9 to 39 deg of"
+    path.write_text(
+        f"combinations: [{{of: {{shoulder_pitch: 1, elbow_pitch: 1}}, position: [{lower}, 60]}}]"
+    )
+    words = rf"combinations\[0\].position: got \[{lower}, 60\], expected some of -9 to 39 deg of"
     with pytest.raises(ConfigError, match=words):
         load_limits(path, mtmr)
+
+
+def test_what_rounding_leaves_of_a_limit_is_shown_as_nothing():
+    _, row, _ = limits_text(
+        [Slack("velocity", "yaw", 1.0, 2.6e-10, "rad/s"), Slack("position", "yaw", 0.9, 0.1, "rad")]
+    )
+    assert row.endswith(" 0 deg/s")
 
 
 def test_a_plan_that_hardly_moves_a_joint_says_so_in_one_line(ecm, planned):
@@ -615,6 +628,19 @@ def test_the_verb_writes_plan_picture_and_motion_and_prints_what_it_promises(tmp
     assert beyond(loaded, loaded.limits) <= 0.0
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     assert motion.exists()
+
+
+@pytest.mark.parametrize(("arm", "known"), [("ecm", True), ("config/arms/ecm.yaml", False)])
+def test_of_an_arm_from_a_file_the_next_step_names_ros2_control_too(
+    tmp_path, monkeypatch, capsys, planned, arm, known
+):
+    def design(arm, *_, **__):
+        return replace(planned, plan=replace(planned.plan, arm=arm))
+
+    monkeypatch.setattr("dvrk_gravity.planning.design_motion", design)
+    path = arm if known else Path(__file__).parents[1] / arm
+    assert plan("--arm", path, "--out", tmp_path / "plan.yaml") == 0
+    assert ("with --action NAME" in capsys.readouterr().out) != known
 
 
 def test_infeasible_limits_end_the_verb_in_one_line(tmp_path, capsys):

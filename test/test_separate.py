@@ -36,13 +36,14 @@ from dvrk_gravity.planning import (
     PlanLimits,
     Prediction,
     Sense,
+    Separation,
     SeparationDesign,
     SeparationSettings,
     SolverSettings,
     Unseparated,
     design_separation,
 )
-from dvrk_gravity.report import diagnosis_page, diagnosis_text
+from dvrk_gravity.report import diagnosis_page, diagnosis_text, separation_text
 from dvrk_gravity.simulate import PlantFile
 
 BRIEF = SeparationSettings(
@@ -358,8 +359,30 @@ def test_a_diagnosis_says_what_no_motion_separates_and_names_no_command(model):
     assert same.inseparable((offset, twin)) == f"no motion of this arm within its limits {line}"
     diagnosis = found(same)
     assert diagnosis.separated_by == ""
+    assert json.loads(diagnosis.to_json())["findings"][0]["inseparable"].endswith(line)
     assert line in " ".join(" ".join(diagnosis_text(diagnosis)).split())
     assert line in diagnosis_page(diagnosis, ["run.csv"])
+
+
+def test_what_no_motion_separates_is_named_as_findings_list_it(model):
+    motion = passed(model)
+    load = next(each for each in effects.named("payload").hypotheses(motion) if each.joints == (0,))
+    size = load.regressor(motion).shape[2]
+    heavy = RivalCause(load, np.ones(size), np.eye(size))
+    assert "link" in heavy.words
+    assert heavy.listed == "payload at yaw"
+
+
+def test_two_causes_are_one_row_of_the_table_in_whatever_form_and_order(design):
+    best = design.expected[0]
+    worst = replace(best, between=best.between[::-1], planned=best.planned - 1.0)
+    rows = [
+        line
+        for line in separation_text(replace(design, expected=(best, worst)))
+        if all(cause in line for cause in best.between) and line.endswith("%")
+    ]
+    assert len(rows) == 1
+    assert f"{worst.planned:.1f}" in rows[0]
 
 
 def test_of_what_no_motion_rules_out_each_cause_is_named_with_what_stands_beside_it(model):
@@ -439,7 +462,7 @@ def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path
     before = unclear.unseparated()
     after = load_unseparated(written(unclear, tmp_path))
     assert isinstance(after, Unseparated)
-    assert [each.words for each in after.rivalries] == [each.words for each in before.rivalries]
+    assert [each.between for each in after.rivalries] == [each.between for each in before.rivalries]
     assert after.rivalries[0].again == pytest.approx(before.rivalries[0].again)
     motion = passed(before.model)
     for rivals in zip(after.rivalries, before.rivalries, strict=True):
@@ -570,6 +593,23 @@ def test_a_clear_diagnosis_and_one_beside_a_reference_name_no_command(unclear):
     motion = passed(unclear.model)
     beside = replace(motion, reference=np.zeros_like(motion.q))
     assert Contest.of(beside, [found(unclear).findings[0].rivals], unclear.noise).pairs == ()
+
+
+def test_the_search_for_poses_ends_when_its_time_does(unclear, monkeypatch):
+    """Of many pairs of causes it would take an hour."""
+    asked = list[int]()
+    score = Separation.score
+    monkeypatch.setattr(Separation, "score", lambda *of: asked.append(1) or score(*of))
+    unseparated = unclear.unseparated()
+    limits = PlanLimits.of(unseparated.model.arm)
+    designs = []
+    for seconds in (60.0, 1e-9):
+        settings = replace(BRIEF, solver=replace(BRIEF.solver, seconds=seconds))
+        designs.append(design_separation(unseparated, limits, 30.0, poses=True, settings=settings))
+        asked.append(0)
+    whole, brief = (len(each.plan.motion.poses) for each in designs)
+    assert whole > brief == 2
+    assert sum(asked) < 6 * 15 + 2 * 6  # a few for each pose, of 60 candidates
 
 
 def test_static_poses_are_separated_by_poses(unclear):

@@ -285,7 +285,8 @@ def shown_drift(value: float, unit: str = "rad") -> str:
 
 def largest_drift(value: float) -> str:
     """Return the largest of some drifts, rad, as "at most …", or "< …" of hardly any."""
-    shown = shown_drift(value)
+    # None that is measured is none that would show.
+    shown = shown_drift(value or math.ulp(0.0))
     return shown if shown.startswith("<") else f"at most {shown}"
 
 

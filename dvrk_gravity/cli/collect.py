@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
@@ -219,7 +219,9 @@ def finish(collected: Collected, following: str) -> None:
 def asking(driver: object) -> Callable[[str], bool]:
     """Return what asks on the terminal; Ctrl-C counts while it waits."""
     if sys.stdin is None or not sys.stdin.isatty():  # None: it is closed
-        raise ConfigError("--yes", None, "it: the arm is to move, and nobody can be asked here")
+        raise DvrkGravityError(
+            "the arm is to move, and there is no terminal to ask on: consent beforehand with --yes"
+        )
 
     def ask(question: str) -> bool:
         with suppress(termios.error):  # what was typed before a question is no answer to it

@@ -106,7 +106,13 @@ def run(arguments: argparse.Namespace) -> int:
     )
     watched = f" --model {arguments.model}" if arguments.model and separate is None else ""
     following = "Next" if enough else "It is not expected to separate them; to try all the same"
-    print(f"written: {written}. {following}: collect {arguments.out} --out {bag}{watched}")
+    # Of an arm from a file it is not known what moves it.
+    by_action = (
+        "; or, by ros2_control, with --action NAME" if plan.arm.source != plan.arm.name else ""
+    )
+    print(
+        f"written: {written}. {following}: collect {arguments.out} --out {bag}{watched}{by_action}"
+    )
     if separate is not None:
         print(f"then: {diagnosed_again(separate, bag, arguments.poses, arguments.model)}")
     return 0 if enough else 1

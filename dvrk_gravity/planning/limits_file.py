@@ -70,7 +70,7 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
         given = _combination(f"combinations[{k}]", entry, arm)
         for known in combinations:
             both = known.within(given)
-            if both and both.lower > both.upper:
+            if both and both.lower >= both.upper:
                 shown = arm.joints[arm.joint_names.index(known.factors[0][0])].shown
                 raise ConfigError(
                     f"combinations[{k}].position", entry["position"],

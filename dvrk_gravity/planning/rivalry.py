@@ -79,9 +79,9 @@ class Rivalry:
     either: tuple[bool, bool] = (True, True)
 
     @property
-    def words(self) -> str:
+    def between(self) -> tuple[str, str]:
         """The two in words."""
-        return f"{self.first.words} or {self.second.words}"
+        return self.first.words, self.second.words
 
 
 @dataclass(frozen=True, eq=False)

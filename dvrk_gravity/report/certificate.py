@@ -15,7 +15,7 @@ from dvrk_gravity.report.fit_pictures import torque_pictures
 from dvrk_gravity.report.fit_tables import level_of_verdict
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import effort_in_table
-from dvrk_gravity.units import fixed, interval, quantity
+from dvrk_gravity.units import fixed, interval
 
 _MOST = 7  # sentences of a list; the others are in the files
 
@@ -72,8 +72,8 @@ def _by_joint(certificate: Certificate, arm: Arm) -> str:
     """Return the table of the joints, and what its columns are."""
     effort, factor, decimals = effort_in_table(arm, [each.rmse for each in certificate.joints])
     head = [
-        "joint", "held-out |e|/|τ|", f"RMSE, {effort}", "expected (95 %)", "gravity torque ±",
-        "dry friction (95 %)", "identified range", "drift",
+        "joint", "held-out |e|/|τ|", f"RMSE, {effort}", "expected (95 %)",
+        f"gravity torque ±, {effort}", "dry friction (95 %)", "identified range", "drift",
         f"sure to stay at {100 * certificate.reduced:g} % friction", "verdict",
     ]  # fmt: skip
     rows = [_row(joint, factor, decimals) for joint in certificate.joints]
@@ -135,7 +135,7 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> list[str]:
         f"{100 * joint.nrmse:.1f} %",
         shown(joint.rmse),
         "" if band is None else f"{shown(band[0])}–{shown(band[1])}",
-        "" if joint.holding is None else quantity(joint.holding, joint.unit),
+        "" if joint.holding is None else shown(joint.holding),
         friction or "not determined",
         f"{low} to {high}",
         _drift(joint.drift, joint),

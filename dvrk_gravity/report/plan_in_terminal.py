@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from dvrk_gravity.planning import MotionDesign, SeparationDesign, Slack
+from dvrk_gravity.planning import ExpectedEvidence, MotionDesign, SeparationDesign, Slack
 from dvrk_gravity.units import in_one_unit, quantity
 
 _COLUMN = 20  # characters
 _PAIRS = 12  # of causes that are shown, those that are separated worst
+_ROUNDING = 1e-6  # SI: what is left of a limit that a search ends at
 _TIGHTEST = 5  # limits that are shown; the plan's file has all of them
 _WORDS = {
     "position": "position", "velocity": "speed", "acceleration": "acceleration",
@@ -52,7 +53,10 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
 
 def separation_text(design: SeparationDesign) -> Iterator[str]:
     """Yield the evidence expected between rivals, and what is left of each limit."""
-    least = sorted(design.expected, key=lambda each: each.planned)
+    worst = dict[frozenset[str], ExpectedEvidence]()  # of several forms of the same two causes
+    for each in sorted(design.expected, key=lambda each: each.planned):
+        worst.setdefault(frozenset(each.between), each)
+    least = list(worst.values())
     head = "expected evidence (log-likelihood)"
     broad = 1 + max(len(head), *(len(each.words) for each in least[:_PAIRS]))
     yield f"{head:<{broad}}{'diagnosed':>12}{'planned':>10}{'clear':>8}"
@@ -88,5 +92,5 @@ def limits_text(slacks: Sequence[Slack]) -> Iterator[str]:
     yield f"{'limit of':<{broad}}{'':<13}{'used':>7}{'left':>{_COLUMN}}"
     for slack in slacks:
         used = "" if slack.limit == "distance" else f"{100 * slack.used:.1f} %"
-        left = quantity(slack.left, slack.unit)
+        left = quantity(slack.left if abs(slack.left) > _ROUNDING else 0.0, slack.unit)
         yield f"{slack.of:<{broad}}{_WORDS[slack.limit]:<13}{used:>7}{left:>{_COLUMN}}"

@@ -26,7 +26,7 @@ from dvrk_gravity.compensate import (
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.others import LATELY
-from dvrk_gravity.ros.presence import MEASURED
+from dvrk_gravity.ros.presence import MEASURED, simulator_of
 from dvrk_gravity.ros.processes import ProcessError
 from dvrk_gravity.ros.runtime import asked_to_end
 from dvrk_gravity.ros.wire import CommandTopic
@@ -51,7 +51,7 @@ HEARD = 10
 # it: earlier measurements prove nothing.
 ASLEEP = 0.5
 # Farthest stamp from this computer's clock, s, before anything moves: a bag that is played back is
-# days old. The clock of a simulated arm whose machine is slow lags by seconds.
+# days old. The clock of our simulator, which skips time on a busy machine, may lag by minutes.
 STAMP_AGE = 10.0
 # Measurements that may wait for us, a second and more of them: the recording must not lose any.
 _QUEUE = 2000
@@ -73,6 +73,7 @@ class Mover:
         self._awake = time.monotonic()  # when we last looked for messages
         self._heard = self._awake  # when the last believed one came
         self._dropped = ""  # why the last measurement was dropped
+        self._simulated = False  # our simulator measures, and its stamps are old
         self._against: dict[str, str] = {}  # by cause, why the arm must not be commanded
         self._next_look = 0.0
         self._sink: Callable[[bytes], None] | None = None
@@ -306,7 +307,7 @@ class Mover:
             return
         moved = self._commanded is not None
         clock = self._client.node.get_clock().now().nanoseconds
-        oldest = 0.0 if moved else STAMP_AGE
+        oldest = 0.0 if moved or self._simulated else STAMP_AGE
         joints = self._link.measured
         try:
             sample, _ = self._link.read(data)
@@ -322,6 +323,8 @@ class Mover:
             # That a stamp stands still is what the gate's silence says.
             still = error.cause == "stamp_repeated"
             self._dropped = "" if still else f"{error.cause}: {error}"
+            if error.cause == "stamp_too_old":
+                self._simulated = bool(simulator_of(self._client.node))
             if moved and error.cause == "position_jump":  # the servo may pull it back unnoticed
                 self._against["position_jump"] = f"{self.topic}: {error}"
         else:

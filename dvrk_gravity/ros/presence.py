@@ -26,6 +26,7 @@ except ImportError:
     OperatingState = None
 
 MEASURED, HOLD = "measured_js", "hold"
+_SIMULATED_HAND = "simulator/push_jf"  # our simulator subscribes to it; no arm does
 
 # Nodes are looked up so often, s, even where the numbers of publishers and subscribers stay.
 _LOOK = 1.0
@@ -52,6 +53,18 @@ def namespace_of(arm: Arm, given: str | None = None) -> str:
         raise ConfigError("--namespace", namespace, "a ROS namespace, as /MTMR") from error
     require_own(arm, namespace)
     return namespace
+
+
+def simulator_of(node: Node) -> str:
+    """Return the node of our simulator that measures in a node's namespace; ``""``: none does."""
+    measures, is_pushed = (
+        node_names(infos(node.resolve_topic_name(topic)))
+        for infos, topic in (
+            (node.get_publishers_info_by_topic, MEASURED),
+            (node.get_subscriptions_info_by_topic, _SIMULATED_HAND),
+        )
+    )
+    return min(measures & is_pushed, default="")
 
 
 def require_name(option: str, name: str) -> None:

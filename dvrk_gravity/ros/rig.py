@@ -18,8 +18,7 @@ from dvrk_gravity.compensate import MotionError, Sample
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.listening import on_sample
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
-from dvrk_gravity.ros.others import node_names
-from dvrk_gravity.ros.presence import MEASURED
+from dvrk_gravity.ros.presence import simulator_of
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
 from dvrk_gravity.ros.runtime import asked_to_end
 
@@ -29,7 +28,6 @@ AWAY = float(np.radians(5.0))
 # Without a measurement that is believed for so long its drift is not known, s. Chosen: the
 # compensator, which hears them itself, has ended long before where there are none.
 DEAF = 0.5
-SIMULATED_HAND = "simulator/push_jf"  # our simulator subscribes to it; no arm does
 _RATE = 200.0  # set points per second
 _STARTS = 30.0  # s, that a compensator may take until it commands
 
@@ -165,16 +163,9 @@ class RosRig:
 
     def _note_simulator(self, node: Node) -> None:
         """Note that it is no arm if our simulator measures in its namespace, by any name."""
-        measures, is_pushed = (
-            node_names(infos(node.resolve_topic_name(topic)))
-            for infos, topic in (
-                (node.get_publishers_info_by_topic, MEASURED),
-                (node.get_subscriptions_info_by_topic, SIMULATED_HAND),
-            )
-        )
-        found = sorted(measures & is_pushed)
+        found = simulator_of(node)
         if found and not self.simulated:
-            self.simulated = f"the node {found[0]}"
+            self.simulated = f"the node {found}"
 
 
 class _Drift:

@@ -211,7 +211,11 @@ class Diagnosis(Tabular):
             "format": 2,
             "verdict": self.verdict,
             "findings": [
-                {**finding.to_dict(), "next": self.separating(finding) or None}
+                {
+                    **finding.to_dict(),
+                    "next": self.separating(finding) or None,
+                    "inseparable": self.inseparable(finding) or None,
+                }
                 for finding in self.findings
             ],
             "known": [known.to_dict() for known in self.known],

@@ -109,6 +109,11 @@ class RivalCause:
         return f"{hypothesis.effect} at {where if at_link else ' and '.join(hypothesis.names)}"
 
     @property
+    def listed(self) -> str:
+        """Effect and joints, as findings list it: all forms at one joint are one."""
+        return f"{self.hypothesis.effect} at {' and '.join(self.hypothesis.names) or 'the arm'}"
+
+    @property
     def named(self) -> _Named:
         """Effect and joints, by which findings name it."""
         return self.hypothesis.effect, self.hypothesis.joints
@@ -299,8 +304,8 @@ class Contest:
     def inseparable(self, rivals: Sequence[RivalCause]) -> str:
         """Return which of some causes no motion separates from which; ``""``: from none."""
         names = dict[_Named, str]()
-        for rival in rivals:  # of several forms the likeliest comes first
-            names.setdefault(rival.named, rival.words)
+        for rival in rivals:
+            names.setdefault(rival.named, rival.listed)
         never = {named: [other for other in names if (named, other) in self.hidden]
                  for named in names}  # fmt: skip
         some = {each for named in names if never[named] for each in (named, *never[named])}
