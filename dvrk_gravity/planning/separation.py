@@ -215,7 +215,8 @@ def design_separation(
 def _as_identified(limits: PlanLimits, model: TorqueModel) -> PlanLimits:
     """Return limits within which the model was identified: beyond, any torque may be its own.
 
-    A joint that was hardly moved then, or never within its limits, keeps them.
+    Faster, too: what it lacks of inertia shows then. A joint that was hardly moved then, or never
+    within its limits, keeps them.
     """
     known = model.uncertainty
     if known is None:
@@ -225,6 +226,7 @@ def _as_identified(limits: PlanLimits, model: TorqueModel) -> PlanLimits:
     return replace(
         limits,
         lower=np.where(enough, lower, limits.lower), upper=np.where(enough, upper, limits.upper),
+        velocity=np.where(enough, np.fmin(limits.velocity, known.speed), limits.velocity),
     )  # fmt: skip
 
 
