@@ -134,3 +134,15 @@ def test_where_weights_hardly_vary_they_are_not_missed():
     motion = load([replace(narrow, effort=held + error)], MODEL).motion
 
     require_gravity(motion, "narrow")
+
+
+def test_a_weight_that_a_narrow_motion_shows_by_its_mean_alone_is_there():
+    """There what the model lacks, a cable, may vary as the weight does, the other way."""
+    still = recorded().position.mean(axis=0)
+    position = still + 0.2 * (recorded().position - still)
+    state = State.of(position)
+    weights = sum(term.torque(state) for term in MODEL.terms if term.WEIGHT_OF_ARM)
+    effort = MODEL.torque(position) - (weights - weights.mean(axis=0))
+    narrow = replace(recorded(), position=position, velocity=None, effort=effort)
+
+    require_gravity(load([narrow], MODEL).motion, "narrow")

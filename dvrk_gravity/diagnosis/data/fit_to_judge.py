@@ -109,17 +109,24 @@ def require_gravity(motion: MeasuredMotion, source: str) -> None:
 def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bool | None:
     """Return whether a joint's effort lacks the (N, n) weights; None: the motion would not show it.
 
-    Beside a constant, friction, a rotor and the rest of the model, at its scale in the efforts. It
+    It does not where they are in it as the model states them, which their mean shows, too. Else,
+    beside a constant, friction, a rotor and the rest of the model, at its scale in the efforts. It
     may imitate a weight, which is there if the model with it, at one scale, explains more.
     """
 
     def left(values: Array, columns: Array) -> Array:
         return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0])
 
+    used, error = ~motion.silent[rows, joint], (motion.effort - motion.modelled)[rows, joint]
+    stated, unweighted = (
+        float(np.sum(each[used] ** 2)) for each in (error, error + weight[:, joint])
+    )
+    if stated <= (1.0 - _EXPLAINED) * unweighted:
+        return False
     speed, rest = motion.qd[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
     beside = np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]
     every = np.column_stack([*beside, motion.effort[rows, joint], rest, weight])
-    every = every[~motion.silent[rows, joint]]
+    every = every[used]
     every = left(every[:, 4:], every[:, :4])
     effort, rest, weights = every[:, 0], every[:, 1:2], every[:, 2:]
     scale = float(np.linalg.lstsq(rest, effort, rcond=None)[0][0]) if rest.any() else 1.0
