@@ -142,6 +142,16 @@ def test_where_not_all_folds_agree_the_model_at_hand_must_if_there_is_one():
         assert (alone.coordinates, len(alone.warnings)) == (given or "actuator", doubted)
 
 
+@pytest.mark.parametrize(("size", "read"), [(0.3, "actuator"), (0.9, "joint")])
+def test_where_all_folds_agree_the_model_at_hand_must_not_be_sure_of_the_opposite(
+    monkeypatch, size, read
+):
+    world, recording = narrow()
+    monkeypatch.setattr(CoordinateErrors, "clearly_not", lambda errors, system: True)
+    sizes = {"joint": 0.2, "actuator": size}
+    assert decide_coordinates(recording, world.arm, None, sizes.__getitem__).coordinates == read
+
+
 @pytest.mark.parametrize(
     ("name", "first", "last"), [("psm_one", 0.0, 30.0), ("psm_one_bare", 5.0, 15.0)]
 )
