@@ -29,7 +29,7 @@ ALPHA = 0.001
 # Ratio of the two errors of the model at hand below which a plain one is not believed against it.
 # Chosen: of a narrow motion with Stribeck friction at its elbow a plain model has .75 of the error
 # in the wrong coordinates, the model that was identified of the arm four times the error.
-_SURE = 0.5
+_TWICE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,8 @@ def _shown(
     """Return the coordinates that fit clearly better; ``None``: neither do.
 
     Of a PSM's motion of half a minute not all folds agree. A narrow motion with more friction than
-    a plain model has looks no different: there the model at hand must agree. Nowhere may it be
-    surely of the other opinion.
+    a plain model has looks no different: there the model at hand must agree. Nowhere may it
+    have twice the error.
     """
     best = errors.best
     other: Coordinates = "actuator" if best == "joint" else "joint"
@@ -137,7 +137,7 @@ def _shown(
     if misfit is None or (clear and best == "joint"):  # which is taken anyway
         return best
     sizes = _misfits(misfit)
-    if sizes is not None and sizes[other] <= _SURE * sizes[best]:
+    if sizes is not None and sizes[other] <= _TWICE * sizes[best]:
         return None
     return best if clear or _by_misfit(sizes).coordinates == best else None
 
