@@ -259,10 +259,11 @@ def test_names_that_ros_does_not_accept_and_another_arm_s_are_one_line(
 
 
 def test_without_its_messages_the_error_says_what_to_install(
-    fake: FakeArm, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from dvrk_gravity.ros import trajectory_mover
+    from dvrk_gravity.ros import TrajectoryMover, trajectory_mover
 
     monkeypatch.setattr(trajectory_mover, "FollowJointTrajectory", None)
-    with pytest.raises(ConfigError, match=r"--action: got .* expected control_msgs"), moved():
-        pass
+    nobody: Any = SimpleNamespace(node=None)
+    with pytest.raises(ConfigError, match=r"--action: got .* expected control_msgs"):
+        TrajectoryMover(nobody, Arm.load("mtmr"), ACTION, 200.0, TIMEOUT)
