@@ -61,6 +61,11 @@ class Objective(ABC):
     arm: Arm
     noise: Array
 
+    @property
+    def slow(self) -> Array:
+        """(n,) speeds within which a joint counts as turning back, rad/s or m/s; see `Steps`."""
+        return np.asarray(Steps().velocity * self.arm.scale)
+
     @abstractmethod
     def regressor(self, state: State) -> Array:
         """Return (N, n, p) columns of torque, N·m.
@@ -221,10 +226,7 @@ class PriorKnowledge(Knowledge):
 
     def regressor(self, state: State) -> Array:
         """Return the joints' torques; friction that depends on the path is none of the columns."""
-        true, slow = (
-            self._columns.kinematics.true(state),
-            Steps().velocity * self.arm.scale,
-        )
+        true = self._columns.kinematics.true(state)
         start = len(self._columns.rigid.columns)
         parts = [self._columns.rigid.regressor(true)]
         for unknowns in self._columns.unknowns:
@@ -232,7 +234,7 @@ class PriorKnowledge(Knowledge):
             start += len(unknowns.columns)
             if here:
                 full = unknowns.term.full_speed
-                parts.append(unknowns.regressor(_wider(true, full, slow), _NONE)[..., here])
+                parts.append(unknowns.regressor(_wider(true, full, self.slow), _NONE)[..., here])
         return np.concatenate(parts, axis=-1) * self._scale
 
 
@@ -281,10 +283,9 @@ class ModelKnowledge(Knowledge):
     def regressor(self, state: State) -> Array:
         """Return the joints' torques; friction that depends on the path is left out."""
         true = replace(state, q=state.q - self._model.joint_offset)
-        slow = Steps().velocity * self.arm.scale
         found = np.zeros((*state.q.shape, self._known.size))
         for term in self._terms:
-            found += self._known.torque((term,), _wider(true, term.full_speed, slow))
+            found += self._known.torque((term,), _wider(true, term.full_speed, self.slow))
         for joint in np.flatnonzero(self._known.offset.any(axis=1)).tolist():
             moved = _ASIDE * np.eye(self.arm.n)[joint]
             behind, ahead = (

@@ -19,7 +19,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import Motion, State
-from dvrk_gravity.planning.information import Knowledge, Objective, Steps
+from dvrk_gravity.planning.information import Knowledge, Objective
 
 Passing = Callable[[State, Array], Motion]
 """From (N, n) states at (M,) times, s, to the motion that passes them.
@@ -241,8 +241,7 @@ class Separation(Objective):
         """Return (N, n) the part of torques that shows: friction hides that of a joint at rest."""
         if state.qd is None or state.direction is not None:
             return np.ones(state.q.shape)
-        slow = Steps().velocity * self.arm.scale
-        return np.where(self.arm.rubs, np.abs(state.qd) / np.hypot(state.qd, slow), 1.0)
+        return np.where(self.arm.rubs, np.abs(state.qd) / np.hypot(state.qd, self.slow), 1.0)
 
     def score(self, gram: Array) -> tuple[float, Array]:
         """Return the sum of K / (1 + K / 10.5) over the senses of all rivalries, and its slope."""

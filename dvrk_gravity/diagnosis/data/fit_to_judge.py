@@ -117,16 +117,14 @@ def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bo
     def left(values: Array, columns: Array) -> Array:
         return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0])
 
-    used, error = ~motion.silent[rows, joint], (motion.effort - motion.modelled)[rows, joint]
-    stated, unweighted = (
-        float(np.sum(each[used] ** 2)) for each in (error, error + weight[:, joint])
-    )
+    used, effort = ~motion.silent[rows, joint], motion.effort[rows, joint]
+    modelled, speed = motion.modelled[rows, joint], motion.qd[rows, joint]
+    rest = modelled - weight[:, joint]
+    stated, unweighted = (float(np.sum((effort - each)[used] ** 2)) for each in (modelled, rest))
     if stated <= (1.0 - _EXPLAINED) * unweighted:
         return False
-    speed, rest = motion.qd[rows, joint], motion.modelled[rows, joint] - weight[:, joint]
     beside = np.ones_like(speed), np.sign(speed), speed, motion.qdd[rows, joint]
-    every = np.column_stack([*beside, motion.effort[rows, joint], rest, weight])
-    every = every[used]
+    every = np.column_stack([*beside, effort, rest, weight])[used]
     every = left(every[:, 4:], every[:, :4])
     effort, rest, weights = every[:, 0], every[:, 1:2], every[:, 2:]
     scale = float(np.linalg.lstsq(rest, effort, rcond=None)[0][0]) if rest.any() else 1.0

@@ -308,8 +308,8 @@ class Contest:
             names.setdefault(rival.named, rival.listed)
         never = {named: [other for other in names if (named, other) in self.hidden]
                  for named in names}  # fmt: skip
-        some = {each for named in names if never[named] for each in (named, *never[named])}
-        concerned = [named for named in names if named in some]
+        beside = {other for others in never.values() for other in others}
+        concerned = [named for named in names if never[named] or named in beside]
         if not concerned:
             return ""
         within = "no motion of this arm within its limits is expected to"
