@@ -14,12 +14,13 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: bench calibrate-demo demo dist dist-check docs peers story test trials trials-real sensitivity lint lock clean help
+.PHONY: bench calibrate-demo demo dist dist-check docs peers story test test-long trials trials-real sensitivity lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
 	@echo "make calibrate-demo  from a simulated arm to a model with a certificate, three minutes (out/calibrate)"
-	@echo "make test    the test suite, six workers (WORKERS=2 for less)"
+	@echo "make test    the test suite: what computes (WORKERS=2), then live nodes one at a time"
+	@echo "make test-long  properties, sweeps, pages, packaging, browser: test/trials"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
 	@echo "make docs    the site in out/site; a warning is an error"
@@ -57,11 +58,15 @@ calibrate-demo: install/.done
 	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity calibrate --arm psm --simulated --out out/calibrate \
 	  --time 10 --no-rehearsal
 
-# Hundreds of processes are started: bytecode that is kept spares each of them the compiler.
+# What computes first, on all cores; then nodes over DDS, one test at a time, on a machine that is idle.
 test: install/.done
-	@$(IN_WORKSPACE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
-# Three for each core of a small machine: tests that start nodes wait more than they compute.
-WORKERS ?= 6
+	@$(IN_WORKSPACE) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	@$(IN_WORKSPACE) $(BIN)/python -m pytest test/live
+WORKERS ?= 2
+
+# Properties over many examples, sweeps over all arms, what pages say, packaging, a browser.
+test-long: install/.done
+	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest test/trials
 
 lint: $(VENV)/.done
 	$(BIN)/ruff check .
@@ -102,9 +107,7 @@ docs: $(DOCS)/.done
 SEEDS ?= 0 12
 LAB_SEEDS ?= 0 5
 EXAMPLES ?= 20
-trials: $(VENV)/.done
-	PYTHONPATH=. $(ENVIRONMENT) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest \
-	  -n $(WORKERS) --dist worksteal -m "slow or hypothesis"
+trials: test-long
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/trials.py --seeds $(SEEDS) --jobs 2
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/lab_trials.py --seeds $(LAB_SEEDS) --jobs 2
 
