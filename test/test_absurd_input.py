@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL_FILE, REPOSITORY
+from support import MODEL_FILE, REPOSITORY
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import JOINT_NAMES

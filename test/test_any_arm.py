@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm, random_inertias
-from test_arms_dynamics import PANDA, ROBOTS, UR5
+from robots import PANDA, ROBOTS, UR5
 
 from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.cli.replay import replay

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from conftest import CONFIG
 from scipy.spatial.transform import Rotation
+from support import CONFIG
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm, gravity_in_base
 from dvrk_gravity.errors import ConfigError

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 from made_up_arm import FILE, made_up_arm, random_inertias, random_motion
+from robots import PANDA, UR5
 from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias, rigid_body
 
 TILTED = np.array([1.3, -2.1, -9.4])
-ROBOTS = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"
-UR5 = ROBOTS / "ur_description" / "urdf" / "ur5_robot.urdf"
-PANDA = ROBOTS / "panda_description" / "urdf" / "panda.urdf"
 NAMES = ("mtmr", "psm", "ecm", "made_up", "ur5", "panda")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from made_up_arm import FILE, made_up_arm, write
-from test_arms_dynamics import PANDA, UR5
+from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm, is_mtm
 from dvrk_gravity.effects import link_sizes, links_of_joints, prior_scale

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY
+from support import REPOSITORY
 from test_collect import PathDriver, plan_of
 
 from dvrk_gravity import __version__

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import TIMEOUT
+from arm_side import TIMEOUT
 from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm

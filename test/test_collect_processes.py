@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from conftest import TIMEOUT
+from arm_side import TIMEOUT
 from test_excite import ASLEEP, POSE, FakeArm
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm

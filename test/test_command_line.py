@@ -9,7 +9,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from conftest import CONFIG, MODEL_FILE, REPOSITORY
+from support import CONFIG, MODEL_FILE, REPOSITORY
 
 from dvrk_gravity import command_line
 from dvrk_gravity.__main__ import main

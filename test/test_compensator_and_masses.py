@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from test_arms_dynamics import UR5
+from robots import UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.model import TorqueModel, stated_weight

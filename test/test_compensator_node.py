@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import CONFIG, MODEL_FILE, PATIENT, TIMEOUT, FakeArm
+from arm_side import PATIENT, TIMEOUT, FakeArm
+from support import CONFIG, MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES

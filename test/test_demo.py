@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE
 from made_up_arm import made_up_arm
+from robots import PANDA, UR5
 from std_msgs.msg import Bool
-from test_arms_dynamics import PANDA, UR5
+from support import MODEL_FILE
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm

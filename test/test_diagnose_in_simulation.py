@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm
-from test_arms_dynamics import UR5
+from robots import UR5
 
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.compensate import in_simulation, let_go

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_arms_dynamics import UR5
+from robots import UR5
 
 from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.diagnosis import correct_readings, diagnose, load, try_readings

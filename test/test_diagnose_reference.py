@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_arms_dynamics import UR5
+from robots import UR5
 from test_own_arm import record, run
 
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias

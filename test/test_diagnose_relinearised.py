@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_arms_dynamics import UR5
+from robots import UR5
 
 from dvrk_gravity.arms import Arm, gravity_in_base
 from dvrk_gravity.diagnosis import (

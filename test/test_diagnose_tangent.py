@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from robots import UR5
 from scipy.optimize import minimize_scalar
-from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Candidate, CrossValidation, FilteredData, load, refined, tangents

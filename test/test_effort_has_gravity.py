@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from test_arms_dynamics import UR5
+from robots import UR5
 from test_weights import FEW, recorded
 
 from dvrk_gravity.arms import Arm

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from support import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.compensate import Settings, prepare_sum

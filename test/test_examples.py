@@ -10,7 +10,7 @@ from pathlib import Path
 import jupytext
 import matplotlib
 import pytest
-from conftest import REPOSITORY
+from support import REPOSITORY
 
 from dvrk_gravity import diagnosis, identification
 

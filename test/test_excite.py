@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import TIMEOUT
+from arm_side import TIMEOUT
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import run

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from made_up_arm import random_inertia, write
-from test_arms_dynamics import PANDA, UR5
+from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm, gravity_in_base, is_mtm
 from dvrk_gravity.command_line import run

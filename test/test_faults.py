@@ -12,8 +12,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import LATE, MODEL_FILE, PATIENT, TIMEOUT, FakeArm
+from arm_side import PATIENT, TIMEOUT, FakeArm
+from conftest import LATE
 from forking import loading_itself
+from support import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES, Arm

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from test_report import Page
+from made_results import CLEAR, Page, example_diagnosis, finding
 
 from dvrk_gravity import effects
-from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import (
-    Alternative,
-    Ambiguity,
-    Contender,
-    Diagnosis,
     FilteredData,
     Finding,
     Gain,
-    Known,
-    Picture,
-    Rejected,
     effect_found,
     hypotheses,
     load,
@@ -30,12 +22,10 @@ from dvrk_gravity.diagnosis import (
     remaining_error,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, Residual
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.report import diagnosis_page, parameter_rows
 from dvrk_gravity.units import fixed, quantity
 from testing.world import World
 
-CLEAR = Gain(0.4, 0.3, 0.5, 0.001)
 # Where a minus is a place or a direction, and no amount.
 PLACES = ("roll", "pitch", "position", "lowest", "highest", "phase", "first_moment")
 
@@ -246,13 +236,6 @@ def test_an_angle_known_to_no_better_than_a_turn_is_any_angle():
     assert parameter_text("joint_offset", "offset", turns) == "any angle"
 
 
-def finding(effect: str, value: Estimate, gain: Gain, name: str = "coefficient") -> Finding:
-    """Return a finding of one parameter."""
-    return Finding(
-        effect, ("elbow_pitch",), "joint", {name: value}, gain, (), (), "", None, True
-    )  # fmt: skip
-
-
 def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these():
     clear, around_zero = Estimate(0.02, 0.01, 0.03, ""), Estimate(0.02, -0.01, 0.05, "")
     certain = finding("viscous_friction", clear, CLEAR)
@@ -286,32 +269,6 @@ def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
     for case in every:
         for name, value in case.estimates().items():
             assert value.unit or name.endswith(("factor", "ratio")), (case.hypothesis.effect, name)
-
-
-def example_diagnosis() -> Diagnosis:
-    """Return one with something in every part of its report."""
-    offset = {"offset": Estimate(-0.02, -0.03, -0.01, "rad")}
-    contenders = [
-        Contender("joint_offset", (joint,), offset, offset, -2.0, False, joint, 0.01)
-        for joint in ("shoulder_pitch", "elbow_pitch")
-    ]
-    found = replace(
-        finding("coulomb_friction", Estimate(0.01, 0.005, 0.015, "N·m"), Gain(0.4, 0.3, 0.5, 1e-9),
-                "positive"),
-        alternatives=(Alternative("presliding_hysteresis", ("elbow_pitch",), "as well"),),
-        rejected=(Rejected("viscous_friction", ("elbow_pitch",), "joint", 143.0, 59.0),),
-        sentence="elbow_pitch has more",
-        remedy="look at its cables",
-    )  # fmt: skip
-    known = Known("model_error", ("elbow_pitch",), {}, "elbow_pitch is left as it was")
-    by_joint = dict.fromkeys(JOINT_NAMES, 0.01)
-    picture = Picture("elbow_pitch", "velocity", *np.random.default_rng(0).normal(size=(3, 50)))
-    return Diagnosis(
-        "ambiguous", (replace(found, picture=picture),), (known,), by_joint, by_joint,
-        dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),
-        (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
-        TorqueModel(Arm.load("mtmr"), ()), band=8.0,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE, REPOSITORY
+from support import MODEL_FILE, REPOSITORY
 from test_arms_files import a_joint, urdf
 
 import dvrk_gravity

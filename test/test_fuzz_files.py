@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import CONFIG, MODEL_FILE, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_samples import wave
+from support import CONFIG, MODEL_FILE, examples
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import Arm

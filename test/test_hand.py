@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_identify import truth
+from known_mtm import truth
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import load

@@ -7,11 +7,12 @@ import time
 
 import numpy as np
 import pytest
-from conftest import CONFIG, MODEL_FILE, PATIENT, TIMEOUT, FakeArm
+from arm_side import PATIENT, TIMEOUT, FakeArm
 from diagnostic_msgs.msg import KeyValue
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray, String
+from support import CONFIG, MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.ros import COMMANDS, PRIVATE, NodeProcess, private_domain

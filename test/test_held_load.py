@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_static_fit import truth
+from known_poses import truth
 
 from dvrk_gravity.model import TorqueModel
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import first_slab
+from known_mtm import ARM, SIZES, SPRING
+from known_mtm import truth as motion
+from known_poses import NOISE, RECORDED, between, grid, record
+from known_poses import truth as arm_of_poses
 from test_console import console_torque, convert
-from test_identify import ARM, SIZES, SPRING
-from test_identify import truth as motion
-from test_static_fit import NOISE, RECORDED, between, grid, record
-from test_static_fit import truth as arm_of_poses
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, build_tree
@@ -122,7 +122,7 @@ def test_real_poses_of_the_console_become_a_console_file(measured_data, tmp_path
 def test_what_does_not_go_with_the_console_is_refused(
     options, named, tmp_path, monkeypatch, capsys
 ):
-    from conftest import CONFIG
+    from support import CONFIG
 
     monkeypatch.chdir(tmp_path)
     text = (CONFIG / "arms" / "mtmr.yaml").read_text()

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from conftest import few_folds
-from test_identify import ARM, parameter, truth
+from known_mtm import ARM, parameter, truth
 
 from dvrk_gravity.arms import BODIES as TREE_LINKS
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm, build_tree, link_frames

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from conftest import few_folds
+from known_mtm import ARM, truth
 from made_up_arm import made_up_arm, random_inertias
-from test_identify import ARM, truth
 from test_psm_identified import recorded
 
 from dvrk_gravity.arms import Arm, rigid_body

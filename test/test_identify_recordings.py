@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_identify import ARM, truth
+from known_mtm import ARM, truth
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm

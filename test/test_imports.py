@@ -15,7 +15,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-from conftest import REPOSITORY, syntax
+from support import REPOSITORY, syntax
 
 PACKAGE = REPOSITORY / "dvrk_gravity"
 # Each room imports only those before it (CONTRIBUTING.md says what they hold).

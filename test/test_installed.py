@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from conftest import CONFIG, REPOSITORY, executables
+from support import CONFIG, REPOSITORY, executables
 from test_console import synthetic, write
 from test_processes import runs
 

@@ -12,9 +12,9 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from conftest import MODEL_FILE, REPOSITORY, executables
 from rclpy.duration import Duration
 from std_msgs.msg import Empty
+from support import MODEL_FILE, REPOSITORY, executables
 
 from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.ros import Client, NodeProcess

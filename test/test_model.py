@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import CONFIG, MODEL_FILE, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_arms_dynamics import UR5
+from robots import UR5
+from support import CONFIG, MODEL_FILE, examples
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES

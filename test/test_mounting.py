@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import yaml
-from test_arms_dynamics import PANDA, UR5
+from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm, gravity_in_base, nominal_inertias
 from dvrk_gravity.diagnosis import diagnose, load, try_readings

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from conftest import CONFIG, MODEL_FILE
+from support import CONFIG, MODEL_FILE
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.command_line import VERBS

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import quadratic_drag
+from known_mtm import truth
 from quadratic_drag import DragHypothesis, QuadraticDrag
-from test_identify import truth
 
 from dvrk_gravity import TorqueModel, diagnose, effects, identify
 from dvrk_gravity.__main__ import main

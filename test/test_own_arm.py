@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import yaml
 from made_up_arm import write as write_made_up
-from test_arms_dynamics import PANDA, UR5
+from robots import PANDA, UR5
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias

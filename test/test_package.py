@@ -17,7 +17,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 import setuptools
 import yaml
-from conftest import REPOSITORY, executables, syntax
+from support import REPOSITORY, executables, syntax
 
 import dvrk_gravity
 from dvrk_gravity.command_line import VERBS, run

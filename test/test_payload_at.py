@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE, few_folds
+from conftest import few_folds
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import build, diagnose

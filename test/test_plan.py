@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from conftest import MODEL_FILE
+from support import MODEL_FILE
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, build_tree

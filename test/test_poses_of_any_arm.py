@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_report import Page
+from made_results import Page
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, rigid_body

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import MODEL_FILE
+from support import MODEL_FILE
 
 from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, ProcessError, private_domain
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE, REPOSITORY
-from test_identify import ARM, truth
+from known_mtm import ARM, truth
+from support import MODEL_FILE, REPOSITORY
 
 import dvrk_gravity
 from dvrk_gravity import Arm, Recording, TorqueModel, diagnose, evaluate, identify

@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE
+from robots import UR5
 from scipy.interpolate import CubicSpline
-from test_arms_dynamics import UR5
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.compensate import Settings

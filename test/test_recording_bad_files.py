@@ -5,10 +5,10 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_samples import ARM, START, TOPIC, joint_state, shared_data, wave, write_messages
+from support import examples
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import DvrkGravityError, RecordingError

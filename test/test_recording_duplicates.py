@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from known_mtm import ARM, truth
 from recording_samples import shared_data
-from test_identify import ARM, truth
 
 from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.identification import Verdict

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.cli.replay import _expected, replay

@@ -5,25 +5,16 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from made_results import TIME, Page, fit_of
 from matplotlib.figure import Figure
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.identification import (
-    Choice,
-    Fit,
-    FittedParameter,
-    Identifiability,
-    JointError,
-    JointVerdict,
-    Trace,
-    Verdict,
     improvement,
 )
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.report import (
     Remark,
     drawn_arm,
@@ -33,63 +24,11 @@ from dvrk_gravity.report import (
     torque_pictures,
 )
 
-ERRORS = {name: JointError(0.01 * k, 0.1 * k, 0.9) for k, name in enumerate(JOINT_NAMES, start=1)}
-
-
-def fit_of(time) -> Fit:
-    values = np.random.default_rng(0).normal(size=(200, 7))
-    trace = Trace(
-        JOINT_NAMES, time, values, None if time is None else values, values, 0.9 * values,
-        "joint", True,
-    )  # fmt: skip
-    return Fit(
-        model=TorqueModel(Arm.load("mtmr"), ()),
-        held_out=ERRORS,
-        training=ERRORS,
-        parameters=(
-            FittedParameter("beta[0]", 0.5913, "N·m", (0.54, 0.64)),
-            FittedParameter("mcx(<crank>)", 0.0, "kg·m", (-1.0, 1.0), False),
-        ),
-        identifiability=Identifiability(7, 9, 12.0, ("a and b cannot be separated",)),
-        choices=(Choice("coulomb_friction elbow_pitch", False, 0.2, 0.2, "does not improve"),),
-        warnings=(),
-        handling=("low-pass 5.65 Hz",),
-        validation="12 blocks",
-        coordinates="joint",
-        samples=200,
-        physical={},
-        traces=(trace,),
-        rest_error=np.zeros_like,
-        holding={},
-        verdict=Verdict("good", "", "", dict.fromkeys(JOINT_NAMES, JointVerdict("good", ""))),
-    )
-
-
-TIME = np.arange(200) / 50.0
-
 
 @cache
 def page_of(kind: str) -> str:
     """Return the report of a trajectory or of poses."""
     return identification_page(fit_of(TIME if kind == "trajectory" else None), "run.csv")
-
-
-class Page(HTMLParser):
-    """Collects every address, and the tags that are open."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.addresses: list[str] = []
-        self.open: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attributes):
-        self.addresses += [value for name, value in attributes if name in ("src", "href")]
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
 
 
 @pytest.mark.parametrize("kind", ["trajectory", "poses"])

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 from browser import CHROMIUM, NAMES, Browser, chromium
-from test_finding_sentences import example_diagnosis
-from test_report import TIME, fit_of
+from made_results import TIME, example_diagnosis, fit_of
 
 from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally
 from dvrk_gravity.identification import Evaluation

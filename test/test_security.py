@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 
 import pytest
-from conftest import CONFIG, MODEL_FILE, REPOSITORY, syntax
 from recording_samples import wave
+from support import CONFIG, MODEL_FILE, REPOSITORY, syntax
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError

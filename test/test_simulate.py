@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from made_up_arm import made_up_arm
+from robots import PANDA, ROBOTS, UR5
 from scipy.optimize import lsq_linear
-from test_arms_dynamics import PANDA, ROBOTS, UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import CoulombFriction, Gravity, State, ViscousFriction

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY
+from support import REPOSITORY
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import SLOWEST, CoulombFriction, PlantPart, State, Term, secant_damping

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm, write
-from test_arms_dynamics import UR5
+from robots import UR5
 
 rclpy = pytest.importorskip("rclpy")
 

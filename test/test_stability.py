@@ -5,9 +5,8 @@ from __future__ import annotations
 import importlib.util
 import re
 
-from conftest import REPOSITORY
-from test_finding_sentences import example_diagnosis
-from test_report import TIME, fit_of
+from made_results import TIME, example_diagnosis, fit_of
+from support import REPOSITORY
 from test_tabular import RESULTS
 
 import dvrk_gravity

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from conftest import CONFIG, MODEL_FILE
-from test_arms_dynamics import PANDA, UR5
+from robots import PANDA, UR5
+from support import CONFIG, MODEL_FILE
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, nominal_inertias

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support import MODEL_FILE, examples
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES

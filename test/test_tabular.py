@@ -7,8 +7,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
-from test_finding_sentences import example_diagnosis
-from test_report import TIME, Page, fit_of
+from made_results import TIME, Page, example_diagnosis, fit_of
 
 from dvrk_gravity import Arm, Recording, TorqueModel, evaluate
 from dvrk_gravity.errors import DvrkGravityError, PackageError

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from conftest import MODEL_FILE
 from scipy.optimize import brentq
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import Arm, build_tree
 from dvrk_gravity.compensate import Settings

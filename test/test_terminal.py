@@ -8,9 +8,8 @@ import sys
 from dataclasses import replace
 
 import pytest
-from test_finding_sentences import CLEAR, finding
-from test_identify import truth
-from test_report import fit_of
+from known_mtm import truth
+from made_results import CLEAR, finding, fit_of
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_arms_dynamics import UR5
+from robots import UR5
 
 from dvrk_gravity import Arm, diagnose, evaluate, identify
 from dvrk_gravity.arms import nominal_inertias

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import TIMEOUT
+from arm_side import TIMEOUT
 from test_collect import plan_of
 from test_excite import POSE, FakeArm, fake
 

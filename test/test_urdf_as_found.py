@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from test_arms_dynamics import PANDA, ROBOTS, UR5
+from robots import PANDA, ROBOTS, UR5
 from test_arms_files import LIMIT, LINK, a_joint, urdf
 
 from dvrk_gravity.__main__ import main

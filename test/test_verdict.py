@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_identify import ARM, truth
-from test_static_fit import grid, record
-from test_static_fit import truth as posed
+from known_mtm import ARM, truth
+from known_poses import grid, record
+from known_poses import truth as posed
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm

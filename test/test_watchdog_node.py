@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 
 import pytest
-from conftest import MODEL_FILE, PATIENT, TIMEOUT
+from arm_side import PATIENT, TIMEOUT
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
+from support import MODEL_FILE
 
 from dvrk_gravity.ros import NodeProcess
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_arms_dynamics import PANDA, UR5
+from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.identification import (

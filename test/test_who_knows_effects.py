@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from conftest import syntax
+from support import syntax
 
 from dvrk_gravity import effects
 

@@ -9,9 +9,9 @@ import time
 import numpy as np
 import pytest
 import yaml
-from conftest import examples
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from support import examples
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file

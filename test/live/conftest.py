@@ -19,7 +19,7 @@ def interruptible() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def quick_discovery() -> Iterator[None]:
-    """Let nodes find each other soon: who was not heard at first says again after 0.1 s, not 3 s."""
+    """Let nodes that were not heard at first announce themselves again after 0.1 s, not 3 s."""
     from dvrk_gravity.ros import ENVIRONMENT
 
     with pytest.MonkeyPatch.context() as patch:
