@@ -42,6 +42,7 @@ def _row(name: str, entry: Parameter, meaning: str) -> str:
     if isinstance(entry.default, tuple) and entry.default:
         default = ", ".join(f"{value:g}" for value in entry.default)
     meaning += " (fixed at start)" if entry.read_only else ""
+    meaning += " (adjustable)" if entry.adjustable else ""
     cells = (f"`{name}`", kind, entry.unit_text, default, entry.range_text(), meaning)
     return "| " + " | ".join(cells) + " |"
 

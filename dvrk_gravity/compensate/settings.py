@@ -85,6 +85,12 @@ class Settings:
             model = before.model
         else:
             model = TorqueModel.from_parameters(checked, arm)
+        if model.foreign:
+            raise ConfigError(
+                model.foreign[0], "parameters of another model, or changed ones",
+                "those of the model whose identification.identity is given: start with the file of "
+                "one model alone; whoever has changed it by hand removes that entry from it",
+            )  # fmt: skip
         if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
             first, *more = model.reason.split("; ")  # joint by joint
             why = f"{first}; …" if more else first

@@ -95,14 +95,15 @@ class Payload(Term):
         return (
             Parameter(
                 "payload.mass", 0.0, "kg", "mass carried by a link",
-                lower=0.0, upper=2.0 * heaviest(arm),
+                lower=0.0, upper=2.0 * heaviest(arm), adjustable=True,
             ),
             Parameter(
                 "payload.first_moment", (), "kg·m", "mass times its place in the link's frame",
-                lower=-10.0, upper=10.0, lengths=(3,),
+                lower=-10.0, upper=10.0, lengths=(3,), adjustable=True,
             ),
             Parameter(
-                "payload.link", last_link(arm), "", "link that carries it", choices=arm.body_names
+                "payload.link", last_link(arm), "", "link that carries it", choices=arm.body_names,
+                adjustable=True,
             ),
         )  # fmt: skip
 

@@ -29,11 +29,12 @@ ARM_PARAMETER = Parameter(
     "arm: mtml, mtmr, psm, ecm, or the path of an arm's .yaml or .urdf file, from the model file's "
     "folder",
     read_only=True,
+    adjustable=True,
 )
 _UNIT = Parameter(
     "effort_unit", "", "",
     "unit of the arm's efforts, and of the model's torques, if it is not N·m",
-    read_only=True,
+    read_only=True, adjustable=True,
 )  # fmt: skip
 _HELD = Parameter(
     "held_joints", "", "",
@@ -65,12 +66,12 @@ def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
     )  # fmt: skip
     read = Parameter(
         _READ, arm.gravity_in_reading, "", "measured efforts include the arm's weight",
-        read_only=True,
+        read_only=True, adjustable=True,
     )  # fmt: skip
     command = Parameter(
         _COMMAND, arm.gravity_in_command, "",
         "commanded efforts must include the arm's weight; false: the arm adds it",
-        read_only=True,
+        read_only=True, adjustable=True,
     )  # fmt: skip
     geometry = Parameter(
         _GEOMETRY, (), "N·m",

@@ -25,6 +25,7 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
 from dvrk_gravity.files import json_file, outputs, text_file, yaml_file
+from dvrk_gravity.model.identity import IDENTITY_PARAMETER, foreign_groups, identity_of
 from dvrk_gravity.model.named_arm import (
     arm_beside,
     arm_of,
@@ -41,7 +42,7 @@ LARGEST_TORQUE = 1e12  # N·m; no arm's, and sums of squares stay finite
 # What a console file holds beyond the model, so that converting it back loses nothing.
 CONSOLE_PARAMETER = Parameter(
     "console.document", "", "", "the dVRK console's file that the model came from, as JSON text",
-    read_only=True,
+    read_only=True, adjustable=True,
 )  # fmt: skip
 VERDICTS = ("good", "usable", "do_not_compensate")  # best first
 NO_VERDICT = "unknown"
@@ -57,7 +58,7 @@ REASON_PARAMETER = Parameter(
 UNCERTAINTY_PARAMETER = Parameter(
     "identification.uncertainty", "", "",
     "file beside the model's with its uncertainty: the parameters' covariance, the known error",
-    read_only=True,
+    read_only=True, adjustable=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
 # What declares the groups of parameters of models.
@@ -87,7 +88,13 @@ def _declared(arm: Arm, effects: tuple[type[Term | SensorEffect], ...]) -> Mappi
         VERDICT_PARAMETER,
         REASON_PARAMETER,
         UNCERTAINTY_PARAMETER,
-        *(entry for effect in effects for entry in effect.schema(arm)),
+        IDENTITY_PARAMETER,
+        *(
+            # Whoever has put a reading right takes it out of the file.
+            replace(entry, adjustable=True) if issubclass(effect, SensorEffect) else entry
+            for effect in effects
+            for entry in effect.schema(arm)
+        ),
     )
     return {entry.name: entry for entry in declared}
 
@@ -110,6 +117,8 @@ class TorqueModel:
         reason: Why.
         uncertainty: Its posterior and known error; ``None``: not identified, or not stored.
         unsure: Why it has none though its file names an uncertainty.
+        foreign: Groups of its parameters that do not belong to the model whose identity is among
+            them: another model's, or changed by hand.
         of_file: Whether it is what the arm's own file states.
     """
 
@@ -122,6 +131,7 @@ class TorqueModel:
     reason: str = ""
     uncertainty: ModelUncertainty | None = None
     unsure: str = ""
+    foreign: tuple[str, ...] = ()
     of_file: bool = False
     reading_errors: ReadingErrors = field(default_factory=lambda: ReadingErrors.none(0))
 
@@ -136,8 +146,10 @@ class TorqueModel:
     def load(cls, path: str | Path) -> TorqueModel:
         """Load a model from a ROS 2 parameter file (``/**: ros__parameters:``).
 
-        Beside it may lie the file of its uncertainty. Without that, or after coefficients were
-        changed by hand, it has no uncertainty, and ``unsure`` gives the reason.
+        Beside it may lie the file of its uncertainty. Without that it has no uncertainty, and
+        ``unsure`` gives the reason; another model's is refused.
+
+        A file that mixes two models, or was changed by hand, says so in ``foreign``.
 
         The file of an arm (a URDF, ``robot.urdf#LINK``, or a YAML that names one) is the model that
         it states; see :meth:`stated`.
@@ -164,6 +176,13 @@ class TorqueModel:
         if not beside.exists():
             return replace(model, unsure=f"{beside.name} is not beside {path}")
         uncertainty = ModelUncertainty.load(beside)
+        others = list(foreign_groups(model.identity, uncertainty.identity))
+        if uncertainty.identity and others:
+            raise ConfigError(
+                UNCERTAINTY_PARAMETER.name, name,
+                f"the uncertainty of this model: that is of another {others[0]}; to go on without "
+                "it, remove this entry", path,
+            )  # fmt: skip
         if not uncertainty.fits(model.terms):
             return replace(model, unsure=f"{beside.name} is of other coefficients than {path} has")
         return replace(model, uncertainty=uncertainty)
@@ -235,7 +254,16 @@ class TorqueModel:
         errors = ReadingErrors.none(arm.n)
         for effect in sensor_effects():
             errors = effect.read(arm, checked, errors)
-        return cls(arm, given, node, document, offset, verdict, reason, reading_errors=errors)
+        model = cls(arm, given, node, document, offset, verdict, reason, reading_errors=errors)
+        identity = str(checked.get(IDENTITY_PARAMETER.name, ""))
+        if not identity:
+            return model
+        return replace(model, foreign=tuple(foreign_groups(model.identity, identity)))
+
+    @property
+    def identity(self) -> str:
+        """Hashes of its parameters, by group; see :func:`identity_of`."""
+        return identity_of(self.parameters(), model_parameters(self.arm))
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
@@ -281,9 +309,10 @@ class TorqueModel:
             outputs.require_unread("path", path, Arm.file(self.arm.source))
         head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
         values = self.parameters()
+        values[IDENTITY_PARAMETER.name] = identity = self.identity
         if self.uncertainty is not None:
             beside = uncertainty_file(path)
-            self.uncertainty.save(beside)
+            self.uncertainty.save(beside, identity)
             values[UNCERTAINTY_PARAMETER.name] = beside.name
         values["arm"] = seen_from(str(values["arm"]), path.parent)
         body = yaml_file.dump({"/**": {"ros__parameters": unflatten(values)}})

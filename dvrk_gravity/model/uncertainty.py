@@ -68,6 +68,7 @@ class ModelUncertainty:
         speed: (n,) greatest speed.
         calibration: What it was identified on, of which the error is what stays; ``None`` where
             that is not kept: of poses, and of models that were not allowed all terms.
+        identity: Of the model in whose file's name it was written; ``""``: by an older version.
     """
 
     coefficients: Mapping[str, Array]
@@ -81,6 +82,7 @@ class ModelUncertainty:
     upper: Array
     speed: Array
     calibration: CalibrationSamples | None = None
+    identity: str = ""
 
     @property
     def size(self) -> int:
@@ -184,8 +186,8 @@ class ModelUncertainty:
                 limit = f"{joint.shown(fastest)}/s"
                 yield f"{joint.name} is faster than the identified {limit} for {share}"
 
-    def save(self, path: Path) -> None:
-        """Write the file, whole or not at all.
+    def save(self, path: Path, identity: str) -> None:
+        """Write the file, whole or not at all, as that of a model's identity.
 
         Raises:
             OSError: It cannot be written.
@@ -195,6 +197,7 @@ class ModelUncertainty:
             "band": np.array(self.band), "together": self.correlation_time, "lower": self.lower,
             "upper": self.upper, "speed": self.speed,
         }  # fmt: skip
+        arrays["identity"] = np.frombuffer(identity.encode(), np.uint8).astype(float)
         for name, theta in self.coefficients.items():
             arrays[f"coefficients/{name}"] = theta
             arrays[f"deviations/{name}"] = self.deviations[name]
@@ -224,6 +227,7 @@ class ModelUncertainty:
                 named["coefficients"], named["deviations"], arrays["offset"], arrays["gravity"],
                 arrays["error"], float(arrays["band"]), arrays["together"], arrays["lower"],
                 arrays["upper"], arrays["speed"],
+                identity=bytes(arrays.get("identity", np.empty(0)).astype(np.uint8)).decode("ascii"),
             )  # fmt: skip
         except (KeyError, TypeError, ValueError) as error:
             raise _unusable(path, f"an uncertainty file written by identify ({error})") from error

@@ -36,6 +36,8 @@ class Parameter:
         choices: Values allowed for a string; ``()`` means any.
         read_only: Cannot be changed while the node runs.
         units: Of a tuple's entries, where they differ; ``unit`` is then that of most.
+        adjustable: Of a model's: a person may change it beside the model. All others belong to the
+            model that they came with (``model/identity.py``).
     """
 
     name: str
@@ -48,6 +50,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     units: tuple[str, ...] = ()
+    adjustable: bool = False
 
     @property
     def unit_text(self) -> str:

@@ -269,10 +269,13 @@ def weight_evaluator(tree: Tree) -> Evaluator:
 def gravity_parameters() -> tuple[Parameter, ...]:
     """Declare the gravity flag and the direction of gravity."""
     return (
-        Parameter("gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"),
+        Parameter(
+            "gravity_enabled", True, "", "gravity flag: false leaves the gravity term out",
+            adjustable=True,
+        ),
         Parameter(
             "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
-            lower=-30.0, upper=30.0, lengths=(3,),
+            lower=-30.0, upper=30.0, lengths=(3,), adjustable=True,
         ),
     )  # fmt: skip
 
