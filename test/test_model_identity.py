@@ -107,5 +107,5 @@ def test_another_model_s_uncertainty_is_refused(tmp_path):
     content = yaml_file.load(path)
     content["/**"]["ros__parameters"]["link_weight"]["forearm_link"] = heavier
     path.write_text(yaml_file.dump(content))
-    with pytest.raises(ConfigError, match="identification.uncertainty"):
+    with pytest.raises(ConfigError, match=r"identification\.uncertainty"):
         TorqueModel.load(path)

@@ -253,6 +253,9 @@ class Supervisor:
                 raise DroppedSampleError("after_gap", "first message after a gap")
             if settings.resume_automatically:
                 self._wait()
+        if self._gate.contradiction and (self.active or self._start is not None):
+            self.fail(self._gate.contradiction)
+            return None
         try:
             if self.status is Status.WAITING and not self._obstacles:
                 self._start = Start(now, settings.model.arm)

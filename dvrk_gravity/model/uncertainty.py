@@ -227,7 +227,7 @@ class ModelUncertainty:
                 named["coefficients"], named["deviations"], arrays["offset"], arrays["gravity"],
                 arrays["error"], float(arrays["band"]), arrays["together"], arrays["lower"],
                 arrays["upper"], arrays["speed"],
-                identity=bytes(arrays.get("identity", np.empty(0)).astype(np.uint8)).decode("ascii"),
+                identity=_text(arrays.get("identity", np.empty(0))),
             )  # fmt: skip
         except (KeyError, TypeError, ValueError) as error:
             raise _unusable(path, f"an uncertainty file written by identify ({error})") from error
@@ -283,6 +283,10 @@ class ModelUncertainty:
 def coefficients_of(terms: Iterable[Term]) -> dict[str, Array]:
     """Return the (k,) coefficients of each term that is linear in them, by its name."""
     return {term.NAME: term.theta for term in terms if isinstance(term, LinearTerm)}
+
+
+def _text(codes: Array) -> str:
+    return codes.astype(np.uint8).tobytes().decode("ascii")
 
 
 def _unusable(path: Path, expected: str) -> ConfigError:
