@@ -23,11 +23,11 @@ LEAST_PACE = 0.1
 INTERVAL, TIME_CONSTANT = 0.005, 0.05
 # They may differ by five times that ripple, rad/s, and by this part of the larger one.
 SLACK, SHARE = 0.5, 0.5
-# An encoder that stands still, or drifts: the ways of positions and velocities differ more and more.
-# Of their difference neither SLOW, rad/s, nor TRUSTED of the velocity counts; what does may add up
-# to ASTRAY, rad, and to the way of LATE, s, at the largest speed of the last RECENT, s. A real MTM's
-# wrist_yaw, which repeats old velocities for 0.2 s, reaches 0.85 of that, all other joints of real
-# recordings 0.6.
+# An encoder that stands still, or drifts: positions and velocities tell of ways that differ more and
+# more. Of the difference neither SLOW, rad/s, nor TRUSTED of the velocity counts; what does may add
+# up to ASTRAY, rad, and to the way of LATE, s, at the largest speed of the last RECENT, s. A real
+# MTM's wrist_yaw, which repeats old velocities for 0.2 s, reaches 0.85 of that, all other joints of
+# real recordings 0.6.
 SLOW, TRUSTED, ASTRAY, LATE, RECENT = 0.02, 0.7, 0.02, 0.12, 0.2
 
 
@@ -250,7 +250,7 @@ class MotionCheck:
         unit = "rad" if self._scale[joint] == 1.0 else "m"
         self.contradiction = (
             f"{self._names[joint]}: positions move by {self._observed[joint]:.2g} {unit}/s, "
-            f"velocities are {self._reported[joint]:.2g} {unit}/s: an encoder that stands still, or "
+            f"velocities are {self._reported[joint]:.2g} {unit}/s: an encoder that stands still or "
             "drifts? Move the joint by hand, and compare both with it"
         )
 
