@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from browser import CHROMIUM, NAMES, Browser, chromium
 from made_results import TIME, example_diagnosis, fit_of
+from support import REPOSITORY
 
 from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally
 from dvrk_gravity.identification import Evaluation
@@ -90,7 +91,7 @@ def test_a_report_fits_every_screen_and_can_be_read(name, reports, browser: Brow
 
 
 def test_long_lines_of_the_site_are_wrapped(tmp_path, browser: Browser):
-    style = Path(__file__).parents[1] / "docs" / "sphinx_parts" / "static" / "site.css"
+    style = REPOSITORY / "docs" / "sphinx_parts" / "static" / "site.css"
     for kind in ("console", "python", "none", "text"):
         page = tmp_path / f"{kind}.html"
         page.write_text(
