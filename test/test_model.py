@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from support import CONFIG, MODEL_FILE, examples
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import Range, State
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.files import yaml_file
@@ -89,7 +88,7 @@ def same_bits(a, b) -> bool:
 MOTION = np.random.default_rng(3).uniform(-2, 2, (4, 20, 7))
 
 
-@settings(max_examples=examples(30))
+@settings(max_examples=examples(12))
 @given(parameter_sets())
 def test_a_saved_model_comes_back_bit_by_bit(tmp_path_factory, values):
     model = TorqueModel.from_parameters(values)
@@ -204,16 +203,10 @@ def test_torque_is_the_sum_of_the_terms(rich):
     parts = [term.torque(State(q, qd, qdd)) for term in rich.terms]
     assert len(parts) == 5
     np.testing.assert_allclose(rich.torque(q, qd, qdd), np.sum(parts, axis=0), atol=1e-15)
+    np.testing.assert_array_equal(rich.torque([0.1] * 7), rich.torque(np.full(7, 0.1)))
 
 
-def test_a_single_pose_and_a_batch_have_the_same_torque(rich):
-    q, qd, qdd, _ = MOTION
-    batch = rich.torque(q, qd, qdd)
-    single = np.array([rich.torque(*motion) for motion in zip(q, qd, qdd, strict=True)])
-    np.testing.assert_allclose(single, batch, atol=1e-14)
-
-
-@pytest.mark.parametrize("shape", [(7,), (1, 7), (20, 7), (4, 5, 7), (2, 1, 10, 7), (0, 7)])
+@pytest.mark.parametrize("shape", [(7,), (4, 5, 7), (0, 7)])
 def test_any_leading_shape_is_taken(rich, shape):
     count = int(np.prod(shape))
     q, qd = (array.ravel()[:count].reshape(shape) for array in MOTION[:2])
@@ -223,10 +216,6 @@ def test_any_leading_shape_is_taken(rich, shape):
     np.testing.assert_allclose(torque.reshape(-1, 7), np.reshape(rows, (-1, 7)), atol=1e-14)
 
 
-def test_plain_lists_are_taken(rich):
-    np.testing.assert_array_equal(rich.torque([0.1] * 7), rich.torque(np.full(7, 0.1)))
-
-
 def test_arguments_are_not_written_to(rich):
     q, qd = MOTION[0].copy(), MOTION[1].copy()
     rich.torque(q, qd)
@@ -234,12 +223,12 @@ def test_arguments_are_not_written_to(rich):
     np.testing.assert_array_equal(qd, MOTION[1])
 
 
-@pytest.mark.parametrize("shape", [(), (6,), (7, 6), (0,)])
-def test_arrays_that_are_not_seven_joints_are_refused(rich, shape):
-    with pytest.raises(ShapeError, match=r"q has shape .*, expected \(…, 7\)"):
-        rich.torque(np.zeros(shape))
-    with pytest.raises(ShapeError, match="qd has shape"):
-        rich.torque(np.zeros((3, 7)), np.zeros(shape))
+def test_arrays_that_are_not_seven_joints_are_refused(rich):
+    for shape in ((), (6,), (7, 6), (0,)):
+        with pytest.raises(ShapeError, match=r"q has shape .*, expected \(…, 7\)"):
+            rich.torque(np.zeros(shape))
+        with pytest.raises(ShapeError, match="qd has shape"):
+            rich.torque(np.zeros((3, 7)), np.zeros(shape))
 
 
 def test_a_model_without_terms_has_no_torque():
@@ -257,32 +246,26 @@ def document(*lines: str) -> str:
 WRONG = {
     "unknown key": (document(BETA, "betta: 1.0"), "betta: got 1.0, expected the name of a param"),
     "beta of nine": (document("beta: [1, 2, 3, 4, 5, 6, 7, 8, 9]"), "beta: got '9 numbers', exp"),
-    "beta of text": (document("beta: many"), "beta: got 'many', expected a list of 10 or 12 or 14"),
     "not finite": (document("beta: [1, 2, 3, 4, 5, 6, 7, 8, 9, .nan]"), "beta[9]: got nan"),
     "limit negative": (document("effort_limit: [1, 1, 1, -1, 1, 1, 1]"), "effort_limit[3]: got -1"),
     "arm unknown": (document("arm: psm1"), "arm: got 'psm1', expected mtml, mtmr, psm, ecm, or"),
-    "arm a number": (document("arm: 5"), "arm: got 5, expected a text"),
-    "group misspelt": (document("elastic_cabel: {}"), "elastic_cabel: got {}"),
     "both spellings": (document("timeout: 0.1", "timeout: 0.2"), "key 'timeout' appears twice"),
-    "tab": ("/**:\n\tros__parameters:\n", "line 2"),
     "alias": (document("effort_limit: &a [1, 1]", "slew_limit: *a"), "anchors and aliases"),
     "no parameters": ("/**:\n  other: 1\n", "`ros__parameters:` under it and nothing else"),
     "null": ("/**:\n  ros__parameters:\n", "/**.ros__parameters: got nothing, expected a mapping"),
-    "two nodes": ("a: {ros__parameters: {}}\nb: {ros__parameters: {}}\n", "one entry, `/**:`"),
     "not JSON": (document("console: {document: '{'}"), "console.document: got '{', expected JSON"),
 }
 
 
-@pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_file_is_told_in_one_line_with_its_name(case, tmp_path):
-    text, told = WRONG[case]
+def test_a_wrong_file_is_told_in_one_line_with_its_name(tmp_path):
     file = tmp_path / "model.yaml"
-    file.write_text(text)
-    with pytest.raises(ConfigError) as caught:
-        TorqueModel.load(file)
-    assert str(caught.value).startswith(f"{file}: ")
-    assert told in str(caught.value)
-    assert "\n" not in str(caught.value)
+    for case, (text, told) in WRONG.items():
+        file.write_text(text)
+        with pytest.raises(ConfigError) as caught:
+            TorqueModel.load(file)
+        assert str(caught.value).startswith(f"{file}: "), case
+        assert told in str(caught.value), case
+        assert "\n" not in str(caught.value), case
 
 
 def test_a_wrong_arm_s_file_is_named_rather_than_the_model_s(tmp_path):
@@ -292,47 +275,6 @@ def test_a_wrong_arm_s_file_is_named_rather_than_the_model_s(tmp_path):
     file.write_text(document(f"arm: {arm}"))
     with pytest.raises(ConfigError, match=f"^{arm}: "):
         TorqueModel.load(file)
-
-
-# Reads a parameter file as every ROS node does, and tells what has arrived, floats bit by bit.
-ROS_READER = """
-import json, sys, rclpy
-from rclpy.node import Node
-rclpy.init(args=["--ros-args", "--params-file", sys.argv[1]])
-node = Node("reader", automatically_declare_parameters_from_overrides=True)
-def plain(value):
-    if isinstance(value, (bool, str)):
-        return value
-    return value.hex() if isinstance(value, float) else [x.hex() for x in value]
-print(json.dumps({name: plain(p.value) for name, p in node.get_parameters_by_prefix("").items()}))
-"""
-
-
-def test_ros_reads_the_same_numbers_from_a_model_s_file(tmp_path, domain):
-    pytest.importorskip("rclpy")
-    values = TorqueModel.load(MODEL_FILE).parameters()
-    values["beta"] = (1e-05, 1.0, -2.0, 1e-300, -3e-308, -0.0, 99.0, 0.1, 1e-16, 1.5e-7)
-    values |= {"elastic_cable.elbow_pitch": (1e16, -1e22, 3.0), "timeout": 1.0}
-    values |= {"coulomb_friction.joint_positive": (0.0,) * 7}
-    values |= {"coulomb_friction.joint_negative": (1.0,) * 7, "resume": "automatic"}
-    values["console.document"] = json.dumps({"long": "word and word " * 2000, "é": "'\"\\"})
-    values["friction_compensation.dead_band"] = (5e-324,) * 7  # ROS takes it for a text: written 0
-    file = tmp_path / "model.yaml"
-    TorqueModel.from_parameters(values).save(file)
-    model = TorqueModel.load(file)
-    assert model.node["friction_compensation.dead_band"] == (0.0,) * 7
-    reader = subprocess.run(
-        [sys.executable, "-c", ROS_READER, str(file)], capture_output=True, text=True, timeout=60
-    )
-    assert reader.returncode == 0, reader.stderr
-    read = json.loads(reader.stdout)
-    for name, value in model.parameters().items():
-        if isinstance(value, bool | str):
-            assert read[name] == value
-        elif isinstance(value, float):
-            assert read[name] == value.hex()
-        else:
-            assert read[name] == [x.hex() for x in value], name
 
 
 def test_what_was_given_as_an_empty_list_is_left_out_of_the_file():
@@ -358,3 +300,26 @@ def test_a_file_whose_geometry_changed_under_a_model_is_no_longer_its_arm(tmp_pa
     arm_file.write_text(longer)
     with pytest.raises(ConfigError, match=r"its geometry has changed.*identify again"):
         TorqueModel.load(model_file)
+
+
+# --- a file of the last version --------------------------------------------------------------
+
+FILES = Path(__file__).resolve().parent / "files"
+MODEL = FILES / "model_0_1_0.yaml"
+KNOWN = json.loads((FILES / "model_0_1_0.json").read_text())  # what that version made of it
+
+
+def test_a_file_of_the_last_version_has_the_torque_that_it_had():
+    model = TorqueModel.load(MODEL)
+    moving = model.torque(KNOWN["q"], KNOWN["qd"], KNOWN["qdd"])
+    np.testing.assert_allclose(moving, KNOWN["torque"], rtol=0.0, atol=1e-12)
+    posed = model.torque(KNOWN["q"], direction=np.sign(KNOWN["qd"]))
+    np.testing.assert_allclose(posed, KNOWN["at_poses"], rtol=0.0, atol=1e-12)
+
+
+def test_nothing_of_it_is_lost_when_it_is_saved_again_and_it_is_compensated(tmp_path):
+    model = TorqueModel.load(MODEL)
+    assert sorted(model.parameters()) == KNOWN["parameters"]
+    model.save(tmp_path / "again.yaml")
+    assert TorqueModel.load(tmp_path / "again.yaml").parameters() == model.parameters()
+    Settings.from_parameters(model.parameters())
