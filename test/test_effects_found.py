@@ -15,15 +15,12 @@ import pinocchio as pin
 import pytest
 import sympy
 from known_ecm import INSERTION, PITCH, ROLL
-from made_up_arm import made_up_arm
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import Diagnosis, MeasuredMotion, diagnose, extended, load
 from dvrk_gravity.effects import (
-    EncoderScale,
     JointSpring,
-    Kind,
     ReadingHypothesis,
     Site,
     State,
@@ -110,17 +107,6 @@ def test_where_a_fit_on_its_way_asks_for_no_encoder_its_column_is_finite(motion)
         assert supposed.plausible(np.array([factor - 1.0])) == plausible, factor
 
 
-def test_of_what_does_not_move_no_encoder_is_supposed(motion):
-    q = motion.q.copy()
-    q[:, ROLL] = 0.4
-    every, fewer = (
-        {h.joints[0] for h in EncoderScale.hypotheses(m) if h.site.kind is Kind.JOINT}
-        for m in (motion, replace(motion, q=q))
-    )
-    assert every - fewer == {ROLL}
-    assert every == set(np.flatnonzero(motion.moves).tolist())
-
-
 def test_an_encoder_that_was_homed_elsewhere_is_found_with_its_offset():
     """An incremental encoder is set where the arm is switched on, and counts wrongly from there."""
     factor, home = 1.08, 0.5
@@ -169,12 +155,6 @@ def test_a_spring_s_torque_is_that_of_a_tendon_of_mujoco_over_two_joints():
         mujoco.mj_forward(model, data)
         # The actuators apply what holds the arm against it.
         np.testing.assert_allclose(SPRING.torque(State(q)), -data.qfrc_spring, atol=1e-12)
-
-
-def test_a_spring_s_units_are_those_of_the_joints_that_it_spans(tmp_path):
-    declared = {entry.name: entry for entry in JointSpring.schema(made_up_arm(tmp_path))}  # R-R-P-R
-    assert declared["joint_spring.pitch"].units == ("N·m/rad", "N·m/rad", "N·m/m", "N·m/rad")
-    assert declared["joint_spring.insertion"].units == ("N/rad", "N/rad", "N/m", "N/rad")
 
 
 def test_a_spring_is_compensated_and_a_simulated_arm_rests_where_it_is_slack():

@@ -14,7 +14,6 @@ from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import (
     NO_TERM,
     NOT_AS_FOUND,
-    FilteredData,
     MeasuredMotion,
     extended,
     hypotheses,
@@ -31,7 +30,6 @@ from dvrk_gravity.effects import (
     WallHypothesis,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import LowPass
 from dvrk_gravity.simulate import PlantFile
 from testing.world import COARSE, World
 
@@ -210,14 +208,6 @@ def test_a_torque_beside_a_wrong_reading_of_efforts_is_that_which_acts(tmp_path)
         np.testing.assert_allclose(got, (acts + read)[rows], atol=1e-9, err_msg=effect)
 
 
-def test_a_torque_at_one_joint_is_not_changed_by_how_another_reads(tmp_path):
-    cause, scale = first_of("torque_offset"), first_of("torque_scale")
-    at_other = replace(scale, site=Site.joint(4), joints=(4,), mixing=np.diag(np.eye(7)[4]))
-    for several in ([cause], [cause, at_other]):
-        model = reloaded(tmp_path, *((each, np.array([0.1])) for each in several))
-        assert model.parameters()["torque_offset"][cause.joints[0]] == pytest.approx(0.1)
-
-
 def test_a_motion_that_leaks_is_read_with_its_velocity(tmp_path):
     leak = first_of("joint_coupling", "motion")
     model = reloaded(tmp_path, (leak, np.array([0.1])))
@@ -300,33 +290,6 @@ def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
         assert model.joint_offset[1] == pytest.approx(0.9 if fits else 0.8)
 
 
-def test_a_spring_found_beyond_a_constants_range_is_carried_as_it_was_found(tmp_path):
-    """A constant is the same wherever it is held; what is added to it need not end where it did."""
-    where = motion()
-    joint, middle = 4, where.travel[0]
-    held = {
-        "elastic_cable.wrist_pitch": (0.01,),
-        "elastic_cable.valid_lower": tuple((middle - 0.01).tolist()),
-        "elastic_cable.valid_upper": tuple((middle + 0.01).tolist()),
-    }
-    narrow = TorqueModel.from_parameters({**where.model.parameters(), **held}, where.arm)
-    narrowed = replace(where, model=narrow)
-    for theta in ([0.0, 0.03], [0.0, 0.01, 0.02]):
-        cable = next(
-            hypothesis
-            for hypothesis in hypotheses(narrowed)
-            if hypothesis.effect == "elastic_cable"
-            and hypothesis.joints == (joint,)
-            and hypothesis.place == f"degree {len(theta) - 1}"
-        )
-        model, why = extended(narrowed, [(cable, np.array(theta))])
-        assert why == ("",)
-        got = narrowed.torque_at(where.q, model) - narrowed.torque_at(where.q)
-        inside = np.abs(where.q[:, joint] - middle[joint]) < where.travel[1][joint]
-        wanted = cable.regressor(narrowed) @ np.array(theta)
-        np.testing.assert_allclose(got[inside], wanted[inside], atol=1e-9)
-
-
 def test_less_rotor_than_none_ends_at_none():
     theta = np.array([-1.0])
     rotor = first_of("rotor_inertia")
@@ -340,34 +303,3 @@ def test_less_rotor_than_none_ends_at_none():
 def test_what_a_term_of_the_model_cannot_hold_is_not_carried():
     fading = first_of("presliding_hysteresis")
     assert extended(motion(), [(fading, np.array([-0.02]))])[1] == (NOT_AS_FOUND,)
-
-
-@pytest.mark.parametrize("band", [5.65, 3.0])
-def test_a_residual_below_a_lower_band_is_as_large_as_if_it_had_been_filtered_so(band):
-    """Exactly so at low frequencies, and of white noise, the worst, to some per cent."""
-    data = FilteredData.of(motion())
-    assert data.band > band
-    noise = np.random.default_rng(1).normal(size=motion().q.shape)
-    slow = np.sin(2.0 * np.pi * np.outer(motion().time, np.arange(1, noise.shape[1] + 1) * 0.3))
-    for values, within in ((noise, 0.05), (slow, 0.003)):
-        further = data.below(data.reduce(values), band)
-        at_once = LowPass(band, motion().rate)(values)
-        sizes = (np.std(each[40:-40]) for each in (further, data.reduce_state(at_once)))
-        assert next(sizes) == pytest.approx(next(sizes), rel=within)
-    kept = data.reduce(noise)
-    assert data.below(kept, data.band) is kept
-    assert data.below(kept, 0.999 * data.band) is kept  # next to nothing lies between
-
-
-@pytest.mark.parametrize(
-    ("positions", "degrees"), [(2, (1,)), (5, (1, 2, 3, 4)), (9, (1, 2, 3, 4, 6))]
-)
-def test_no_curve_is_supposed_that_a_grid_of_poses_leaves_open_between_its_positions(
-    positions, degrees
-):
-    arm = motion().arm
-    grid = np.tile(np.linspace(-1.0, 1.0, positions), 40)[:, None] * np.ones(arm.n)
-    grid += 0.003 * np.random.default_rng(1).normal(size=grid.shape)  # as poses are reached
-    poses = replace(motion(), q=grid)
-    found = [each.degree for each in effects.ElasticCable.hypotheses(poses) if each.site.index == 3]
-    assert tuple(found) == degrees

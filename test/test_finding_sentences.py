@@ -13,7 +13,6 @@ from made_results import CLEAR, finding
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis import (
     FilteredData,
-    Finding,
     Gain,
     effect_found,
     hypotheses,
@@ -22,7 +21,6 @@ from dvrk_gravity.diagnosis import (
     parameter_text,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, Residual
-from dvrk_gravity.report import parameter_rows
 from dvrk_gravity.units import fixed, quantity
 
 # Where a minus is a place or a direction, and no amount.
@@ -159,17 +157,6 @@ def test_a_sign_is_told_in_words(every):
         assert negative not in up, effect
 
 
-def test_a_wall_pushes_back_and_a_push_is_against_what_the_actuators_add(every):
-    contacts = {
-        case.hypothesis.place: case for case in every if case.hypothesis.effect == "contact"
-    }
-    push, wall = contacts["for a while"], contacts["above a position"]
-    assert "negative direction" in push.sentence(1.0)
-    assert "positive direction" in push.sentence(-1.0)
-    assert " back " in wall.sentence(1.0)
-    assert " onwards " in wall.sentence(-1.0)
-
-
 def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_left_out(every):
     payload = of(every, "payload").hypothesis
 
@@ -214,11 +201,6 @@ def test_an_interval_that_is_not_even_is_told_by_its_ends(estimate, text):
     assert estimate.signed(("more", "less")) == text
 
 
-def test_an_angle_known_to_no_better_than_a_turn_is_any_angle():
-    turns = Estimate(228.0, -300.0, 750.0, "rad")
-    assert parameter_text("joint_offset", "offset", turns) == "any angle"
-
-
 def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these():
     clear, around_zero = Estimate(0.02, 0.01, 0.03, ""), Estimate(0.02, -0.01, 0.05, "")
     certain = finding("viscous_friction", clear, CLEAR)
@@ -236,19 +218,3 @@ def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these(
     assert weak.to_dict()["certainty"] == "perhaps"
     more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))
     assert ordered([weak, certain, more, small]) == [more, certain, small, weak]
-
-
-def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
-    for case in every:
-        for name, value in case.estimates().items():
-            assert value.unit or name.endswith(("factor", "ratio")), (case.hypothesis.effect, name)
-
-
-def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
-    curve = next(case.estimates() for case in every if "lowest" in case.estimates())
-    shown = parameter_rows(
-        Finding("elastic_cable", ("pitch",), "degree 3", curve, CLEAR, (), (), "", None, True)
-    )
-    assert len(shown) == 2 < len(curve)
-    (whole,) = (case for case in every if case.hypothesis.place == "inertia of all links")
-    assert whole.estimates() == {}

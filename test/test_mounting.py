@@ -107,34 +107,6 @@ def test_an_arm_that_hangs_is_not_read_with_efforts_of_the_wrong_sign(upright, h
     assert ALL in said(turned(upright))
 
 
-def test_quick_motions_tell_it_too_and_the_unit():
-    """Inertia is most of their efforts; no friction helps."""
-    shown = (90.0, 0.0)
-    time = np.arange(0.0, 12.0, 0.01)
-    random = np.random.default_rng(2)
-    angle = 2.0 * np.pi * random.uniform(0.3, 0.8, (3, ARM.n)) * time[:, None, None]
-    q = np.array([0.0, -1.2, 1.2, 0.0, 0.5, 0.0]) + 0.25 * np.sin(
-        angle + random.uniform(0.0, 6.0, (3, ARM.n))
-    ).sum(axis=1)
-    arm = replace(ARM, base_rpy=(*np.radians(shown), 0.0))
-    qd = np.gradient(q, time, axis=0)
-    effort = TorqueModel.stated(arm).torque(q, qd, np.gradient(qd, time, axis=0))
-    recording = Recording(ARM.joint_names, time, q, qd, effort)
-
-    found = shown_by(recording)
-
-    assert found is not None
-    assert np.degrees((found.roll, found.pitch)) == pytest.approx(shown, abs=1.0)
-    evaluate(TorqueModel.stated(arm), recording)  # in N·m: not refused
-
-
-def test_poses_tell_it_but_not_from_efforts_of_the_wrong_sign():
-    q = np.random.default_rng(0).uniform(-1.5, 1.5, (40, ARM.n))
-    effort = -TorqueModel.stated(ARM).torque(q)
-    found = shown_by(Recording(ARM.joint_names, None, q, effort=effort))
-    assert found == Mounting(pytest.approx(np.pi), pytest.approx(0.0), signs=True)
-
-
 def test_an_arm_whose_fingers_were_not_recorded_is_looked_at_as_well():
     arm = Arm.load(PANDA)
     seven = Arm.load(f"{PANDA}#panda_link8")

@@ -6,14 +6,12 @@ It is defined in ``quadratic_drag.py`` beside this file, as ``docs/adding_an_eff
 from __future__ import annotations
 
 import json
-import textwrap
 from dataclasses import replace
 from pathlib import Path
 
 import known_ecm
 import numpy as np
 import pytest
-import quadratic_drag
 from known_ecm import PITCH
 from quadratic_drag import DragHypothesis, QuadraticDrag
 from support import MODEL_FILE, REPOSITORY
@@ -23,13 +21,12 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import extended, load
-from dvrk_gravity.effects import Column, Range, added
+from dvrk_gravity.effects import added
 from dvrk_gravity.effects.base import registry
 from dvrk_gravity.errors import ConfigError, EffectError
 from dvrk_gravity.model import identified
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import diagnosis_page
-from dvrk_gravity.simulate import PlantFile
 
 ARM = Arm.load("mtmr")
 DRAG = [0.01 * (j + 1) for j in range(ARM.n)]
@@ -74,22 +71,6 @@ def test_it_is_compensated_by_the_ratio_of_friction(file):
     with_it, plain = (Settings.from_parameters(v).parts(q, qd)[1] for v in (values, without))
     ratio = Settings.from_parameters(values).friction_ratio
     np.testing.assert_allclose(with_it - plain, ratio * 4.0 * np.array(DRAG))
-
-
-def test_a_simulated_arm_is_slowed_by_it_as_the_formula_says():
-    """One joint, no weight, no other friction: v(t) = v0 / (1 + drag v0 t / inertia)."""
-    known = PlantFile.load("mtmr_28002")
-    nothing = TorqueModel(ARM, (QuadraticDrag(0.02 * np.eye(ARM.n)[6]),))
-    plant = replace(known, model=nothing).plant()
-    start, dt, steps = 3.0, 4e-4, 1000
-    plant.reset(np.zeros(ARM.n), start * np.eye(ARM.n)[6])
-    inertia = float(plant.mass_matrix()[6, 6])
-    held = np.eye(ARM.n)[6] == 0.0
-    for _ in range(steps):
-        plant.step(np.zeros(ARM.n), dt=dt)
-        plant.v[held] = 0.0
-    expected = start / (1.0 + 0.02 * start * dt * steps / inertia)
-    assert plant.v[6] == pytest.approx(expected, rel=0.02)
 
 
 def test_it_is_identified_beside_the_others():
@@ -181,28 +162,33 @@ def test_what_is_no_whole_effect_is_refused(no_effect, why):
     assert registry._effects == before
 
 
-def merged_wrongly(monkeypatch, recording, merge) -> tuple[str, bool]:
-    """Return why such a finding is left out, and whether the extended model is as before."""
-    monkeypatch.setattr(DragHypothesis, "merge", merge)
-    motion = load([recording], known_ecm.model()).motion
-    drag = next(each for each in QuadraticDrag.hypotheses(motion) if each.joints == (PITCH,))
-    model, (why,) = extended(motion, [(drag, np.array([SIZE]))])
-    got, given = (each.torque(motion.q, motion.qd) for each in (model, motion.model))
-    return why, np.allclose(got, given, atol=1e-12)
-
-
-def test_what_a_model_would_have_otherwise_is_left_out_of_it(recording, monkeypatch):
+def test_a_finding_with_another_torque_than_was_fitted_is_left_out_of_the_model(
+    recording, monkeypatch
+):
     def in_another_unit(self, values, theta, motion):
         return added(self.arm, values, self.effect, self.site.index, 57.3 * float(theta[0]))
 
+    monkeypatch.setattr(DragHypothesis, "merge", in_another_unit)
+    diagnosis = diagnose(recording, known_ecm.model())
+    (found,) = diagnosis.findings
+    assert (found.effect, found.in_model) == ("quadratic_drag", False)
+    q, qd = recording.position, recording.velocity
+    got, given = (model.torque(q, qd) for model in (diagnosis.model, known_ecm.model()))
+    np.testing.assert_allclose(got, given, atol=1e-12)
+
+
+def test_a_finding_that_a_model_file_refuses_is_left_out_with_the_file_s_reason(
+    recording, monkeypatch
+):
     def one_number_too_many(self, values, theta, motion):
         return {**values, self.effect: (0.1,) * (self.arm.n + 1)}
 
-    for merge, reason in ((in_another_unit, ""), (one_number_too_many, "'5 numbers', expected 4")):
-        why, as_before = merged_wrongly(monkeypatch, recording, merge)
-        assert as_before
-        assert why
-        assert reason in why
+    monkeypatch.setattr(DragHypothesis, "merge", one_number_too_many)
+    motion = load([recording], known_ecm.model()).motion
+    drag = next(each for each in QuadraticDrag.hypotheses(motion) if each.joints == (PITCH,))
+    model, (why,) = extended(motion, [(drag, np.array([SIZE]))])
+    assert model.parameters() == motion.model.parameters()
+    assert "quadratic_drag: got '5 numbers', expected 4" in why
 
 
 @pytest.mark.parametrize(
@@ -260,58 +246,6 @@ def test_an_error_in_the_code_of_an_effect_is_a_line_that_names_both(
     (line,) = capsys.readouterr().err.splitlines()
     for token in ("quadratic_drag", "ZeroDivisionError: no fluid", "quadratic_drag.py, line"):
         assert token in line
-
-
-BELT = """
-@dataclass(frozen=True, eq=False)
-class Belt(LinearTerm):
-    NAME = "belt"
-    stiffness: Array
-
-    def parameters(self): return {{self.NAME: as_value(self.stiffness)}}
-    def torque(self, state): return self.regressor(state) @ self.stiffness
-    theta = property(lambda self: self.stiffness)
-    def with_theta(self, theta): return Belt(theta)
-    @classmethod
-    def hypotheses(cls, motion):
-        for k in range(motion.arm.n - 1):
-            yield BeltHypothesis(arm=motion.arm, site=Site.joint(k), joints=(k, k + 1))
-{term}
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BeltHypothesis(Hypothesis):
-    EFFECT = Belt
-    CLAIM = "a belt ties {{joint}} to {{other}}: {{stiffness}} pull than {{model}}"
-    def parameters(self, theta): return {{"stiffness": float(theta[0])}}
-{hypothesis}
-"""
-
-
-def test_the_belt_of_the_page_has_one_torque_in_all_its_methods(recording):
-    page = (REPOSITORY / "docs" / "adding_an_effect.md").read_text(encoding="utf-8")
-    block = page.split("```python\n")[-1].split("```")[0]
-    parts = block.split("# and of its hypothesis, with joints=(k, k + 1)\n")
-    term, hypothesis = (textwrap.indent(part, "    ") for part in parts)
-    names = {**vars(effects), **vars(quadratic_drag), "Column": Column}
-    exec(BELT.format(term=term, hypothesis=hypothesis), names)
-    effects.register(names["Belt"])
-    model = known_ecm.model()
-    motion, arm = load([recording], model).motion, known_ecm.ARM
-    belt = list(names["Belt"].hypotheses(motion))[1]
-    columns = names["Belt"].unknowns(arm, Range(arm.lower, arm.upper)).columns
-    merged = TorqueModel.from_parameters(belt.merge(model.parameters(), np.array([0.3]), motion))
-    torque = 0.3 * belt.regressor(motion)[:, :, 0]
-
-    np.testing.assert_allclose(merged.torque(motion.q) - model.torque(motion.q), torque, atol=1e-12)
-    np.testing.assert_array_equal(np.flatnonzero(np.abs(torque).max(axis=0)), belt.joints)
-    assert names["Belt"].coefficient_name(arm, columns[1]) == f"belt[{arm.joint_names[1]}]"
-
-
-def test_a_torque_of_another_shape_is_told_by_the_effect_s_name(monkeypatch):
-    monkeypatch.setattr(QuadraticDrag, "torque", lambda self, state: state.q[0])
-    model = TorqueModel(ARM, (QuadraticDrag(np.array(DRAG)),))
-    with pytest.raises(EffectError, match=r"`torque` returns shape \(7,\), expected \(5, 7\)"):
-        model.torque(np.zeros((5, 7)))
 
 
 def test_the_docs_show_this_very_effect():

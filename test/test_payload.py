@@ -25,15 +25,6 @@ from dvrk_gravity.errors import ConfigError
 
 PSM = Arm.load("psm")
 LINK2 = PSM.body_names.index("link2")
-LINK = (
-    '<link name="{}"><inertial><mass value="1"/><origin xyz="0 0 0.1"/><inertia ixx="0.02" '
-    'iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-)
-JOINT = (
-    '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin '
-    'xyz="0.1 0.05 0.2"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="1"/>'
-    "{}</joint>"
-)
 
 
 def carried(link: str, mass: float, place: tuple[float, float, float]):
@@ -59,23 +50,6 @@ def test_without_coordinates_it_is_where_the_next_link_is_attached():
         frame = arm.bodies[body].frame
         np.testing.assert_allclose(frame.act(end), following.placement.translation, atol=1e-12)
         np.testing.assert_allclose(place_of(arm, arm.joint_names[-1])[1], 0.0)
-
-
-def test_a_link_s_end_is_where_any_link_is_attached_and_its_name_goes_before_a_joint_s(tmp_path):
-    """A joint may be named as the next link is; what follows a joint is attached as well."""
-    parts = (
-        '<robot name="alike"><link name="base"/>',
-        *(LINK.format(name) for name in ("lower", "upper", "hand")),
-        JOINT.format("upper", "base", "lower", ""),
-        JOINT.format("second", "lower", "upper", ""),
-        JOINT.format("third", "upper", "hand", '<mimic joint="second" multiplier="-1"/>'),
-        "</robot>",
-    )
-    (tmp_path / "arm.urdf").write_text("".join(parts))
-    arm = Arm.load(str(tmp_path / "arm.urdf"))
-    body, end = place_of(arm, "upper")
-    assert arm.body_names[body] == "upper"
-    np.testing.assert_allclose(end, (0.1, 0.05, 0.2), atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import pytest
 from support import MODEL_FILE
 
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.console import convert_model
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import ConfigError, RecordingError
@@ -98,8 +97,8 @@ def leaking(recording: Recording) -> Recording:
 # --- found, and known then -------------------------------------------------------------------
 
 
-def test_several_wrong_readings_are_found_once_and_read_rightly_then(tmp_path):
-    limit, pitch, yaw = 8.0, 1, 0
+def test_several_wrong_readings_are_found_and_other_recordings_read_rightly_then(tmp_path):
+    limit, pitch, yaw = 4.0, 1, 0
 
     def several(recording: Recording) -> Recording:
         return clipped(limit, pitch)(scaled(in_degrees(recording), "effort", yaw, 1.3))
@@ -116,10 +115,10 @@ def test_several_wrong_readings_are_found_once_and_read_rightly_then(tmp_path):
     assert values["reading.velocity_scale"] == pytest.approx([np.degrees(1.0)] * 4)
     assert values["reading.effort_limit"][pitch] == pytest.approx(limit, rel=0.02)
 
-    assert diagnose(several(second), extended).findings == ()
     floor, rightly = evaluate(model, second), evaluate(extended, several(second))
     for name, error in rightly.joints.items():
-        assert error.nrmse < 1.1 * floor.joints[name].nrmse + 0.005
+        spread = np.std(second.effort[:, known_ecm.ARM.joint_names.index(name)])
+        assert error.rmse < 1.1 * floor.joints[name].rmse + 0.005 * spread
 
 
 # --- put right -------------------------------------------------------------------------------
@@ -159,13 +158,6 @@ def test_efforts_are_laid_over_their_positions_in_memory_as_in_a_file(delay, rec
     np.testing.assert_allclose(few.load().effort, right.effort, atol=1e-9)
 
 
-def test_an_effort_that_stays_the_same_does_so_to_the_last_bit_when_it_is_shifted(recording):
-    held = recording.effort.copy()
-    held[300:500, ELBOW] = 0.2
-    right = put_right(knowing(effort_delay=0.025), replace(recording, effort=held))
-    assert np.sum(right.effort[:, ELBOW] == 0.2) in (198, 199, 200)
-
-
 def test_samples_at_a_known_limit_are_marked_in_trajectories_and_left_out_of_poses(recording):
     limit = float(np.percentile(np.abs(recording.effort[:, ELBOW]), 90.0))
     known = knowing(effort_limit=unit(limit, other=0.0))
@@ -195,19 +187,6 @@ def test_a_recording_of_which_nothing_can_be_read_is_refused_by_the_name_of_the_
     few = replace(few, time=None, velocity=None) if still else few
     with pytest.raises(RecordingError, match=r"nothing is left .* reading\.effort_limit"):
         without_known_errors([few], knowing(**known))
-
-
-def test_a_part_of_a_long_recording_of_which_nothing_can_be_read_is_left_out(recording, tmp_path):
-    limit = float(np.percentile(np.abs(recording.effort[:, ELBOW]), 90.0))
-    few = recording.rows(slice(0, 400))
-    poses = replace(clipped(limit)(few), time=None, velocity=None)
-    known = knowing(effort_limit=unit(limit, other=0.0))
-    poses.save(tmp_path / "poses.csv")
-    for size in (1, 7):
-        file = RecordingFile(tmp_path / "poses.csv", arm=ARM)
-        parts = file.changed(lambda all, n=size: (few for part in all for few in part.parts(n)))
-        ((right,), _) = without_known_errors([parts], known)
-        assert len(right.load()) == len(put_right(known, poses)) < 400
 
 
 def test_a_delay_in_true_time_is_shorter_where_the_clock_was_wrong_as_well():
@@ -318,22 +297,3 @@ def test_a_simulated_arm_reads_as_its_model_says():
 def replace_model(plant, model: TorqueModel):
     plant.model = replace(plant.model, reading_errors=model.reading_errors)
     return plant
-
-
-def test_a_console_file_says_what_wrong_readings_cost():
-    notes = convert_model(knowing(effort_scale=unit(1.3))).file.notes
-    (note,) = [note for note in notes if "reading.effort_scale" in note]
-    assert "mN·m" in note
-    assert "elbow_pitch" in note
-    assert not any("reading" in note for note in convert_model(SHIPPED).file.notes)
-
-
-def test_an_evaluation_says_what_its_numbers_are(recording):
-    result = evaluate(SHIPPED, recording)
-    assert result.cutoff == pytest.approx(5.65)
-    assert set(result.units.values()) == {"N·m"}
-    assert result.expected == {}  # a model without uncertainty expects nothing
-    elbow = result.to_json()["joints"]["elbow_pitch"]
-    assert set(elbow) == {"rmse", "nrmse", "r2", "unit", "expected"}
-    assert elbow["expected"] is None
-    assert result.to_json()["cutoff_hz"] == result.cutoff

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pandas as pd
 import pytest
 from made_results import TIME, Page, example_diagnosis, fit_of
-from matplotlib.figure import Figure
 
 from dvrk_gravity import Arm, Recording, TorqueModel, evaluate
 from dvrk_gravity.arms import JOINT_NAMES
@@ -22,9 +19,6 @@ from dvrk_gravity.report import (
     diagnosis_page,
     drawn_arm,
     identification_page,
-    inline,
-    residual_pictures,
-    torque_pictures,
 )
 
 ARM = Arm.load("mtmr")
@@ -61,13 +55,6 @@ def test_what_is_not_known_stands_beside_what_is():
     assert re.search(r"<td>beta\[0\].*<td>the data</td></tr>", text)
 
 
-def test_a_command_in_the_advice_is_set_as_code():
-    fit = fit_of(None)
-    verdict = replace(fit.verdict, record="a motion (`diagnose` finds <more>)")
-    text = identification_page(replace(fit, verdict=verdict), "run.csv")
-    assert "<code>diagnose</code> finds &lt;more&gt;" in text
-
-
 def test_a_diagnosis_as_a_page_has_every_finding_its_rivals_and_what_was_known():
     text = diagnosis_page(example_diagnosis(), ["<run>.csv"])
     assert Page(text).open == []
@@ -80,52 +67,6 @@ def test_a_diagnosis_as_a_page_has_every_finding_its_rivals_and_what_was_known()
 
 
 # --- pictures --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("kind", "size", "label"),
-    [
-        ("revolute", 0.1, "torque [mN·m]"),
-        ("revolute", 30.0, "torque [N·m]"),
-        ("prismatic", 0.1, "force [mN]"),
-    ],
-)
-def test_an_axis_is_of_force_where_a_joint_slides_and_of_its_size(kind, size, label, monkeypatch):
-    labels = []
-    monkeypatch.setattr("matplotlib.axes.Axes.set_ylabel", lambda _, text: labels.append(text))
-    joint = replace(Arm.load("mtmr").joints[0], kind=kind)
-    trace = fit_of(TIME).traces[0]
-    scale = size / np.abs(trace.measured).max()
-    sized = replace(trace, measured=scale * trace.measured, predicted=scale * trace.predicted)
-    list(torque_pictures(sized, [joint]))
-    assert labels == [label]
-
-
-def test_a_joint_s_name_is_text_whatever_characters_it_has():
-    for name in (r"$\frac{q$", "a$_b^$", "<b>&"):
-        figure = Figure(figsize=(1.0, 1.0))
-        figure.subplots().set_ylabel(f"error at {name} [N·m]")
-        assert inline(figure).startswith("data:image/png;base64,")
-
-
-def test_a_picture_holds_nothing_of_the_joint_before_it():
-    joint, trace = Arm.load("mtmr").joints[0], fit_of(TIME).traces[0]
-    larger = replace(trace, **{
-        name: np.column_stack([50.0 * values[:, 0] + 3.0, values[:, 0]])
-        for name in ("position", "velocity", "measured", "predicted")
-        if (values := getattr(trace, name)) is not None
-    })  # fmt: skip
-    alone = replace(larger, **{
-        name: values[:, 1:]
-        for name in ("position", "velocity", "measured", "predicted")
-        if (values := getattr(larger, name)) is not None
-    })  # fmt: skip
-    assert list(torque_pictures(larger, [joint, joint]))[1:] == list(
-        torque_pictures(alone, [joint])
-    )
-    assert list(residual_pictures([larger], [joint, joint]))[1:] == list(
-        residual_pictures([alone], [joint])
-    )
 
 
 def marked(page: str, arm: Arm) -> dict[str, str]:
@@ -145,31 +86,6 @@ def test_the_arm_is_drawn_with_the_joints_concerned():
     assert levels == {**dict.fromkeys(JOINT_NAMES, ""), "elbow_pitch": "poor", "outer_yaw": "good"}
     assert '<li class="poor"><b>elbow_pitch</b>: sticks &lt;here&gt;; fine</li>' in html
     assert 'aria-label="mtmr: elbow_pitch marked"' in html
-
-
-@pytest.mark.parametrize("name", ["psm", "sliding"])
-def test_no_joint_of_a_drawing_covers_another(name, tmp_path):
-    arm = Arm.load(name) if name != "sliding" else sliding(tmp_path)
-    html = drawn_arm(arm, [Remark("", "its base is tilted", "fair")])
-    assert '<path class="base fair"' in html
-    texts = re.findall(r'<text x="([-\d.]+)" y="([-\d.]+)"', html)
-    places = np.array(texts, dtype=float)
-    assert places.shape == (arm.n, 2)
-    apart = np.linalg.norm(places[:, None] - places[None], axis=2) + 100.0 * np.eye(arm.n)
-    assert apart.min() > 18.0  # the width of a joint
-
-
-def sliding(folder) -> Arm:
-    """Return an arm whose joints all slide along one line: its drawing has no breadth."""
-    text = '<robot name="lift"><link name="l0"/>'
-    for k in (1, 2):
-        text += (
-            f'<link name="l{k}"/><joint name="j{k}" type="prismatic"><parent link="l{k - 1}"/>'
-            f'<child link="l{k}"/><axis xyz="0 0 1"/>'
-            '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-        )
-    (folder / "lift.urdf").write_text(text + "</robot>")
-    return Arm.load(folder / "lift.urdf")
 
 
 # --- data frames -----------------------------------------------------------------------------
@@ -208,12 +124,6 @@ def test_numbers_of_a_frame_are_numbers_in_si_units():
     assert frame.loc["elbow_pitch", "rmse"] == fit.held_out["elbow_pitch"].rmse
     assert frame.loc["elbow_pitch", "unit"] == "N·m"
     assert frame["nrmse"].dtype == float
-
-
-def test_the_frame_of_a_recording_has_the_columns_of_its_file(tmp_path):
-    recording = poses()
-    recording.save(tmp_path / "run.csv")
-    pd.testing.assert_frame_equal(recording.to_dataframe(), pd.read_csv(tmp_path / "run.csv"))
 
 
 def test_without_pandas_one_line_says_what_is_needed(monkeypatch):

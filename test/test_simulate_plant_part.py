@@ -111,17 +111,6 @@ def test_a_drag_that_is_known_by_its_torque_alone_gives_the_speed_that_balances_
     assert plant.v[ROLL] == pytest.approx(np.sqrt(effort / (scale * coefficient)), rel=1e-6)
 
 
-def test_a_drag_slows_down_as_its_formula_says():
-    coefficient, fast = 1e-3, 2.0
-    plant = moving(OutsideFriction(partial(drag, coefficient, ROLL)))
-    plant.reset(ZERO, joint_vector(ROLL, fast))
-    for _ in range(500):
-        plant.step(ZERO)
-    mass = inertia(ROLL)
-    expected = fast / (1.0 + coefficient * fast * plant.time / mass)
-    assert plant.v[ROLL] == pytest.approx(expected, rel=2e-3)
-
-
 def test_a_friction_far_beyond_what_an_explicit_step_bears_takes_energy_from_every_step():
     """h df/dv is ten thousand times the inertia: explicit steps would grow ten-thousandfold."""
     strong = 1e4 * inertia(1) / 1e-3
@@ -179,14 +168,6 @@ def test_a_ramp_of_friction_creeps_under_an_effort_below_its_level_and_gives_way
     assert plant.v[ROLL] == pytest.approx(accelerating, rel=0.1)
 
 
-def test_a_friction_that_jumps_with_the_sign_sticks_as_a_creep_that_nobody_sees():
-    plant = moving(OutsideFriction(lambda q, qd: joint_vector(ROLL, 0.002) * np.sign(qd)))
-    plant.reset(ZERO, joint_vector(ROLL, 0.5))
-    for _ in range(2000):
-        plant.step(joint_vector(ROLL, 0.0015))
-    assert abs(plant.v[ROLL]) < 2 * SLOWEST
-
-
 def test_secant_damping_is_the_friction_and_has_no_negative_eigenvalue():
     random = np.random.default_rng(0)
     root = random.normal(size=(N, N))
@@ -206,21 +187,6 @@ def test_a_friction_that_gives_energy_is_taken_as_it_is():
     assert not damping.any()
 
 
-def test_a_belt_s_spring_is_a_torque_that_the_plant_has_to_bear():
-    plant = moving(
-        Outside(
-            lambda q, qd: 0.3 * np.sin(q[0] - q[1]) * (joint_vector(0, 1.0) - joint_vector(1, 1.0))
-        )
-    )
-    plant.reset(POSE)
-    expected = 0.3 * np.sin(POSE[0] - POSE[1])
-    np.testing.assert_allclose(
-        plant.smooth_torque(), joint_vector(0, expected) - joint_vector(1, expected)
-    )
-    plant.step(plant.smooth_torque())
-    assert not np.abs(plant.v).max() > 1e-12
-
-
 def test_what_is_in_the_effort_sensor_is_read_and_not_felt():
     plain, off = (
         SimulatedArm(moving(*terms))
@@ -235,22 +201,6 @@ def test_what_is_in_the_effort_sensor_is_read_and_not_felt():
     read = off.measure()
     misread = 0.1 * read.position + 0.02 * read.velocity
     np.testing.assert_allclose(read.effort - plain.measure().effort, misread, atol=1e-15)
-
-
-def test_two_plants_of_one_model_do_not_share_friction_s_memory():
-    model = TorqueModel.from_parameters(
-        {
-            "presliding_hysteresis.displacement": [0.02],
-            "presliding_hysteresis.joint.wrist_roll": [0.002],
-        }
-    )
-    first, second = (Plant(model, TRUTH.links, TRUTH.rotor_inertia) for _ in range(2))
-    for _ in range(100):
-        first.step(joint_vector(ROLL, 0.001))
-    second.step(joint_vector(ROLL, 0.001))
-    alone = Plant(model, TRUTH.links, TRUTH.rotor_inertia)
-    alone.step(joint_vector(ROLL, 0.001))
-    np.testing.assert_array_equal(second.v, alone.v)
 
 
 @pytest.mark.parametrize("site", ["joint", "motor"])
@@ -364,17 +314,3 @@ def test_the_plant_s_presliding_is_the_term_s_along_the_same_way():
         torque.append(plant_s.torque(ZERO)[0])
     # One starts relaxed, the other sliding: forgotten after the first half second.
     np.testing.assert_allclose(np.array(torque)[500:], expected[500:], atol=1e-9)
-
-
-def test_presliding_shorter_than_a_step_s_way_is_calm():
-    values = {
-        "presliding_hysteresis.displacement": [1e-4],
-        "presliding_hysteresis.joint.wrist_roll": [0.05],
-        "presliding_hysteresis.joint.shoulder_pitch": [2.0],
-    }
-    plant = moving(*TorqueModel.from_parameters(values).terms)
-    plant.reset(POSE, np.full(7, 0.5))
-    for _ in range(2000):
-        plant.step(ZERO)
-    assert np.abs(plant.v[[1, 6]]).max() < 1e-2
-    assert np.isfinite(plant.q).all()

@@ -98,19 +98,6 @@ def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, r
     assert diagnosed.findings[0].effect == "payload"
 
 
-@pytest.mark.parametrize(
-    ("written", "instead"),
-    [('value="8.393"', 'value="\uff18.393 "'), ('xyz="0.0 0.0 0.28"', 'xyz="0.0&#9;0.0&#10;0.28"')],
-)  # fmt: skip
-def test_numbers_with_blanks_tabs_and_other_digits_weigh_the_same(written, instead, tmp_path):
-    """Pinocchio's reader drops an inertia whose numbers it cannot read, and says so nowhere."""
-    assert written in URDF
-    (tmp_path / "robot.urdf").write_text(URDF.replace(written, instead))
-    q, qd, qdd = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 6))
-    given, plain = (TorqueModel.load(path) for path in (tmp_path / "robot.urdf", UR5))
-    np.testing.assert_allclose(given.torque(q, qd, qdd), plain.torque(q, qd, qdd), rtol=1e-12)
-
-
 # --- files -----------------------------------------------------------------------------------
 
 
@@ -173,44 +160,6 @@ def test_a_file_that_another_one_names_is_not_written_over(recording, tmp_path, 
     assert urdf.read_text() == URDF
 
 
-def test_a_folder_may_be_called_as_if_a_link_followed(tmp_path, monkeypatch):
-    folder = tmp_path / "h#sh"
-    folder.mkdir()
-    (folder / "robot.urdf").write_text(URDF)
-    monkeypatch.chdir(folder)
-    TorqueModel.load("robot.urdf").save(tmp_path / "model.yaml")
-
-    again = TorqueModel.load(tmp_path / "model.yaml")
-
-    assert again.arm.source.endswith("h#sh/robot.urdf")
-
-
-def test_a_name_with_a_dot_is_refused_before_parameters_are_grouped_by_it(tmp_path):
-    text = URDF.replace("forearm_link", "wrist_1_link.cover")
-    (tmp_path / "robot.urdf").write_text(text)
-    with pytest.raises(ConfigError, match=r"got 'wrist_1_link\.cover', expected one without"):
-        Arm.load(tmp_path / "robot.urdf")
-
-
-def test_a_link_may_be_called_as_a_number_is_written(tmp_path):
-    text = URDF.replace("forearm_link", "1e3")
-    (tmp_path / "robot.urdf").write_text(text)
-    model = TorqueModel.load(tmp_path / "robot.urdf")
-    model.save(tmp_path / "model.yaml")
-    q = np.ones(6)
-    np.testing.assert_allclose(
-        TorqueModel.load(tmp_path / "model.yaml").torque(q), model.torque(q), rtol=1e-12
-    )
-
-
-def test_a_model_is_not_saved_over_its_arm_s_file(tmp_path):
-    (tmp_path / "own.urdf").write_text(URDF)
-    model = TorqueModel.load(tmp_path / "own.urdf")
-    with pytest.raises(ConfigError, match=r"own.urdf, which is read"):
-        model.save(tmp_path / "own.urdf")
-    assert (tmp_path / "own.urdf").read_text() == URDF
-
-
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -240,12 +189,6 @@ def test_efforts_that_are_insisted_on_are_taken(recording, tmp_path, capsys):
     assert "--effort-unit" in capsys.readouterr().err
     # Taken, and of that size not what the file's masses need.
     assert main([str(word) for word in (*words, "--effort-unit", "Nm")]) == 1
-
-
-def test_masses_alone_are_no_model_to_compensate_with(recording, tmp_path):
-    recording.save(tmp_path / "motion.csv")
-    words = ["evaluate", tmp_path / "motion.csv", "--model", UR5, "--json", tmp_path / "e.json"]
-    assert main([str(word) for word in words]) == 1
 
 
 def test_a_yaml_that_names_a_urdf_is_the_same_model_with_its_gains(recording, tmp_path):

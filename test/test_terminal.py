@@ -10,7 +10,7 @@ from made_results import CLEAR, finding, fit_of
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.command_line import Progress, Stages
+from dvrk_gravity.command_line import Progress
 from dvrk_gravity.diagnosis import Alternative, Diagnosis
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.identification import (
@@ -28,8 +28,6 @@ from dvrk_gravity.report import (
     diagnosis_text,
     evaluation_text,
     fit_text,
-    laid_out,
-    size_of,
     warning_lines,
 )
 
@@ -100,48 +98,6 @@ def test_an_identification_is_a_table_and_few_lines_and_verbose_says_the_rest():
         assert detail not in "\n".join(lines)
 
 
-def test_columns_stand_apart_however_little_is_predicted():
-    for r2 in (-80.11, -9999.4, -1e9):
-        errors = dict.fromkeys(JOINT_NAMES, JointError(9.99, 8.969, r2))
-        row = row_of(list(fit_text(replace(of_two_minds(), held_out=errors))), "wrist_roll")
-        assert float(row.split()[3]) == pytest.approx(r2, rel=0.05)
-
-
-def test_where_a_recording_is_outside_the_range_is_said_once_and_the_rest_counted():
-    errors = dict.fromkeys(JOINT_NAMES, JointError(1.0, 0.05, 0.5))
-    for count, more in ((1, "(elbow_pitch to 0 deg)"), (3, "(elbow_pitch to 0 deg; 2 more)")):
-        outside = tuple(f"elbow_pitch to {k} deg" for k in range(count))
-        result = replace(Evaluation(errors, 9, "joint", "", (), (), ()), outside=outside)
-        assert any(more in line for line in evaluation_text(result, LEFT))
-
-
-def test_how_many_findings_are_certain_contradicts_no_verdict():
-    first, _ = diagnosis().findings
-    for certain, verdict, counted in (
-        ((True,), "explained", "1 finding, certain"),
-        ((False,), "explained", "1 finding, not certain"),
-        ((True,), "ambiguous", "1 finding, certain"),
-        ((False, False), "explained", "2 findings, none"),
-        ((True, True), "ambiguous", "2 findings, certain; 1 of them"),
-    ):
-        alone = replace(first, alternatives=())
-        findings = [first if verdict == "ambiguous" else alone, *[alone] * (len(certain) - 1)]
-        doubts = ["" if sure else "an outlier" for sure in certain]
-        findings = [replace(each, doubt=d) for each, d in zip(findings, doubts, strict=True)]
-        shown = diagnosis_text(replace(diagnosis(), findings=tuple(findings), verdict=verdict))
-        assert next(iter(shown)).startswith(f"{verdict}: {counted}")
-
-
-def test_a_payload_is_shown_as_its_mass_and_where_it_is():
-    middle = {"x": 0.0, "y": 0.03, "z": 0.0}
-    where = {axis: Estimate(at, at - 1e-3, at + 1e-3, "m") for axis, at in middle.items()}
-    moments = {f"first_moment_{axis}": Estimate(0.0, -1e-5, 1e-5, "kg·m") for axis in middle}
-    load = finding("payload", Estimate(0.08, 0.079, 0.081, "kg"), CLEAR, "mass")
-    load = replace(load, parameters={**load.parameters, **moments, **where})
-    for token in ("80.0 ± 1.0 g", "x 0.0 ± 1.0 mm", "y 30.0 ± 1.0 mm", "z 0.0 ± 1.0 mm"):
-        assert token in size_of(load)
-
-
 def test_of_many_warnings_few_are_shown_and_the_others_counted():
     many = [replace(OTHER_UNIT, text=f"number {k}") for k in range(MOST_WARNINGS + 2)]
     said = ("warning: an odd sign", "not recorded: roll", "interpolated")
@@ -194,19 +150,6 @@ def test_a_diagnosis_is_a_table_with_sizes_and_says_how_good_and_what_next():
         assert detail not in "\n".join(lines)
 
 
-def test_lines_are_wrapped_to_a_terminal_and_to_nothing_else():
-    text = "one two three four five six"
-    assert laid_out(text, None, "head: ") == f"head: {text}"
-    assert laid_out(text, 20) == "one two three four\n    five six"
-    assert laid_out(text, 20, "head: ") == "head:\n    one two three\n    four five six"
-    wide = laid_out(" ".join([text] * 4), 100, "head: ").splitlines()
-    assert all(line.startswith("      one") or len(line) <= 100 for line in wide)
-    assert wide[1].startswith("      ")
-    for width in (80, 120):
-        for line in "\n".join(fit_text(of_two_minds(), width=width)).splitlines():
-            assert len(line) <= width
-
-
 @pytest.mark.parametrize(
     ("share", "claimed", "status"),
     [(0.05, "good", 0), (0.2, "unknown", 0), (0.9, "good", 1), (0.05, "do_not_compensate", 1)],
@@ -249,42 +192,3 @@ def test_progress_says_how_long_is_left_and_where_it_is_no_terminal_every_ten_se
     # Of the pace nothing is known at first; a terminal shows that it has begun.
     assert lines[0] == ("excite: 0 %" if terminal else "excite: 17 %, about 50 s left")
     assert terminal or len(lines) == 6
-
-
-def test_progress_never_goes_back(clock, capsys):
-    clock.now = 0.0
-    progress = Progress("identify", 1.0)
-    shares = []
-    for second, share in enumerate([0.1, 0.5, 0.2, 0.9, 0.0, 2.0], start=1):
-        clock.now = 10.0 * second
-        progress.update(share)
-        shares.append(capsys.readouterr().err.split()[1])
-    assert shares[0] == "10"
-    assert shares[-1] == "100"
-
-
-def test_stages_that_come_again_or_not_at_all_count_up():
-    class Seen(Progress):
-        def __init__(self) -> None:
-            super().__init__("identify", 1.0)
-            self.shares: list[float] = []
-
-        def update(self, done: float) -> None:
-            super().update(done)
-            self.shares.append(self._share)
-
-    seen = Seen()
-    begins = (("read", 0.0), ("choose", 0.2), ("turn", 0.5), ("choose", 0.6), ("prove", 0.9))
-    stage = Stages(seen, begins)
-    for name, share in (("read", 0.0), ("choose", 0.5), ("choose", 1.0), ("choose", 0.5)):
-        stage(name, share)
-    assert seen.shares == pytest.approx([0.0, 0.35, 0.5, 0.5])
-    stage("turn", 0.0)
-    stage("choose", 0.5)
-    assert seen.shares[-1] == pytest.approx(0.75)
-    for _ in range(500):
-        stage("accepted: a cause")  # a step, of which nobody knows how many there are
-    assert 0.85 < seen.shares[-1] < 0.9
-    stage("prove")
-    assert seen.shares[-1] == pytest.approx(0.9)
-    assert seen.shares == sorted(seen.shares)

@@ -89,16 +89,6 @@ def test_outside_the_fitted_range_the_torque_is_that_of_the_edge(term):
     )
 
 
-def test_a_range_upside_down_is_refused_with_the_joint_s_name():
-    with pytest.raises(ConfigError, match=r"valid_lower of wrist_platform: got 0\.5,"):
-        built(
-            ElasticCable,
-            wrist_platform=[1.0, 2.0],
-            valid_lower=only(PLATFORM, 0.5),
-            valid_upper=only(PLATFORM, 0.4),
-        )
-
-
 def cable(**values) -> DirectionalCable:
     """Cable whose half difference is 1 N·m and whose mean is 3 N·m, on every joint."""
     sets = {f"positive.{joint}": [4.0] for joint in JOINT_NAMES}
@@ -150,14 +140,6 @@ def test_the_arm_itself_has_the_whole_difference_whatever_the_console_applies():
     np.testing.assert_allclose(model.torque(np.zeros(7), np.full(7, 2.0)), 4.0)
 
 
-def test_sets_of_different_degree_are_refused():
-    sets = {f"positive.{JOINT_NAMES[0]}": [1.0, 2.0], f"negative.{JOINT_NAMES[0]}": [1.0]}
-    with pytest.raises(ConfigError, match="got '1 coefficients', expected as many coefficients"):
-        built(DirectionalCable, **sets)
-    with pytest.raises(ConfigError, match="got nothing, expected as many coefficients"):
-        built(DirectionalCable, **{f"positive.{JOINT_NAMES[0]}": [1.0, 2.0]})
-
-
 def test_a_blend_that_cannot_rise_is_refused_with_the_joint_s_name():
     with pytest.raises(ConfigError, match=r"dead_band of elbow_pitch: got .*, expected less than"):
         cable(dead_band=only(ELBOW, 0.5))
@@ -172,13 +154,6 @@ def test_joint_friction_acts_along_its_joint_s_motion_with_a_level_for_each_dire
     term = built(CoulombFriction, joint_positive=[0.3] * 7, joint_negative=[0.1] * 7)
     np.testing.assert_allclose(torque(term, qd=np.full(7, 0.5)), 0.3)
     np.testing.assert_allclose(torque(term, qd=np.full(7, -0.5)), -0.1)
-
-
-def test_a_direction_that_is_not_given_has_the_other_s_level():
-    for name in ("joint_positive", "joint_negative"):
-        term = built(CoulombFriction, **{name: [0.2] * 7})
-        np.testing.assert_allclose(torque(term, qd=np.full(7, 9.0)), 0.2)
-        np.testing.assert_allclose(torque(term, qd=np.full(7, -9.0)), -0.2)
 
 
 def test_the_elbow_motor_s_friction_follows_q2_plus_q3_and_loads_both_joints():
@@ -249,11 +224,6 @@ def test_stribeck_friction_falls_with_the_square_of_the_speed():
     assert not torque(of_motor, qd=only(SHOULDER, 0.5) - only(ELBOW, 0.5)).any()
 
 
-def test_a_stribeck_level_wants_a_velocity():
-    with pytest.raises(ConfigError, match=r"joint_velocity of wrist_pitch.*beside a level of 0.01"):
-        built(StribeckFriction, joint=only(4, 0.01))
-
-
 def presliding(displacement: float, level: float) -> PreslidingHysteresis:
     joint = only(PLATFORM, level)[None]
     return PreslidingHysteresis(ARM, np.array([displacement]), joint, np.zeros((1, 7)))
@@ -287,11 +257,6 @@ def test_presliding_is_full_where_a_pose_was_approached_and_relaxed_at_rest():
         assert term.torque(State(q, qd))[0, PLATFORM] == pytest.approx(0.01 * slides, abs=1e-15)
 
 
-def test_presliding_wants_a_level_for_every_element():
-    with pytest.raises(ConfigError, match="as many as"):
-        built(PreslidingHysteresis, displacement=[0.01, 0.1], joint__wrist_platform=[0.02])
-
-
 # --- what the compensator takes of it --------------------------------------------------------
 
 
@@ -316,18 +281,6 @@ def test_the_gravity_flag_leaves_out_gravity_and_nothing_else():
     np.testing.assert_allclose(without.torque(q, qd), model.torque(q, qd) - weight, atol=1e-14)
     batch = np.tile(q, (3, 1))
     np.testing.assert_array_equal(without.term("gravity").torque(State(batch)), np.zeros((3, 7)))
-
-
-def test_gravity_s_direction_is_that_of_the_parameter():
-    model, q = all_terms(), np.full(7, 0.2)
-    for factor in (2.0, 0.0, -1.0):
-        vector = (0.0, 0.0, -9.81 * factor)
-        turned = TorqueModel.from_parameters(model.parameters() | {"gravity_vector": vector})
-        np.testing.assert_allclose(
-            turned.term("gravity").torque(State(q)),
-            factor * model.term("gravity").torque(State(q)),
-            atol=1e-14,
-        )
 
 
 def compensated(ratio, dead_band=(0.0,) * 7) -> Settings:
@@ -360,16 +313,6 @@ def test_compensation_never_pushes_with_more_power_than_friction_takes(ratio, qd
     terms = (term.scaled(ratio) for term in FULL.model.terms if term.FRICTION)
     pushed = sum(term.torque(State(q, qd)) for term in terms)
     assert -1e-10 <= qd @ pushed <= qd @ friction + 1e-10
-
-
-def test_the_ratio_scales_friction_only_joint_by_joint():
-    ratio = np.zeros(7)
-    ratio[[0, 5]] = 1.0, 0.5
-    q, qd = np.full(7, 0.2), np.full(7, 0.4)
-    whole = FULL.torque(q, qd) - NONE.torque(q, qd)
-    part = compensated(ratio).torque(q, qd) - NONE.torque(q, qd)
-    np.testing.assert_allclose(part, ratio * whole, atol=1e-14)
-    assert np.abs(NONE.torque(q, qd)).min() > 0.01
 
 
 def test_below_the_dead_band_no_friction_is_compensated():

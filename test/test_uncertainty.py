@@ -15,7 +15,6 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, held_by_terms, identify
 from dvrk_gravity.model import Columns, ModelUncertainty, TorqueModel, uncertainty_file
 from dvrk_gravity.recording import Recording
-from testing.world import World
 
 STEP = 0.1  # of a standard deviation; torque is linear in coefficients
 
@@ -66,13 +65,6 @@ def test_coefficients_changed_by_hand_are_no_longer_what_it_is_about(saved):
 
     assert model.uncertainty is None
     assert str(saved) in model.unsure
-
-
-def test_a_file_of_something_else_is_one_line_that_names_it(saved):
-    for content in (b"", b"no arrays", b"PK\x03\x04 cut off"):
-        uncertainty_file(saved).write_bytes(content)
-        with pytest.raises(ConfigError, match=r"^[^\n]*model\.uncertainty\.npz[^\n]*$"):
-            TorqueModel.load(saved)
 
 
 IMPOSSIBLE = [
@@ -167,31 +159,6 @@ def test_its_torques_are_those_of_models_whose_coefficients_are_changed(model):
         np.testing.assert_allclose(columns[:, :, direction], slope, atol=1e-9)
 
 
-def test_friction_that_a_motion_cannot_place_is_uncertain_at_joint_and_motor_alike():
-    """The fit has one of them; where shoulder and elbow go to and fro together either would do."""
-    world = World.draw(5)
-    time = np.arange(0.0, 25.0, 0.01)
-    shares = 2.0 * np.pi * np.array([0.13, 0.17, 0.17, 0.23, 0.29, 0.31, 0.37])
-    middle, way = np.array([0.0, 0.3, 0.1, 0.5, 1.0, 0.0, 1.0]), 0.2
-    q = middle + way * np.sin(time[:, None] * shares)
-    qd = way * shares * np.cos(time[:, None] * shares)
-    qdd = -way * shares**2 * np.sin(time[:, None] * shares)
-    noise = np.random.default_rng(1).normal(scale=2e-3, size=q.shape)
-    recording = Recording(
-        world.arm.joint_names, time, q, qd, world.model().torque(q, qd, qdd) + noise
-    )
-
-    names = ["gravity", "coulomb_friction", "viscous_friction", "link_inertia", "rotor_inertia"]
-    fitted = identify(recording, world.arm, "joint", names).model
-
-    level = fitted.term("coulomb_friction").theta.reshape(4, 7)[[0, 2], 2].sum()
-    changes = fitted.uncertainty.deviations["coulomb_friction"].reshape(4, 7, -1)[:, 2]
-    at_joint, at_motor = changes[0], changes[2]
-    assert level > 0.01
-    assert min(np.linalg.norm(at_joint), np.linalg.norm(at_motor)) > 0.3 * level
-    assert np.linalg.norm(at_joint + at_motor) < 0.1 * level
-
-
 def test_another_motion_lies_within_what_the_model_expects_of_itself(model):
     """Its prediction's error, in units of its own standard deviation, is about one."""
     known, exact, random = model.uncertainty, known_ecm.model(), np.random.default_rng(5)
@@ -238,8 +205,3 @@ def test_friction_that_is_zero_is_a_parameter_all_the_same(columns):
     theta = np.zeros(len(columns.columns))
     theta[friction[0]] = 0.1
     assert held_by_terms(columns, theta, friction) == friction
-
-
-def test_a_recording_of_two_seconds_is_identified_with_a_posterior():
-    fit = identify(known_ecm.recorded(1, 3.0).between(0.0, 2.0), known_ecm.ARM)
-    assert fit.model.uncertainty is not None
