@@ -14,7 +14,6 @@ from support import CONFIG, MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES
-from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import Range, State
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.files import yaml_file
@@ -189,26 +188,3 @@ def test_a_file_whose_geometry_changed_under_a_model_is_no_longer_its_arm(tmp_pa
     arm_file.write_text(longer)
     with pytest.raises(ConfigError, match=r"its geometry has changed.*identify again"):
         TorqueModel.load(model_file)
-
-
-# --- a file of the last version --------------------------------------------------------------
-
-FILES = Path(__file__).resolve().parent / "files"
-MODEL = FILES / "model_0_1_0.yaml"
-KNOWN = json.loads((FILES / "model_0_1_0.json").read_text())  # what that version made of it
-
-
-def test_a_file_of_the_last_version_has_the_torque_that_it_had():
-    model = TorqueModel.load(MODEL)
-    moving = model.torque(KNOWN["q"], KNOWN["qd"], KNOWN["qdd"])
-    np.testing.assert_allclose(moving, KNOWN["torque"], rtol=0.0, atol=1e-12)
-    posed = model.torque(KNOWN["q"], direction=np.sign(KNOWN["qd"]))
-    np.testing.assert_allclose(posed, KNOWN["at_poses"], rtol=0.0, atol=1e-12)
-
-
-def test_nothing_of_it_is_lost_when_it_is_saved_again_and_it_is_compensated(tmp_path):
-    model = TorqueModel.load(MODEL)
-    assert sorted(model.parameters()) == KNOWN["parameters"]
-    model.save(tmp_path / "again.yaml")
-    assert TorqueModel.load(tmp_path / "again.yaml").parameters() == model.parameters()
-    Settings.from_parameters(model.parameters())

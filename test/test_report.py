@@ -6,14 +6,12 @@ import re
 import sys
 from functools import cache
 
-import numpy as np
 import pytest
-from made_results import TIME, Page, example_diagnosis, fit_of
+from made_results import RESULTS, TIME, Page, example_diagnosis, fit_of, poses
 
-from dvrk_gravity import Arm, Recording, TorqueModel, evaluate
+from dvrk_gravity import Arm
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import PackageError
-from dvrk_gravity.planning import MotionDesign, Multisine, Plan, PlanLimits
 from dvrk_gravity.report import (
     Remark,
     diagnosis_page,
@@ -91,23 +89,8 @@ def test_the_arm_is_drawn_with_the_joints_concerned():
 # --- data frames -----------------------------------------------------------------------------
 
 
-def poses() -> Recording:
-    q = np.random.default_rng(0).uniform(-0.2, 0.2, (8, 7))
-    return Recording(ARM.joint_names, None, q, None, np.ones((8, 7)))
-
-
-def design() -> MotionDesign:
-    plan = Plan(ARM, Multisine.draw(ARM, 1), PlanLimits.of(ARM))
-    return MotionDesign(plan, (("mass <a>", "kg", 0.5, 0.1),), 3.0, ())
-
-
 def test_a_result_is_a_data_frame_and_shows_itself_in_a_notebook():
-    for make, first, rows in (
-        (lambda: fit_of(TIME), "joint", 7),
-        (lambda: evaluate(TorqueModel(ARM, ()), poses()), "joint", 7),
-        (example_diagnosis, "effect", 1),
-        (design, "parameter", 1),
-    ):
+    for make, first, rows in RESULTS.values():
         result = make()
         frame = result.to_dataframe()
         assert frame.columns[0] == first
