@@ -62,6 +62,24 @@ def joint_state(k, names=JOINT_NAMES, **changes):
     return START + k * 1_000_000 + 500_000, encode_joint_state(names=names, **fields)
 
 
+def messages(recording, stamps=None, names=None, **columns):
+    """Return a recording's (receive_ns, CDR bytes), with other stamps, names or numbers."""
+    fields = {q: getattr(recording, q) for q in ("position", "velocity", "effort")} | columns
+    received = START + np.round(recording.time * 1e9).astype(np.int64)
+    stamps = received if stamps is None else stamps
+    return [
+        (
+            int(at) + 300_000,
+            encode_joint_state(
+                int(stamp),
+                names or recording.joints,
+                *(() if values is None else values[k].tolist() for values in fields.values()),
+            ),
+        )
+        for k, (at, stamp) in enumerate(zip(received, stamps, strict=True))
+    ]
+
+
 def same(a, b, start=False):
     """Assert that two recordings hold the same numbers, bit by bit."""
     assert a.joints == b.joints

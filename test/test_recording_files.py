@@ -1,11 +1,5 @@
 """Recordings come back from CSV and rosbag2 files as they were written."""
 
-import signal
-import subprocess
-import sys
-import textwrap
-import time
-
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm
@@ -21,6 +15,7 @@ from recording_samples import (
 )
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import RecordingError, ShapeError
 from dvrk_gravity.recording import (
     JOINT_STATE,
@@ -34,6 +29,10 @@ from dvrk_gravity.recording import (
 )
 
 STORAGES = ("sqlite3", "mcap")
+
+
+def convert(*arguments):
+    return run("dvrk_gravity.cli.convert", [str(argument) for argument in arguments])
 
 
 def test_csv_and_both_bag_storages_round_trip_without_loss(tmp_path):
@@ -52,13 +51,12 @@ def test_csv_and_both_bag_storages_round_trip_without_loss(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv", "b", "c", "d.csv"]
 
 
-@pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("drop", [(), ("velocity",), ("effort",), ("velocity", "effort")])
-def test_missing_columns_and_joints_stay_missing(tmp_path, storage, drop):
-    joints = ("shoulder_pitch", "wrist_roll")
-    original = wave(20, joints=joints, start_ns=START, **dict.fromkeys(drop))
-    original.save(tmp_path / "bag", storage)
-    same(original, Recording.load(tmp_path / "bag"), start=True)
+@pytest.mark.parametrize("drop", ["velocity", "effort"])
+def test_missing_columns_and_joints_stay_missing(tmp_path, drop):
+    original = wave(20, joints=("shoulder_pitch", "wrist_roll"), start_ns=START, **{drop: None})
+    for storage in STORAGES:
+        original.save(tmp_path / storage, storage)
+        same(original, Recording.load(tmp_path / storage), start=True)
     original.save(tmp_path / "a.csv")
     same(original, Recording.load(tmp_path / "a.csv"))
 
@@ -129,14 +127,12 @@ def test_a_recording_of_a_larger_arm_is_not_taken_for_a_smaller_one_s(tmp_path):
     path.write_text(header + "\n" + ",".join("0" * psm.n))
     write_messages(tmp_path / "bag", [joint_state(0, psm.joint_names)])
     for source in (path, tmp_path / "bag"):
-        with pytest.raises(RecordingError, match="the joints of arm psm, expected those of ecm"):
+        with pytest.raises(RecordingError, match=r"psm.*ecm"):
             Recording.load(source, arm=ecm)
         assert Recording.load(source, arm=psm).joints == psm.joint_names
 
 
-@pytest.mark.parametrize(
-    ("recorded", "stated"), [("psm", "mtmr"), ("mtmr", "psm"), ("ecm", "mtml"), ("mtmr", "ecm")]
-)
+@pytest.mark.parametrize(("recorded", "stated"), [("psm", "mtmr"), ("mtmr", "ecm")])
 def test_a_recording_of_another_arm_names_both_and_the_option(tmp_path, recorded, stated):
     arm = Arm.load(recorded)
     path = tmp_path / "motion.csv"
@@ -152,20 +148,14 @@ def test_a_recording_of_another_arm_names_both_and_the_option(tmp_path, recorded
         assert all(word in words for word in (stated, "--arm", "--model")), words
 
 
-@pytest.mark.parametrize("chunk", [1, 2, 3, 100])
+@pytest.mark.parametrize("chunk", [1, 3, 100])
 def test_parts_of_a_bag_join_without_seams(tmp_path, chunk):
     messages = [joint_state(k // 2, stamp_ns=0 if k == 3 else START + k // 2) for k in range(12)]
     messages = [(START + k, data) for k, (_, data) in enumerate(messages)]
     write_messages(tmp_path / "bag", messages)
     parts = list(iterate_recording(tmp_path / "bag", chunk=chunk))
-    assert (np.concatenate([part.time for part in parts]) * 1e9).round().tolist() == [
-        0,
-        1,
-        2,
-        3,
-        4,
-        5,
-    ]
+    time = np.concatenate([part.time for part in parts])
+    assert (time * 1e9).round().tolist() == [0, 1, 2, 3, 4, 5]
     assert sum(part.invalid for part in parts) == 1
     assert sum(part.repeated for part in parts) == 5
 
@@ -175,7 +165,7 @@ def test_receive_time_may_be_the_time_base(tmp_path):
     write_messages(tmp_path / "bag", messages)
     loaded = Recording.load(tmp_path / "bag", time_base="receive")
     assert (loaded.time[:3] * 1e9).tolist() == [0.0, 10.0, 20.0]
-    with pytest.raises(RecordingError, match=r"299 of 300 .* out of the order of time"):
+    with pytest.raises(RecordingError, match="299 of 300"):
         Recording.load(tmp_path / "bag")
 
 
@@ -282,75 +272,25 @@ def test_writer_ended_before_anything_was_kept_leaves_nothing(tmp_path, keep):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_killed_writer_has_its_earlier_seconds_on_disk(tmp_path):
-    script = """
-        import sys, time
-        from recording_samples import *
-        with BagWriter(sys.argv[1]) as bag:
-            for k in range(10**9):
-                receive_ns, data = joint_state(k)
-                bag.write(TOPIC, JOINT_STATE, data, receive_ns)
-                if k == 100:
-                    time.sleep(1.1)
-                if k == 150:
-                    print("written", flush=True)
-                    time.sleep(60)
-    """
-    process = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(script), tmp_path / "bag"],
-        stdout=subprocess.PIPE,
-        env={"PYTHONPATH": ":".join(sys.path)},
-    )
-    assert process.stdout.readline() == b"written\n"
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
-    (file,) = tmp_path.glob("bag.partial-*/bag/bag.db3")
-    # Committed with the first message after the pause, number 101.
-    assert len(list(read_joint_states(file))) == 102
-
-
-@pytest.mark.parametrize("storage", STORAGES)
-def test_full_disk_is_one_error_and_leaves_no_finished_bag(tmp_path, storage):
-    script = """
-        import resource, signal, sys
-        from recording_samples import *
-        from dvrk_gravity.errors import RecordingError
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
-        try:
-            wave(20_000).save(sys.argv[1], sys.argv[2])
-        except RecordingError as error:
-            print(error)
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(script), tmp_path / "bag", storage],
-        capture_output=True,
-        text=True,
-        env={"PYTHONPATH": ":".join(sys.path)},
-        check=False,
-    )
-    assert f"{tmp_path}/bag: cannot be written: " in done.stdout
-    assert (done.stdout.count("\n"), done.returncode) == (1, 0)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", ["a.csv", "bag"])
-def test_an_existing_target_is_not_touched(tmp_path, name):
-    (tmp_path / name).write_text("precious")
-    with pytest.raises(RecordingError, match="exists already"):
-        wave(10).save(tmp_path / name)
-    assert (tmp_path / name).read_text() == "precious"
-    assert len(list(tmp_path.iterdir())) == 1
+def test_an_existing_target_is_not_touched(tmp_path):
+    for name in ("a.csv", "bag"):
+        (tmp_path / name).write_text("precious")
+        with pytest.raises(RecordingError, match=name):
+            wave(10).save(tmp_path / name)
+        assert (tmp_path / name).read_text() == "precious"
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_what_a_bag_cannot_carry_is_refused_and_nothing_left(tmp_path):
     for static in (wave(9, time=None), wave(9, direction=np.ones((9, 7)))):
-        with pytest.raises(RecordingError, match=r"do not fit in a bag, expected CSV"):
+        with pytest.raises(RecordingError, match="CSV"):
             static.save(tmp_path / "bag")
-    with pytest.raises(RecordingError, match="cannot be written: No such file"):
-        wave(9).save(tmp_path / "absent" / "a.csv")
-    with pytest.raises(RecordingError, match="cannot be written: No such file"):
-        wave(9).save(tmp_path / "absent" / "bag")
+    for name in ("a.csv", "bag"):
+        with pytest.raises(RecordingError, match=f"absent/{name}.*No such file"):
+            wave(9).save(tmp_path / "absent" / name)
+    parts = [wave(5), wave(5, effort=None)]
+    with pytest.raises(RecordingError, match="columns change"):
+        save_recording(parts, tmp_path / "a.csv", "mcap", TOPIC)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -384,32 +324,28 @@ def test_arrays_are_read_only_and_the_callers_stay_writable():
     assert recording.position[0, 0] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "text"),
-    [
-        ({"velocity": np.zeros((4, 7))}, ShapeError, r"velocity has shape \(4, 7\)"),
-        (
-            {"effort": np.diag([np.nan] * 7)[:5]},
-            RecordingError,
-            "sample 0: outer_yaw.effort is nan",
-        ),
-        ({"time": np.array([0, 1, 1, 2, 3.0])}, RecordingError, "sample 2: time 1 s after 1 s"),
-        ({"time": np.array([0, 1, 2, 3, np.inf])}, RecordingError, "sample 4: time is inf"),
-        ({"time": np.arange(4.0)}, ShapeError, r"time has shape \(4,\)"),
-        ({"direction": np.zeros((5, 7))}, RecordingError, "direction is 0, expected"),
-        ({"joints": JOINT_NAMES[::-1], "arm": ARM}, RecordingError, "in this order"),
-        ({"joints": ("a",) * 7}, RecordingError, "expected names, each once"),
-        ({"joints": ("a", "b", "c", "d", "e", "f", 7)}, RecordingError, "expected names, each"),
-        ({"joints": ()}, RecordingError, "joints are missing"),
-        ({"coordinates": "motor"}, RecordingError, "coordinates 'motor'"),
-        ({"position": np.zeros((0, 7))}, RecordingError, "no samples"),
-    ],
-)
-def test_inconsistent_recordings_are_refused(changes, error, text):
+REFUSED = [
+    ({"velocity": np.zeros((4, 7))}, ShapeError, r"velocity.*\(4, 7\)"),
+    ({"effort": np.diag([np.nan] * 7)[:5]}, RecordingError, "sample 0: outer_yaw.effort is nan"),
+    ({"time": np.array([0, 1, 1, 2, 3.0])}, RecordingError, "sample 2: time 1 s after 1 s"),
+    ({"time": np.array([0, 1, 2, 3, np.inf])}, RecordingError, "sample 4: time is inf"),
+    ({"time": np.arange(4.0)}, ShapeError, r"time.*\(4,\)"),
+    ({"direction": np.zeros((5, 7))}, RecordingError, "direction is 0"),
+    ({"joints": JOINT_NAMES[::-1], "arm": ARM}, RecordingError, "order"),
+    ({"joints": ("a",) * 7}, RecordingError, "each once"),
+    ({"joints": ("a", "b", "c", "d", "e", "f", 7)}, RecordingError, "names"),
+    ({"joints": ()}, RecordingError, "joints"),
+    ({"coordinates": "motor"}, RecordingError, "'motor'"),
+    ({"position": np.zeros((0, 7))}, RecordingError, "no samples"),
+]
+
+
+def test_inconsistent_recordings_are_refused_by_what_is_wrong():
     fields = {"joints": JOINT_NAMES, "time": None, "position": np.zeros((5, 7))}
     Recording(**fields)
-    with pytest.raises(error, match=text):
-        Recording(**(fields | changes))
+    for changes, error, tokens in REFUSED:
+        with pytest.raises(error, match=tokens):
+            Recording(**(fields | changes))
 
 
 def test_a_recording_names_its_own_joints_and_an_arm_takes_its_own_from_it(tmp_path):
@@ -426,37 +362,12 @@ def test_a_recording_names_its_own_joints_and_an_arm_takes_its_own_from_it(tmp_p
     np.testing.assert_array_equal(own.scale, [1.0, 0.1])
     assert own.of(arm) is own
     same(own, Recording.load(tmp_path / "bag", arm=arm))
-    with pytest.raises(RecordingError, match="joints are insertion, gripper, yaw, expected some"):
+    with pytest.raises(RecordingError, match="insertion, gripper, yaw"):
         loaded.of(ARM)
 
 
-def test_long_recordings_stream_through_in_little_memory(tmp_path):
-    """Once 20 s at 1 kHz went through, 60 s take no more; whole, those are 10 MB of numbers."""
-    script = """
-        import resource, sys
-        from recording_samples import *
-        from dvrk_gravity.recording import iterate_recording, save_recording
-        def parts(count):
-            for k in range(count):
-                time = wave(10_000, rate=1000.0).time + 10 * k
-                yield wave(10_000, rate=1000.0, time=time)
-        def there_and_back(name, count):
-            save_recording(parts(count), name + "3", "sqlite3", TOPIC)
-            save_recording(iterate_recording(name + "3"), name + ".csv", "mcap", TOPIC)
-            save_recording(iterate_recording(name + ".csv"), name + "m", "mcap", TOPIC)
-            assert sum(len(part) for part in iterate_recording(name + "m")) == count * 10_000
-            return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        few = there_and_back(sys.argv[1] + "/few", 2)
-        print(there_and_back(sys.argv[1] + "/many", 6) - few)
-    """
-    env = {"PYTHONPATH": ":".join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", textwrap.dedent(script), tmp_path]
-    grown = float(subprocess.run(command, capture_output=True, check=True, env=env).stdout)
-    assert grown < 5.0
-
-
 @pytest.mark.parametrize("name", ["bags/mtm_dynamic_sqlite3", "bags/mtm_dynamic_mcap"])
-def test_measured_bags_agree_with_the_measured_csv(name):
+def test_measured_bags_agree_with_the_measured_csv(name, tmp_path):
     bag = Recording.load(shared_data(name))
     csv = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"), coordinates="actuator")
     assert (len(bag), bag.invalid, bag.repeated) == (5999, 0, 0)
@@ -467,21 +378,45 @@ def test_measured_bags_agree_with_the_measured_csv(name):
     np.testing.assert_allclose(bag.position, csv.position @ to_joint.T, atol=1e-8)
     np.testing.assert_allclose(bag.velocity, csv.velocity @ to_joint.T, atol=1e-7)
     np.testing.assert_allclose(bag.effort @ to_joint, csv.effort, atol=1e-8)
+    assert convert(shared_data(name), tmp_path / "a.csv") == 0
+    assert convert(tmp_path / "a.csv", tmp_path / "bag", "--storage", "mcap") == 0
+    same(bag, Recording.load(tmp_path / "bag"))
 
 
-def test_reading_is_quick(tmp_path):
-    """Measured: 4 us a message and 7 us a CSV row; the bounds leave room for a busy machine."""
-    recording = wave(20_000)
-    recording.save(tmp_path / "bag", "mcap")
-    recording.save(tmp_path / "a.csv")
-    for path, limit in ((tmp_path / "bag", 40e-6), (tmp_path / "a.csv", 70e-6)):
-        started = time.process_time()
-        Recording.load(path)
-        assert (time.process_time() - started) / len(recording) < limit
+def test_csv_to_bag_and_back_by_command(tmp_path, capsys):
+    wave(300).save(tmp_path / "a.csv")
+    assert convert(tmp_path / "a.csv", tmp_path / "bag", "--topic", "/MTMR/measured_js") == 0
+    assert convert(tmp_path / "bag", tmp_path / "mcap", "--storage", "mcap") == 0
+    assert convert(tmp_path / "mcap", tmp_path / "b.csv") == 0
+    assert f"{tmp_path / 'bag'}: 300 samples of outer_yaw, " in capsys.readouterr().out
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.topics == {"/MTMR/measured_js": "sensor_msgs/msg/JointState"}
+    assert (tmp_path / "mcap/mcap.mcap").exists()
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
-def test_parts_with_other_columns_are_refused(tmp_path):
-    parts = [wave(5), wave(5, effort=None)]
-    with pytest.raises(RecordingError, match="columns change"):
-        save_recording(parts, tmp_path / "a.csv", "mcap", TOPIC)
-    assert list(tmp_path.iterdir()) == []
+def bad_inputs(folder):
+    """Yield what is converted to what, and a token of the refusal."""
+    wave(300).save(folder / "good.csv")
+    wave(9, time=None).save(folder / "static.csv")
+    rows = "".join(f"{k},1\n" for k in range(30_000)) + 9000 * "1,x\n"
+    (folder / "late.csv").write_text("time,outer_yaw.position\n" + rows)
+    yield folder / "absent.csv", "out.csv", "no such file"
+    yield folder / "absent", "out.csv", "absent"
+    yield folder / "late.csv", "out", "line 30002: outer_yaw.position is 'x'"
+    yield folder / "late.csv", "out.csv", "line 30002: outer_yaw.position is 'x'"
+    yield folder / "static.csv", "out", "static.csv"
+    yield folder / "good.csv", "static.csv", "static.csv"
+    yield folder / "good.csv", "out.json", "out.json"
+
+
+def test_bad_input_is_one_line_and_status_2_and_leaves_nothing(tmp_path, capsys):
+    for source, target, expected in bad_inputs(tmp_path):
+        before = sorted(tmp_path.iterdir())
+        assert convert(source, tmp_path / target) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.startswith("dvrk_gravity convert: ")
+        assert expected in captured.err
+        assert captured.err.count("\n") == 1
+        assert sorted(tmp_path.iterdir()) == before
