@@ -179,3 +179,33 @@ def test_a_joint_that_stands_and_the_motors_that_hold_it_are_not_fitted_to():
     ranges = np.full(MTM.n, 0.1)
     ranges[[1, 2]] = 0.019, 0.021
     assert stands(-ranges / 2, ranges / 2, MTM).tolist() == [False, True] + 5 * [False]
+
+
+LINK = '<link name="{}"/>'
+JOINT = (
+    '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="2" effort="3" velocity="4"/></joint>'
+)
+
+
+@pytest.mark.parametrize(
+    ("names", "ends"),
+    [
+        (("left_1", "left_2"), ["e"]),
+        (("torso", "left_1", "left_2", "right_1"), ["e", "f"]),
+        (("wheel",), ["b"]),
+        (("somebody_elses",), []),
+    ],
+)
+def test_of_a_robot_with_branches_the_parts_that_were_recorded_are_named(names, ends, tmp_path):
+    joints = ("wheel ab", "torso ac", "left_1 cd", "left_2 de", "right_1 cf", "right_2 fg")
+    text = "".join(map(LINK.format, "abcdefg"))
+    text += "".join(JOINT.format(name, *links) for name, links in map(str.split, joints))
+    (tmp_path / "robot.urdf").write_text(f'<robot name="r">{text}</robot>')
+    robot = Arm.load(tmp_path / "robot.urdf")
+    with pytest.raises(RecordingError) as caught:
+        require_all(recorded(names), robot, {})
+    parts = [f"{robot.source}#{end}" for end in ends]
+    assert str(caught.value).endswith(f"--arm {' or '.join(parts)}") == bool(ends)
+    for part in parts:
+        assert set(names) & set(Arm.load(part).joint_names)

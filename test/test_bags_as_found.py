@@ -230,3 +230,30 @@ def test_what_is_compressed_unpacks_no_further_than_declared():
 
     with pytest.raises(UnpackError, match="1000"):
         unpacked(bz2.compress(bytes(5_000_000)), "bz2", 1000)
+
+
+# What is wrong, and whether it makes the bag unreadable.
+OTHER_TYPES = {
+    "UPDATE messages SET data = 5 WHERE id = 3": True,
+    "UPDATE messages SET data = 'text' WHERE id = 3": True,
+    "UPDATE messages SET timestamp = 'noon' WHERE id = 3": False,
+    "UPDATE messages SET topic_id = 'x'": False,
+    "UPDATE topics SET type = 7": False,
+    "UPDATE topics SET name = x'00ff'": False,
+    "UPDATE topics SET serialization_format = 3": False,
+}
+
+
+def test_a_value_of_another_type_in_a_bag_is_refused_or_not_read(tmp_path):
+    for number, (damage, refused) in enumerate(OTHER_TYPES.items()):
+        bag = tmp_path / f"bag{number}"
+        CLEAN.rows(slice(0, 20)).save(bag)
+        with sqlite3.connect(bag / f"bag{number}.db3") as connection:
+            connection.execute(damage)
+        for path in (bag, bag / f"bag{number}.db3"):
+            try:
+                found = Recording.load(path)
+            except RecordingError:
+                continue
+            assert not refused, damage
+            assert len(found) <= 20, damage

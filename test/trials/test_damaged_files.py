@@ -1,0 +1,284 @@
+"""Whatever a file holds, it is read or refused in one line: no other error.
+
+Good files are damaged here and there, so that most of what comes out gets past the first check.
+The benchmark ``fuzz`` tries many more cases.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from recording_samples import joint_state, wave, write_messages
+from support import CONFIG, MODEL_FILE, examples
+
+from dvrk_gravity import TorqueModel
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.console import ConsoleFile
+from dvrk_gravity.errors import ConfigError, DvrkGravityError, RecordingError
+from dvrk_gravity.files import yaml_file
+from dvrk_gravity.newton_euler import reader as mechanism
+from dvrk_gravity.recording import CdrError, JointStateLayout, Recording, check, prepare
+from dvrk_gravity.simulate import PlantFile
+
+FRAGMENTS = [
+    "nan", ".nan", "-.inf", "Infinity", "1e999", "-1", "0", "1e308", "9" * 5000, "true", "null",
+    "~", "''", "'", '"', "[]", "{}", "[[", "}", "]", ",", ":", ": ", "- ", "\t", "\n", "\r", "\0",
+    "#", "%", "?", "&a [*a]", "*a", "<<: {a: 1}", "!!python/object/apply:os.system ['true']",
+    "!!int ''", "!!binary x", "\u2028", "é", "\ud7ff", "../../../etc/passwd", "2001-02-30", "0x1F",
+    "1_000", "1:30:00", "beta", "arm", "outer_yaw", "[" * 3000, "{a: " * 50, "---\n", "...\n",
+]  # fmt: skip
+FAST = settings(
+    max_examples=examples(25),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+def model(path: Path) -> None:
+    """Load a model; what loads makes torques, and settings or an error that says why not."""
+    loaded = TorqueModel.load(path)
+    with np.errstate(all="ignore"):
+        loaded.torque(np.full(7, 0.1), np.full(7, 0.2))
+    try:
+        Settings.from_parameters(loaded.parameters())
+    except ConfigError:
+        return
+
+
+READERS: dict[str, tuple[Path, Callable[[Path], Any]]] = {
+    "model": (MODEL_FILE, model),
+    "arm": (CONFIG / "arms" / "mtmr.yaml", Arm.load),
+    "plant": (CONFIG / "plants" / "mtmr_28002.yaml", PlantFile.load),
+    "mechanism": (CONFIG / "exercises" / "2_1_with_gravity.yaml", mechanism.read),
+}
+EDITS = st.lists(
+    st.tuples(
+        st.sampled_from(["insert", "replace", "number", "delete", "double", "cut", "byte"]),
+        st.floats(0.0, 1.0),
+        st.sampled_from(FRAGMENTS) | st.text(max_size=5),
+    ),
+    min_size=1,
+    max_size=4,
+)
+
+
+def damaged(original: bytes, edits: list[tuple[str, float, str]]) -> bytes:
+    """Return a file's content with some edits made, each at a share of its length."""
+    for kind, share, fragment in edits:
+        text = original.decode("utf-8", "replace")
+        at = int(share * len(text))
+        new = fragment
+        if kind == "insert":
+            text = text[:at] + new + text[at:]
+        elif kind == "replace":
+            text = text[:at] + new + text[at + max(len(new), 1) :]
+        elif kind == "number":
+            spans = [match.span() for match in re.finditer(r"-?\d+(\.\d*)?", text)]
+            if spans:
+                start, end = spans[min(int(share * len(spans)), len(spans) - 1)]
+                text = text[:start] + new + text[end:]
+        elif kind in ("delete", "double"):
+            lines = text.splitlines(keepends=True)
+            i = int(share * max(len(lines) - 1, 0))
+            lines[i : i + 1] = [] if kind == "delete" else lines[i : i + 1] * 2
+            text = "".join(lines)
+        elif kind == "cut":
+            text = text[:at]
+        original = text.encode("utf-8", "surrogatepass")
+        if kind == "byte" and original:
+            at = int(share * (len(original) - 1))
+            original = original[:at] + bytes([len(new) * 37 % 256]) + original[at + 1 :]
+    return original
+
+
+def read_or_refused(read: Callable[[Path], Any], path: Path) -> None:
+    """Any other error than the package's own fails; so does one that is not a line."""
+    said = "read"
+    try:
+        found = read(path)
+    except DvrkGravityError as error:
+        said = str(error)
+    else:
+        assert not isinstance(found, Recording) or np.isfinite(found.position).all()
+    assert 0 < len(said) < 1000
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("kind", READERS)
+@FAST
+@given(edits=EDITS)
+def test_any_damaged_parameter_file_is_read_or_refused(tmp_path, kind, edits):
+    original, read = READERS[kind]
+    path = tmp_path / "fuzz.yaml"
+    path.write_bytes(damaged(original.read_bytes(), edits))
+    read_or_refused(read, path)
+
+
+@FAST
+@given(edits=EDITS)
+def test_any_damaged_console_file_is_read_or_refused(tmp_path, edits):
+    path = tmp_path / "gc-MTMR-1.json"
+    document = TorqueModel.load(MODEL_FILE).document
+    path.write_bytes(damaged(document.encode(), edits))
+    read_or_refused(ConsoleFile.load, path)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("fuzz") / "bag"
+    wave(30).save(folder)
+    return folder
+
+
+@FAST
+@given(edits=EDITS)
+def test_any_damaged_description_of_a_bag_is_read_or_refused(tmp_path, bag, edits):
+    copy = tmp_path / "bag"
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(bag, copy)
+    metadata = copy / "metadata.yaml"
+    metadata.write_bytes(damaged(metadata.read_bytes(), edits))
+    read_or_refused(Recording.load, copy)
+
+
+def test_the_judge_lets_no_other_error_pass(tmp_path):
+    def broken(_: Path) -> None:
+        raise KeyError("a defect")
+
+    with pytest.raises(KeyError):
+        read_or_refused(broken, tmp_path)
+
+    def chatty(_: Path) -> None:
+        raise DvrkGravityError("one line\nand another")
+
+    with pytest.raises(AssertionError):
+        read_or_refused(chatty, tmp_path)
+
+
+# Text made of what YAML gives a meaning to gets further into a parser than letters do.
+YAML_BITS = st.sampled_from(
+    [*":-?[]{},#&*!|>%@`'\"\n\t \\", ": ", "\n  ", "- ", "<<: ", "!!int ", "!!float ", "!!bool ",
+     "!!timestamp ", "!!binary ", "!!set ", "!!omap ", "!!pairs ", "!!null ", "!!map ", "!!seq ",
+     "!!merge ", "!!value ", "1e5", "0x", "0b", "1:60", "2026-01-01", "~", "=", ".nan", "a", "b",
+     "ros__parameters", "/**", "---\n", "...\n", "%YAML 9.9\n", "\ufeff", "\x85", "\u2028", "\x00"]
+)  # fmt: skip
+
+
+@settings(max_examples=examples(100), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(YAML_BITS, max_size=25).map("".join) | st.text() | st.binary())
+@example("a: !!int ''")
+@example("a: !!float ''")
+@example("a: !!binary é")
+def test_any_text_is_a_mapping_or_refused(tmp_path, text):
+    file = tmp_path / "fuzz.yaml"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8", "surrogatepass"))
+    read_or_refused(yaml_file.load, file)
+
+
+CELLS = st.sampled_from(
+    ["0", "1", "-1.5", "1e999", "nan", "", " ", "x", "1e-320", "0x1", "1_0", '"1"', "\0", "é", "#"]
+) | st.floats().map(repr)
+NAMES = st.sampled_from(
+    ["time", "direction", "outer_yaw.position", "outer_yaw.effort", "wrist_roll.position", "", "."]
+)
+LINES = st.lists(st.lists(CELLS, max_size=4).map(",".join), max_size=6)
+
+
+@FAST
+@given(names=st.lists(NAMES, max_size=4), lines=LINES, end=st.sampled_from(["\n", "\r\n", "\r"]))
+def test_any_csv_is_read_or_refused(tmp_path, names, lines, end):
+    path = tmp_path / "fuzz.csv"
+    path.write_text(end.join([",".join(names), *lines]), encoding="utf-8", newline="")
+    read_or_refused(Recording.load, path)
+
+
+@FAST
+@given(data=st.binary(max_size=300))
+def test_any_bytes_are_refused(tmp_path, data):
+    for suffix in (".csv", ".db3", ".mcap"):
+        path = tmp_path / f"fuzz{suffix}"
+        path.write_bytes(data)
+        with pytest.raises(RecordingError):
+            Recording.load(path)
+
+
+@pytest.fixture(scope="module")
+def small_bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bags")
+    for storage in ("sqlite3", "mcap"):
+        write_messages(folder / storage, [joint_state(k) for k in range(20)], storage)
+    return [folder / "sqlite3/sqlite3.db3", folder / "mcap/mcap.mcap"]
+
+
+@FAST
+@given(seed=st.integers(0, 2**32), count=st.integers(1, 30))
+def test_damaged_bags_are_read_or_refused(tmp_path, small_bags, seed, count):
+    draw = random.Random(seed)
+    for original in small_bags:
+        data = bytearray(original.read_bytes())
+        for _ in range(count):
+            at = draw.randrange(len(data))
+            damage = bytes(draw.choice((0, 1, 255, draw.randrange(256))) for _ in range(4))
+            kind = draw.randrange(3)
+            data[at : at + (0 if kind == 0 else 4)] = b"" if kind == 1 else damage
+        path = tmp_path / f"fuzz{original.suffix}"
+        path.write_bytes(data)
+        read_or_refused(Recording.load, path)
+
+
+@FAST
+@given(
+    data=st.binary(max_size=400)
+    | st.builds(
+        lambda at, new: joint_state(0)[1][:at] + new + joint_state(0)[1][at + len(new) :],
+        st.integers(0, 330),
+        st.binary(min_size=1, max_size=8),
+    )
+)
+def test_any_message_is_decoded_or_refused(data):
+    try:
+        layout = JointStateLayout.parse(data)
+    except CdrError:
+        return
+    stamps, values = layout.decode([data])
+    assert layout.match([data]).all()
+    assert (len(stamps), len(values)) == (1, 3)
+
+
+@settings(FAST, max_examples=examples(15))
+@given(
+    rows=st.integers(1, 400),
+    seed=st.integers(0, 2**32),
+    scale=st.sampled_from([1e-310, 1e-12, 1e-3, 1.0, 1e3, 9e11]),
+    rate=st.sampled_from([1e-3, 1.0, 200.0, 1e6]),
+)
+def test_any_recording_is_checked_and_prepared_or_refused(rows, seed, scale, rate):
+    rng = np.random.default_rng(seed)
+    shape = (rows, 2)
+    fields = {
+        name: rng.choice(
+            [rng.uniform(-1, 1, shape), np.zeros(shape), np.round(rng.normal(size=shape))]
+        )
+        for name in ("position", "velocity", "effort")
+    }
+    fields = {name: np.clip(scale * values, -9e11, 9e11) for name, values in fields.items()}
+    fields["position"] = np.clip(fields["position"], -1.5, 1.5)
+    time = np.cumsum(rng.choice([1.0, 1.0, 1.0, 10.0], rows)) / rate
+    recording = Recording(("outer_yaw", "wrist_roll"), time, **fields)
+    check(recording)
+    try:
+        prepared = prepare(recording, cutoff=rate / 10)
+    except DvrkGravityError:
+        return
+    for segment in prepared.segments:
+        assert np.isfinite(segment.acceleration).all()

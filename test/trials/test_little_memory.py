@@ -1,0 +1,262 @@
+"""Files of any size in little memory; disks that fill up, writers that are killed, pipes."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import textwrap
+import tracemalloc
+import zipfile
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from recording_samples import wave
+from support import MODEL_FILE, REPOSITORY
+
+from dvrk_gravity.__main__ import main
+from dvrk_gravity.diagnosis import CrossValidation, FilteredData, hypotheses, load
+from dvrk_gravity.effects import Cogging
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import array_file
+from dvrk_gravity.recording import read_joint_states, read_trajectory
+from testing.world import World
+
+
+def ran(script: str, *words: object, **options) -> subprocess.CompletedProcess:
+    """Run a script beside the tests' modules."""
+    environment = {**os.environ, "PYTHONPATH": ":".join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", textwrap.dedent(script), *map(str, words)]
+    return subprocess.run(
+        command, capture_output=True, text=True, cwd=REPOSITORY, env=environment, check=False,
+        timeout=120, **options,
+    )  # fmt: skip
+
+
+def test_a_killed_writer_has_its_earlier_seconds_on_disk(tmp_path):
+    script = """
+        import sys, time
+        from recording_samples import *
+        with BagWriter(sys.argv[1]) as bag:
+            for k in range(10**9):
+                receive_ns, data = joint_state(k)
+                bag.write(TOPIC, JOINT_STATE, data, receive_ns)
+                if k == 100:
+                    time.sleep(1.1)
+                if k == 150:
+                    print("written", flush=True)
+                    time.sleep(60)
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(script), tmp_path / "bag"],
+        stdout=subprocess.PIPE,
+        env={"PYTHONPATH": ":".join(sys.path)},
+    )
+    assert process.stdout.readline() == b"written\n"
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    (file,) = tmp_path.glob("bag.partial-*/bag/bag.db3")
+    # Committed with the first message after the pause, number 101.
+    assert len(list(read_joint_states(file))) == 102
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_full_disk_is_one_error_and_leaves_no_finished_bag(tmp_path, storage):
+    script = """
+        import resource, signal, sys
+        from recording_samples import *
+        from dvrk_gravity.errors import RecordingError
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+        try:
+            wave(20_000).save(sys.argv[1], sys.argv[2])
+        except RecordingError as error:
+            print(error)
+    """
+    done = ran(script, tmp_path / "bag", storage)
+    assert f"{tmp_path}/bag: " in done.stdout
+    assert (done.stdout.count("\n"), done.returncode) == (1, 0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_long_recordings_stream_through_in_little_memory(tmp_path):
+    """Once 20 s at 1 kHz went through, 60 s take no more; whole, those are 10 MB of numbers."""
+    script = """
+        import resource, sys
+        from recording_samples import *
+        from dvrk_gravity.recording import iterate_recording, save_recording
+        def parts(count):
+            for k in range(count):
+                time = wave(10_000, rate=1000.0).time + 10 * k
+                yield wave(10_000, rate=1000.0, time=time)
+        def there_and_back(name, count):
+            save_recording(parts(count), name + "3", "sqlite3", TOPIC)
+            save_recording(iterate_recording(name + "3"), name + ".csv", "mcap", TOPIC)
+            save_recording(iterate_recording(name + ".csv"), name + "m", "mcap", TOPIC)
+            assert sum(len(part) for part in iterate_recording(name + "m")) == count * 10_000
+            return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        few = there_and_back(sys.argv[1] + "/few", 2)
+        print(there_and_back(sys.argv[1] + "/many", 6) - few)
+    """
+    assert float(ran(script, tmp_path).stdout) < 5.0
+
+
+def test_reading_a_trajectory_does_not_hold_the_recording():
+    part = wave(5000, rate=1000.0)
+    for array in (part.position, part.velocity, part.effort):
+        assert not array.flags.writeable
+    count = 12
+    parts = (replace(part, time=part.time + 5.0 * k) for k in range(count))
+    read_trajectory([part])  # what is imported on the way is no recording
+    tracemalloc.start()
+    found = read_trajectory(parts, piece=2500)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert sum(len(stretch.time) for stretch in found.stretches) == count * 1000
+    raw = count * (part.position.nbytes + part.velocity.nbytes + part.effort.nbytes)
+    assert peak < 0.75 * raw
+
+
+def held(value: object) -> int:
+    """Return the bytes of the arrays in a dictionary's values."""
+    arrays = value.values() if isinstance(value, dict) else [value]
+    return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+
+
+def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
+    """At 41 kB, the most that are compared (24,000 samples, ten minutes) take a gigabyte.
+
+    They took 107 kB when every hypothesis had columns at all joints, most of them zeros. All 240
+    frequencies of cogging at once took 115 kB beyond what is kept.
+    """
+    world = World.draw(1)
+    motion = load([world.record(1, 2, 20.0, 200.0)], world.model()).motion
+    validation = CrossValidation.of(FilteredData.of(motion))
+    samples = len(validation.data.residual)
+    pool = [validation.data.candidate(hypothesis) for hypothesis in hypotheses(motion)]
+    total = sum(candidate.values.nbytes for candidate in pool)
+    tracemalloc.start()
+    bases = Cogging.search_basis(validation.data)
+    kept = sum(basis.cosine.nbytes + basis.sine.nbytes for basis in bases)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    total += kept + sum(held(value) for value in vars(motion).values())
+    assert len(pool) > 200
+    assert total / samples < 45e3
+    assert (peak - kept) / samples < 20e3
+
+
+LOAD = """
+    import sys
+    from dvrk_gravity.errors import DvrkGravityError
+    from dvrk_gravity.files import json_file, yaml_file
+    from dvrk_gravity.recording import Recording
+    read = {"csv": Recording.load, "yaml": yaml_file.load, "json": json_file.load}
+    try:
+        read[sys.argv[1].rpartition(".")[2]](sys.argv[1])
+    except DvrkGravityError as error:
+        print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "token"),
+    [
+        ("r.csv", "time,outer_yaw.position\n0,1\n1,2\n\n", "line 5"),
+        ("r.csv", "", "line 1"),
+        ("m.yaml", "a: ", "m.yaml"),
+        ("m.json", '{"a": ', "m.json"),
+    ],
+)
+def test_a_line_of_a_gigabyte_takes_little_memory(name, head, token, tmp_path):
+    path = tmp_path / name
+    with path.open("w") as file:
+        file.write(head)
+        file.truncate(10**9)  # zeros that take no room on the disk
+    little = partial(resource.setrlimit, resource.RLIMIT_AS, (2 * 10**9, 2 * 10**9))
+    result = ran(LOAD, path, preexec_fn=little)
+    assert result.returncode == 0, result.stderr[-500:]
+    assert token in result.stdout
+    assert len(result.stdout) < 1000
+
+
+def zeros(path) -> None:
+    """1.6 GB of zeros in 1.6 MB, as `np.savez_compressed` would write them."""
+    count = 200_000_000
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},), }}\n"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as zipped,
+        zipped.open("a.npy", "w", force_zip64=True) as member,
+    ):
+        member.write(b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header.encode())
+        piece = b"\0" * (1 << 24)
+        for _ in range(8 * count // len(piece)):
+            member.write(piece)
+
+
+def many(path) -> None:
+    with zipfile.ZipFile(path, "w") as zipped:
+        for number in range(20_000):
+            zipped.writestr(f"m{number}.npy", b"")
+
+
+@pytest.mark.parametrize("write", [zeros, many])
+def test_an_archive_that_unpacks_to_too_much_is_refused_unread(write, tmp_path):
+    write(tmp_path / "some.npz")
+    tracemalloc.start()
+    with pytest.raises(ConfigError, match=r"some\.npz"):
+        array_file.load(tmp_path / "some.npz")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100e6
+
+
+def piped(folder, good):
+    """Yield words of commands that read something that is neither file nor folder."""
+    for name in ("pipe.csv", "pipe.yaml", "pipe.json", "pipe.db3", "pipe.mcap",
+                 "a/metadata.yaml", "b/good.db3"):  # fmt: skip
+        (folder / name).parent.mkdir(exist_ok=True)
+        os.mkfifo(folder / name)
+    (folder / "b" / "metadata.yaml").write_text((good / "metadata.yaml").read_text())
+    model, out = ["--model", str(MODEL_FILE)], ["--out", str(folder / "out")]
+    fit = ["--arm", "mtmr", "--out", str(folder / "m.yaml")]
+    for verb, name, *words in (
+        ("evaluate", "pipe.csv", *model),
+        ("evaluate", "a", "--model", str(folder / "pipe.yaml")),
+        ("diagnose", "pipe.db3", *model, *out),
+        ("diagnose", "pipe.mcap", *model, *out),
+        ("identify", "a", *fit),
+        ("identify", "b", *fit),
+        ("convert", "pipe.json", str(folder / "m.yaml")),
+        ("convert", "pipe.csv", str(folder / "new_bag")),
+        ("newton-euler", "pipe.yaml"),
+        ("replay", "pipe.db3", *model),
+    ):
+        yield [verb, str(folder / name), *words]
+    yield ["convert", "--check", str(folder / "pipe.json")]
+
+
+def test_a_pipe_is_refused_at_once(tmp_path, capsys):
+    good = tmp_path / "good"
+    wave(100).save(good)
+    folder = tmp_path / "pipes"
+    folder.mkdir()
+
+    def too_late(*_):
+        raise AssertionError("still waiting for whoever writes to the pipe")
+
+    before = signal.signal(signal.SIGALRM, too_late)
+    try:
+        for words in piped(folder, good):
+            signal.alarm(60)
+            assert main(words) == 2, words
+            (line,) = capsys.readouterr().err.strip().splitlines()
+            assert "a pipe or device" in line
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
