@@ -2,7 +2,7 @@
 
     PYTHONPATH=. python benchmark/fuzz.py [--cases N] [--seed S] [--json FILE]
 
-The same cases as in the tests, but more of them, and others with every seed. The first that brings
+The same cases as in the trials, but more of them, and others with every seed. The first that brings
 another error is made as small as it can be and printed; the exit status is then 1.
 """
 
@@ -20,9 +20,9 @@ from typing import Any
 import hypothesis
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test" / "trials"))
 
-import test_fuzz_files as files
-import test_recording_bad_files as recordings
+import test_damaged_files as files
 from recording_samples import joint_state, wave, write_messages
 
 from dvrk_gravity.files import text_file
@@ -44,11 +44,11 @@ def attempts(folder: Path) -> dict[str, tuple[Any, dict[str, Any]]]:
             {"tmp_path": folder / "copies", "bag": folder / "bag"},
         ),
         "bag, data": (
-            recordings.test_damaged_bags_are_read_or_refused,
+            files.test_damaged_bags_are_read_or_refused,
             fixtures | {"small_bags": small},
         ),
-        "CSV": (recordings.test_any_csv_is_read_or_refused, fixtures),
-        "message": (recordings.test_any_message_is_decoded_or_refused, {}),
+        "CSV": (files.test_any_csv_is_read_or_refused, fixtures),
+        "message": (files.test_any_message_is_decoded_or_refused, {}),
     }
 
 

@@ -17,43 +17,10 @@ from dvrk_gravity.recording import JOINT_STATE, BagReader, Recording
 CLEAN = wave(300)
 
 
-def loaded(tmp_path, sent):
-    write_messages(tmp_path / "bag", sent)
-    return Recording.load(tmp_path / "bag", arm=ARM)
-
-
-def record(kind, content):
-    return bytes([kind]) + len(content).to_bytes(8, "little") + content
-
-
-def chunk(size, compression, data):
-    name = compression.encode()
-    head = bytes(16) + size.to_bytes(8, "little") + bytes(4)
-    head += len(name).to_bytes(4, "little") + name + len(data).to_bytes(8, "little")
-    return record(6, head + data)
-
-
-def records(whole):
-    """Yield the beginning and the records of an MCAP file, of chunks what they hold."""
-    yield False, whole[:8]
-    at = 8
-    while at + 9 <= len(whole):
-        end = at + 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
-        is_chunk = whole[at] == 6
-        yield is_chunk, whole[at + 9 + 40 : end] if is_chunk else whole[at:end]
-        at = end
-
-
 def zstd_of(data):
     from backports import zstd
 
     return zstd.compress(data)
-
-
-def lz4_of(data):
-    from lz4 import frame
-
-    return frame.compress(data)
 
 
 @pytest.fixture
@@ -67,25 +34,16 @@ def long_bag(tmp_path):
     return written
 
 
-@pytest.mark.parametrize("kind", ["", "zstd", "lz4"])
-def test_an_mcap_that_was_cut_off_is_read_as_far_as_it_goes(long_bag, kind):
+def test_an_mcap_that_was_cut_off_is_read_as_far_as_it_goes(long_bag):
     recording, folder, file = long_bag("mcap")
     whole = file.read_bytes()
-    if kind:
-        pack = {"zstd": zstd_of, "lz4": lz4_of}[kind]
-        whole = b"".join(
-            chunk(len(data), kind, pack(data)) if is_chunk else data
-            for is_chunk, data in records(whole)
-        )
     for share in (0.97, 0.4):
         file.write_bytes(whole[: int(share * len(whole))])
         for path in (file, folder):
             found = Recording.load(path)
             assert 0.5 * share * 3000 < len(found) < 3000
             same(found, recording.rows(slice(0, len(found))))
-            (note,) = found.notes
-            assert note.kind == "cut_off"
-            assert str(len(found)) in note.text
+            assert [note.kind for note in found.notes] == ["cut_off"]
 
 
 def test_an_sqlite3_file_that_was_cut_off_is_refused(long_bag):
@@ -167,12 +125,6 @@ def test_bags_compressed_by_file_are_read(long_bag, storage):
             Recording.load(path)
 
 
-def test_bags_compressed_by_message_are_read(tmp_path):
-    given = CLEAN
-    sent = [(at, zstd_of(data)) for at, data in messages(given)]
-    np.testing.assert_array_equal(loaded(tmp_path, sent).effort, given.effort)
-
-
 def ros1_bag(path, recording, compression=None, topic="/dvrk/MTMR/state_joint_current"):
     store = get_typestore(Stores.ROS1_NOETIC)
     types = store.types
@@ -214,14 +166,14 @@ def test_a_ros1_bag_that_was_not_closed_is_read(tmp_path):
         Recording.load(tmp_path / "old.bag")
 
 
-def test_a_message_of_megabytes_is_left_out_and_named(tmp_path):
-    sent = messages(CLEAN.rows(slice(0, 50)))
+def test_messages_may_be_compressed_and_one_of_megabytes_is_left_out_and_named(tmp_path):
+    sent = messages(CLEAN)
     large = b"\0\1\0\0" + bytes(2_000_000)
     for name, pack in (("plain", bytes), ("packed", zstd_of)):
         content = [(at, pack(data)) for at, data in [*sent, (sent[-1][0] + 1, large)]]
         write_messages(tmp_path / name, content)
-        found = Recording.load(tmp_path / name)
-        assert len(found) == 50
+        found = Recording.load(tmp_path / name, arm=ARM)
+        np.testing.assert_array_equal(found.effort, CLEAN.effort)
         assert "1000000 bytes" in found.notes[0].text
 
 
@@ -230,30 +182,3 @@ def test_what_is_compressed_unpacks_no_further_than_declared():
 
     with pytest.raises(UnpackError, match="1000"):
         unpacked(bz2.compress(bytes(5_000_000)), "bz2", 1000)
-
-
-# What is wrong, and whether it makes the bag unreadable.
-OTHER_TYPES = {
-    "UPDATE messages SET data = 5 WHERE id = 3": True,
-    "UPDATE messages SET data = 'text' WHERE id = 3": True,
-    "UPDATE messages SET timestamp = 'noon' WHERE id = 3": False,
-    "UPDATE messages SET topic_id = 'x'": False,
-    "UPDATE topics SET type = 7": False,
-    "UPDATE topics SET name = x'00ff'": False,
-    "UPDATE topics SET serialization_format = 3": False,
-}
-
-
-def test_a_value_of_another_type_in_a_bag_is_refused_or_not_read(tmp_path):
-    for number, (damage, refused) in enumerate(OTHER_TYPES.items()):
-        bag = tmp_path / f"bag{number}"
-        CLEAN.rows(slice(0, 20)).save(bag)
-        with sqlite3.connect(bag / f"bag{number}.db3") as connection:
-            connection.execute(damage)
-        for path in (bag, bag / f"bag{number}.db3"):
-            try:
-                found = Recording.load(path)
-            except RecordingError:
-                continue
-            assert not refused, damage
-            assert len(found) <= 20, damage

@@ -9,19 +9,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 from support import CONFIG, MODEL_FILE
 
 import dvrk_gravity
-from dvrk_gravity import TorqueModel, command_line
+from dvrk_gravity import Recording, TorqueModel, command_line
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.files.resources import config_path, shipped
+from dvrk_gravity.files.resources import shipped
 from dvrk_gravity.parameters import unflatten
-from dvrk_gravity.simulate import PlantFile
 
 
 @pytest.fixture
@@ -55,19 +53,15 @@ def test_every_help_shows_an_example_and_those_of_arms_name_every_arm(capsys):
             assert f"{', '.join(shipped('arms'))}, or" in " ".join(shown.split()), verb
 
 
-@pytest.mark.parametrize(
-    ("node", "parameter"),
-    [
+def test_the_help_of_a_node_lists_its_parameters(capsys):
+    for node, parameter in (
         ("compensator", "  timeout (double, 0.1 s): "),
         ("watchdog", "  watchdog_timeout (double, 0.1 s): "),
         ("simulator", "  realtime_factor (double, 1): "),
-    ],
-)
-def test_the_help_of_a_node_lists_its_parameters(node, parameter, capsys):
-    shown = help_of(node, capsys)
-    assert parameter in shown
-    assert "  arm (string, mtmr): " in shown
-    assert shown.rstrip().splitlines()[-1].startswith("example: ")
+    ):
+        shown = help_of(node, capsys)
+        assert parameter in shown
+        assert "  arm (string, mtmr): " in shown
 
 
 def test_the_version_is_that_of_the_package(capsys):
@@ -81,11 +75,10 @@ def test_the_version_is_that_of_the_package(capsys):
 
 
 def test_an_installed_executable_runs_its_verb_under_any_name(monkeypatch, capsys):
-    for name in ("newton-euler", "renamed", "identify"):
-        monkeypatch.setattr(sys, "argv", [f"/lib/dvrk_gravity/{name}", "--help"])
-        with pytest.raises(SystemExit):
-            command_line.executables.newton_euler()
-        assert "usage: dvrk_gravity newton-euler" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["/lib/dvrk_gravity/renamed", "--help"])
+    with pytest.raises(SystemExit):
+        command_line.executables.newton_euler()
+    assert "usage: dvrk_gravity newton-euler" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -148,42 +141,18 @@ def test_a_bag_that_is_none_is_refused_and_no_answer_is_written(refused, tmp_pat
 
 def test_a_model_of_absurd_torques_is_refused(refused, tmp_path):
     model = TorqueModel.load(MODEL_FILE)
-    time = np.arange(0.0, 12.0, 0.02)
-    rate = 0.5 + 0.37 * np.arange(7)
-    angle = np.outer(time, rate)
-    q, qd = 0.3 * np.sin(angle) + 0.2, 0.3 * rate * np.cos(angle)
-    effort = model.torque(q, qd) + 1e-3 * np.sin(angle)
-    motion = dvrk_gravity.Recording(model.arm.joint_names, time, q, qd, effort)
-    motion.save(tmp_path / "motion.csv")
-    poses = dvrk_gravity.Recording(
-        model.arm.joint_names, None, q[::10], None, model.torque(q[::10])
-    )
-    poses.save(tmp_path / "poses.csv")
+    q = np.random.default_rng(0).uniform(-0.3, 0.3, (60, 7))
+    Recording(JOINT_NAMES, None, q, None, model.torque(q)).save(tmp_path / "poses.csv")
     file, values = tmp_path / "m.yaml", model.parameters()
-    for verb, recording, name, value in (
-        ("evaluate", "motion.csv", "beta", 1e308),
-        ("evaluate", "poses.csv", "elastic_cable.elbow_pitch", 1e29),
-        ("diagnose", "motion.csv", "directional_cable.positive.elbow_pitch", 1e13),
-        ("diagnose", "poses.csv", "elastic_cable.elbow_pitch", 1e29),
+    for verb, name, value in (
+        ("evaluate", "beta", 1e308),
+        ("evaluate", "elastic_cable.elbow_pitch", 1e29),
+        ("diagnose", "directional_cable.positive.elbow_pitch", 1e13),
     ):
         changed = {**values, name: (value, *values.get(name, (0.0,))[1:])}
         file.write_text(yaml_file.dump({"/**": {"ros__parameters": unflatten(changed)}}))
         out = ["--out", tmp_path / "out"] if verb == "diagnose" else []
-        assert str(file) in refused(verb, tmp_path / recording, "--model", file, *out)
-
-
-def test_a_plant_that_weighs_more_than_a_building_is_refused(tmp_path):
-    path = tmp_path / "plant.yaml"
-    for field, value in (
-        ("mass", 1e150),
-        ("com", [-1e308] * 3),
-        ("inertia", [1e150] * 3 + [0.0] * 3),
-    ):
-        content = yaml.safe_load((CONFIG / "plants" / "mtmr_28002.yaml").read_text())
-        content["links"]["link2"][field] = value
-        path.write_text(yaml_file.dump(content))
-        with pytest.raises(ConfigError, match=rf"links\.link2\.{field}.*expected"):
-            PlantFile.load(path).plant()
+        assert str(file) in refused(verb, tmp_path / "poses.csv", "--model", file, *out)
 
 
 def test_the_name_of_an_arm_may_be_in_any_case_and_a_model_has_it_in_small_letters(tmp_path):
@@ -197,13 +166,6 @@ def test_the_name_of_an_arm_may_be_in_any_case_and_a_model_has_it_in_small_lette
     path = tmp_path / "My Arm.YAML"
     path.write_text((CONFIG / "arms" / "ecm.yaml").read_text())
     assert Arm.file(str(path)) == path
-
-
-def test_the_arm_files_and_the_example_model_are_installed_and_found():
-    assert TorqueModel.load(config_path("mtmr_28002.yaml")).arm.name == "mtmr"
-    assert config_path("arms/mtml.yaml").read_text() == (CONFIG / "arms/mtml.yaml").read_text()
-    with pytest.raises(FileNotFoundError):
-        config_path("../setup.py")
 
 
 def test_a_console_file_has_the_name_of_its_own_arm(refused, tmp_path):

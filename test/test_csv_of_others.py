@@ -174,38 +174,28 @@ MAP = {"Zeit": "time[ms]"} | {f"A{k}": f"{JOINT_NAMES[k]}.position[deg]" for k i
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["mapping", "text", "file", "no header"])
-def test_other_names_are_mapped_by_columns(tmp_path, kind):
-    path = written(tmp_path / "a.csv", None if kind == "no header" else MINE, MINE_COLUMNS)
-    given = MAP
-    if kind == "no header":
-        given = {str(k + 1): target for k, target in enumerate(MAP.values())}
-    if kind != "mapping":
-        given = ",".join(f"{name}={target}" for name, target in given.items())
-    if kind == "file":
-        (tmp_path / "map.yaml").write_text("\n".join(f"{n}: {t}" for n, t in MAP.items()))
-        given = tmp_path / "map.yaml"
-    found = Recording.load(path, arm=ARM, columns=given)
-    np.testing.assert_allclose(found.position, CLEAN.position, rtol=1e-12)
-    np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
-    assert found.velocity is None
-
-
-def test_a_joint_s_name_may_hold_what_parts_other_names(tmp_path):
-    path = written(tmp_path / "a.csv", ["t", "A1", "wrist 2.position [deg]"], [T, T, 180.0 * T])
-    found = Recording.load(path, columns={"A1": "wrist-1.position[deg]"})
-    assert found.joints == ("wrist-1", "wrist 2")
-    np.testing.assert_allclose(found.position, np.pi * np.stack([T / 180.0, T], axis=1))
+def test_other_names_are_mapped_by_columns(tmp_path):
+    by_number = {str(k + 1): target for k, target in enumerate(MAP.values())}
+    (tmp_path / "map.yaml").write_text("\n".join(f"{n}: {t}" for n, t in MAP.items()))
+    for names, given in (
+        (MINE, MAP),
+        (MINE, ",".join(f"{name}={target}" for name, target in MAP.items())),
+        (MINE, tmp_path / "map.yaml"),
+        (None, ",".join(f"{name}={target}" for name, target in by_number.items())),
+    ):
+        path = written(tmp_path / "a.csv", names, MINE_COLUMNS)
+        found = Recording.load(path, arm=ARM, columns=given)
+        np.testing.assert_allclose(found.position, CLEAN.position, rtol=1e-12)
+        np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
+        assert found.velocity is None
 
 
 def test_every_verb_takes_columns(tmp_path, capsys):
     path = str(written(tmp_path / "a.csv", MINE, MINE_COLUMNS))
     given = ["--columns", ",".join(f"{name}={target}" for name, target in MAP.items())]
-    model = ["--model", str(MODEL_FILE)]
     assert run("dvrk_gravity.cli.convert", [path, str(tmp_path / "bag"), *given]) == 0
     assert Recording.load(tmp_path / "bag").joints == JOINT_NAMES
-    capsys.readouterr()
-    out = ["--out", str(tmp_path / "x.yaml")]
+    model, out = ["--model", str(MODEL_FILE)], ["--out", str(tmp_path / "x.yaml")]
     for verb, words in (
         ("identify", ["--arm", "mtmr", *out]), ("diagnose", model + out), ("evaluate", model)
     ):  # fmt: skip

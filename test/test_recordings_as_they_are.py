@@ -1,11 +1,11 @@
 """What can be used of a recording is used, and what was left out is counted and reported once."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from recording_samples import ARM, START, joint_state, messages, same, wave, write_messages
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import run
@@ -66,33 +66,12 @@ def test_a_joint_s_missing_velocity_is_differentiated_and_the_others_are_kept(tm
     same(found.of(ARM), Recording.load(tmp_path / "a.csv", arm=ARM))
 
 
-@pytest.mark.parametrize("quantity", ["position", "velocity", "effort"])
-def test_a_sample_with_a_number_missing_is_left_out(tmp_path, quantity):
-    values = getattr(CLEAN, quantity).copy()
+def test_a_sample_with_a_number_missing_is_left_out(tmp_path):
+    values = CLEAN.effort.copy()
     values[[500, 800], [1, 6]] = np.nan, -np.inf
-    found = loaded(tmp_path, messages(CLEAN, **{quantity: values}))
+    found = loaded(tmp_path, messages(CLEAN, effort=values))
     assert ("not_finite", None, 2) in kinds(found)
     assert len(found) == 1198
-
-
-def with_wheel(recording, **of_wheel):
-    fields = {}
-    for quantity in ("position", "velocity", "effort"):
-        column = np.full((len(recording), 1), of_wheel.get(quantity, 0.5))
-        fields[quantity] = np.hstack([column, getattr(recording, quantity)])
-    return messages(recording, names=("wheel", *recording.joints), **fields)
-
-
-def test_joints_that_are_not_the_arm_s_are_ignored(tmp_path, capsys):
-    for missing in ("velocity", "effort", "position"):
-        write_messages(tmp_path / missing, with_wheel(CLEAN, **{missing: np.nan}))
-        found = Recording.load(tmp_path / missing, arm=ARM)
-        np.testing.assert_array_equal(found.effort, CLEAN.effort)
-        assert found.notes == ()
-    words = [str(tmp_path / "position"), str(tmp_path / "a.csv")]
-    assert run("dvrk_gravity.cli.convert", words) == 0
-    assert "1200 samples" in capsys.readouterr().out
-    same(replace(Recording.load(tmp_path / "a.csv", arm=ARM), start_ns=START), found)
 
 
 def test_an_arm_s_joint_without_efforts_is_as_if_not_recorded(tmp_path):
@@ -126,37 +105,23 @@ def two_arms(path, topics, joints=(JOINT_NAMES, JOINT_NAMES)):
                 bag.write(topic, JOINT_STATE, data, at)
 
 
-def test_of_two_arms_in_a_bag_the_one_that_is_named_is_read_and_said(tmp_path):
-    for number, topics in enumerate((
-        ("/MTML/measured_js", "/MTMR/measured_js"),
-        ("/dvrk/MTML/state_joint_current", "/dvrk/MTMR/state_joint_current"),
-        ("/MTML/joint_states", "/lab/mtmr/joint_states"),
+def test_of_the_topics_in_a_bag_the_arm_s_is_read_and_named(tmp_path):
+    psm = Arm.load("psm").joint_names
+    for number, (topics, joints, noted) in enumerate((
+        (("/MTML/measured_js", "/MTMR/measured_js"), (JOINT_NAMES, JOINT_NAMES), 1),
+        (("/MTML/joint_states", "/lab/mtmr/joint_states"), (JOINT_NAMES, JOINT_NAMES), 1),
+        (("/joint_states", "/MTMR/measured_js"), (JOINT_NAMES, JOINT_NAMES), 0),  # of all arms
+        (("/a", "/b"), (("x", "y"), JOINT_NAMES), 1),
     )):  # fmt: skip
         bag = tmp_path / f"{number}"
-        two_arms(bag, topics)
+        two_arms(bag, topics, joints)
         found = Recording.load(bag, arm="mtmr")
         assert found.position[0, 0] == 1.0
-        (note,) = found.notes
-        assert note.kind == "topic"
-        assert all(topic in note.text for topic in topics)
-        assert Recording.load(bag, arm="mtmr", topic=topics[0]).position[0, 0] == 0.0
-    two_arms(tmp_path / "all", ("/joint_states", "/MTMR/measured_js"))  # of all arms together
-    found = Recording.load(tmp_path / "all", arm="mtmr")
-    assert (found.position[0, 0], found.notes) == (1.0, ())
-    two_arms(tmp_path / "one", ("/a", "/b"), (("x", "y"), JOINT_NAMES))
-    assert Recording.load(tmp_path / "one", arm="mtmr").joints == JOINT_NAMES
-
-
-def test_of_several_arms_alike_one_is_to_be_named(tmp_path, capsys):
-    psm = Arm.load("psm").joint_names
-    two_arms(tmp_path / "bag", ("/PSM1/measured_js", "/PSM2/measured_js"), (psm, psm))
-    words = [str(tmp_path / "bag"), "--arm", "psm", "--out", str(tmp_path / "m.yaml")]
-    assert run("dvrk_gravity.cli.identify", words) == 2
-    refusal = capsys.readouterr().err
-    assert "/PSM1/measured_js, /PSM2/measured_js" in refusal
-    assert "--topic" in refusal
-    two_arms(tmp_path / "other", ("/PSM1/measured_js", "/ECM/measured_js"), (psm, psm[:4]))
-    assert Recording.load(tmp_path / "other", arm="psm").joints == psm
+        assert [note.kind for note in found.notes] == ["topic"] * noted
+        assert Recording.load(bag, topic=topics[0]).position[0, 0] == 0.0
+    two_arms(tmp_path / "psms", ("/PSM1/measured_js", "/PSM2/measured_js"), (psm, psm))
+    with pytest.raises(RecordingError, match=r"/PSM1/measured_js, /PSM2/measured_js.*--topic"):
+        Recording.load(tmp_path / "psms", arm="psm")
 
 
 # Times
@@ -164,28 +129,15 @@ def test_of_several_arms_alike_one_is_to_be_named(tmp_path, capsys):
 
 def test_times_that_stand_still_are_refused_with_the_option_that_every_verb_has(tmp_path, capsys):
     write_messages(tmp_path / "bag", messages(CLEAN, stamps=np.full(1200, START)))
-    bag = str(tmp_path / "bag")
-    with pytest.raises(RecordingError, match="--time-base receive"):
-        Recording.load(bag)
+    bag, out = str(tmp_path / "bag"), ["--out", str(tmp_path / "x.yaml")]
+    model = ["--model", str(MODEL_FILE)]
+    for verb, words in (
+        ("identify", ["--arm", "mtmr", *out]), ("diagnose", model + out), ("evaluate", model)
+    ):  # fmt: skip
+        assert run(f"dvrk_gravity.cli.{verb}", [bag, *words]) == 2
+        assert "--time-base receive" in capsys.readouterr().err
     found = Recording.load(bag, time_base="receive")
     np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
-    receive = ["--time-base", "receive"]
-    model = ["--model", str(Path(__file__).parents[1] / "config/mtmr_28002.yaml")]
-    assert run("dvrk_gravity.cli.convert", [bag, str(tmp_path / "a.csv"), *receive]) == 0
-    for verb, words in (("identify", ["--arm", "mtmr"]), ("diagnose", model), ("evaluate", model)):
-        assert run(f"dvrk_gravity.cli.{verb}", [bag, *words, *(
-            [] if verb == "evaluate" else ["--out", str(tmp_path / "x.yaml")])]) == 2  # fmt: skip
-        assert "--time-base receive" in capsys.readouterr().err
-
-
-def test_single_samples_without_a_stamp_are_invalid_by_either_time(tmp_path):
-    given = CLEAN.rows(slice(0, 400))
-    stamps = START + np.round(given.time * 1e9).astype(np.int64)
-    stamps[[0, 7, 300]] = 0
-    write_messages(tmp_path / "bag", messages(given, stamps=stamps))
-    for base in ("stamp", "receive"):
-        found = Recording.load(tmp_path / "bag", time_base=base)
-        assert (found.invalid, len(found)) == (3, 397)
 
 
 def shifted(rows, seconds):

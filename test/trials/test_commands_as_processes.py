@@ -56,19 +56,6 @@ def test_a_command_computes_in_one_thread_unless_told_otherwise(given, monkeypat
     assert run.stdout.splitlines()[0] == (given or "1")
 
 
-def test_a_help_computes_nothing():
-    """Pinocchio takes longer to load than a help may take."""
-    script = (
-        "import sys\nfrom dvrk_gravity.__main__ import main\n"
-        "try:\n    main(['compensator', '--help'])\nexcept SystemExit:\n    pass\n"
-        "assert not {'pinocchio', 'rclpy', 'scipy'} & set(sys.modules)\n"
-    )
-    subprocess.run(
-        [sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize(
     "arm", ["mtmr", "my arms/xarm 7.urdf", 'ro"bot $1.urdf#tool link', "a'b.yaml"]
 )
