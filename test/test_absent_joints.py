@@ -11,7 +11,6 @@ from made_up_arm import made_up_arm, write
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.intake import (
-    all_static,
     completed,
     held_beyond,
     known_still,
@@ -112,14 +111,6 @@ def test_a_recording_without_a_joint_or_efforts_is_refused_by_name(arm):
         require_all(recorded(("yaw", "pitch")), arm, {})
     with pytest.raises(RecordingError, match="--at yaw=0deg"):
         require_all(recorded(("insertion", "roll")), arm, {})
-
-
-def test_poses_and_trajectories_are_not_mixed(arm):
-    motion, poses = recorded(arm.joint_names), recorded(arm.joint_names, time=None, velocity=None)
-    assert all_static([poses, poses])
-    assert not all_static([motion])
-    with pytest.raises(RecordingError, match="poses"):
-        all_static([motion, poses])
 
 
 def test_efforts_that_are_the_same_all_the_time_are_not_measured():

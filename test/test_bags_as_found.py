@@ -2,7 +2,6 @@
 
 import bz2
 import shutil
-import sqlite3
 
 import numpy as np
 import pytest
@@ -53,16 +52,6 @@ def test_an_sqlite3_file_that_was_cut_off_is_refused(long_bag):
         Recording.load(folder)
 
 
-def test_a_folder_without_a_description_is_read(long_bag):
-    recording, folder, file = long_bag("sqlite3")
-    (folder / "metadata.yaml").unlink()
-    found = Recording.load(folder)
-    same(found, recording)
-    assert len(found.notes) == 1
-    same(Recording.load(file), recording)
-    assert Recording.load(file).notes == ()
-
-
 def test_a_split_bag_is_read_without_a_part_that_is_missing(tmp_path):
     whole = wave(240, start_ns=START)
     folder = tmp_path / "split"
@@ -82,25 +71,6 @@ def test_a_split_bag_is_read_without_a_part_that_is_missing(tmp_path):
     found = Recording.load(folder)
     assert len(found) == 220
     assert "split_4.db3" in found.notes[0].text
-
-
-def test_changes_that_sqlite_keeps_beside_a_file_are_read_and_left_there(tmp_path):
-    wave(300).save(tmp_path / "bag")
-    file = tmp_path / "bag/bag.db3"
-    writer = sqlite3.connect(file)
-    writer.execute("PRAGMA journal_mode=WAL")
-    writer.execute("PRAGMA wal_autocheckpoint=0")
-    writer.execute("DELETE FROM messages WHERE id > 200")
-    writer.commit()
-    crashed = tmp_path / "crashed"
-    crashed.mkdir()
-    for path in (tmp_path / "bag").iterdir():
-        shutil.copy(path, crashed)  # as if its recorder had been killed
-    writer.close()
-    before = {path.name: path.read_bytes() for path in crashed.iterdir()}
-    assert "bag.db3-wal" in before
-    assert len(Recording.load(crashed)) == 200
-    assert {path.name: path.read_bytes() for path in crashed.iterdir()} == before
 
 
 def packed(file):

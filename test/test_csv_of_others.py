@@ -7,7 +7,7 @@ from support import MODEL_FILE
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.command_line import run
-from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check
 
 CLEAN = wave(150)
@@ -63,15 +63,9 @@ FORMS = {
         ["__time", "/j/header/seq", "/j/header/stamp", *named("/j/{joint}/{word}")],
         [T, LONG[1], T + EPOCH, *ALL], {},
     ),
-    "PlotJuggler, by number": (
-        ["__time", *named("/joint_states/{word}[{k}]")], [T, *ALL], {}),
-    "pandas, with its index": (["", "time", *named("{joint}.{word}")], [LONG[1], T, *ALL], {}),
     "pandas, dates as index": (["", *named("{joint}.{word}")], [DATES, *ALL], {}),
     "q, qd, tau": (
         ["t", *named("{word}{k1}", ("q", "qd", "tau"))], [T, *ALL], {}),
-    "pos, vel, eff": (
-        ["timestamp", *named("{joint}.{word}", ("pos", "vel", "eff"))], [T, *ALL], {}),
-    "underscores": (["time", *named("{joint}_{word}")], [T, *ALL], {}),
     "rostopic echo -p": (
         ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id",
          *[f"field.name{k}" for k in N], *named("field.{word}{k}")],
@@ -101,8 +95,6 @@ FORMS = {
     ),
     "semicolons and decimal commas": (
         ["time", *named("{joint}.{word}")], [T, *ALL], {"delimiter": ";", "comma": True}),
-    "tabs": (["time", *named("{joint}.{word}")], [T, *ALL], {"delimiter": "\t"}),
-    "a byte order mark": (["\ufefftime", *named("{joint}.{word}")], [T, *ALL], {}),
     "units": (
         ["time [ms]", *[f"{name} {unit}" for name, unit in zip(
             named("{joint}.{word}"), 7 * ["[deg]"] + 7 * ["[deg/s]"] + 7 * ["(mNm)"],
@@ -111,11 +103,6 @@ FORMS = {
     ),
     "ns since 1970": (
         ["time", *named("{joint}.{word}")], [(T + EPOCH) * 1e9, *ALL], {}),
-    "ms since 1970": (
-        ["time_ms", *named("{joint}.{word}")], [(T + EPOCH) * 1e3, *ALL], {}),
-    "dates": (["time", *named("{joint}.{word}")], [DATES, *ALL], {}),
-    "a column twice": (
-        ["time", *named("{joint}.{word}"), "time"], [T, *ALL, T], {}),
     "columns of other things": (
         ["time", *named("{joint}.{word}"), "temperature", "comment"],
         [T, *ALL, LONG[0], ["fine"] * 150], {},
@@ -143,14 +130,6 @@ def test_what_was_taken_for_what_is_said_once(tmp_path):
     names, columns, _ = FORMS["columns of other things"]
     found = Recording.load(written(tmp_path / "b.csv", names, columns), arm=ARM)
     assert found.notes[0].text.endswith("temperature, comment")
-
-
-def test_of_the_times_in_a_file_the_one_that_is_asked_for_is_read(tmp_path):
-    names, columns, _ = FORMS["rostopic echo -p"]
-    path = written(tmp_path / "a.csv", names, columns)
-    assert abs(Recording.load(path, arm=ARM).start_ns - EPOCH * 10**9) < 1000
-    received = Recording.load(path, arm=ARM, time_base="receive")
-    assert abs(received.start_ns - (EPOCH + 9) * 10**9) < 1000
 
 
 def test_rows_of_several_topics_are_those_of_the_arm_s(tmp_path):
@@ -242,18 +221,6 @@ def test_what_would_have_to_be_guessed_is_refused_with_the_option_that_says_it(t
             Recording.load(tmp_path / "a.csv", arm=ARM)
         assert all(token in str(caught.value) for token in tokens), (case, caught.value)
         assert "\n" not in str(caught.value), case
-
-
-def test_columns_that_are_none_are_refused(tmp_path):
-    path = written(tmp_path / "a.csv", ["time", *named("{joint}.{word}")], [T, *ALL])
-    for given, expected in (
-        ("q1", "NAME=<joint>.position"),
-        ("q1=elbow", "elbow"),
-        ("nothing=time", "'nothing'"),
-        ({"time": "q1"}, "q1"),
-    ):
-        with pytest.raises((ConfigError, RecordingError), match=expected):
-            Recording.load(path, columns=given)
 
 
 def test_a_few_rows_that_are_none_are_left_out_and_the_first_is_named(tmp_path):

@@ -25,16 +25,6 @@ def moving(duration: float, rate: float = 100.0, pause: tuple[float, float] = (0
     return Recording(JOINT_NAMES, time, q, qd, MODEL.torque(q, qd), invalid=3)
 
 
-def test_a_short_recording_is_looked_at_whole_and_checked_as_ever(tmp_path):
-    recording = moving(20.0)
-    recording.save(tmp_path / "r.csv")
-    for source in (recording, RecordingFile(tmp_path / "r.csv")):
-        found = excerpt(source, 30.0, 5.0)
-        (whole,) = found.stretches
-        assert np.array_equal(whole.position, recording.position)
-        assert found.warnings is None
-
-
 def test_stretches_of_a_long_recording_are_spread_over_all_of_it(tmp_path):
     recording = moving(100.0)
     recording.save(tmp_path / "r.csv")
@@ -56,11 +46,6 @@ def test_an_excerpt_says_what_it_is_of_and_what_the_checks_find_in_the_whole():
     assert kinds["excerpt"].numbers["duration_s"] == pytest.approx(100.0, abs=0.1)
     assert kinds["gaps"].numbers["count"] == 1  # not within what is looked at
     assert kinds["invalid_stamps"].numbers["samples"] == 3
-
-
-def test_a_stretch_in_a_gap_is_left_out():
-    parts = list(excerpt(moving(100.0, pause=(20.0, 33.0)), 30.0, 5.0).stretches)
-    assert [round(part.time[0]) for part in parts] == [5, 40, 55, 75, 90]
 
 
 def test_static_poses_are_never_cut():
@@ -91,16 +76,6 @@ def test_a_long_recording_of_nothing_but_gaps_is_refused():
     whole = moving(30.0)
     with pytest.raises(RecordingError, match="without a gap"):
         load([whole.rows(whole.time % 0.4 < 0.2)], MODEL, settings=LoadSettings(longest=10.0))
-
-
-def test_a_pause_in_a_long_recording_is_no_fault():
-    whole = moving(100.0)
-    still = (whole.time > 38.0) & (whole.time < 47.0)
-    position = np.where(still[:, None], whole.position[3800], whole.position)
-    velocity = np.where(still[:, None], 0.0, whole.velocity)
-    paused = Recording(JOINT_NAMES, whole.time, position, velocity, whole.effort)
-    settings = LoadSettings(longest=30.0, stretch=5.0)
-    assert len(load([paused], MODEL, settings=settings).motion.parts) == 6
 
 
 def test_a_push_is_looked_for_in_samples_and_not_in_the_time_between_them():

@@ -40,10 +40,7 @@ class Use:
 # None of the inputs holds what its name promises: whatever reads one fails with another error.
 USES = {
     "convert's recording": Use("convert", "{r.csv} {out}", ("r.csv",), suffix=".csv"),
-    "convert's bag": Use("convert", "{bag} {out}", ("bag",)),
     "convert's model": Use("convert", "{c.json} {out}", ("c.json",), suffix=".yaml"),
-    "convert's console file": Use("convert", "{m.yaml} {out}", ("m.yaml",), suffix=".json"),
-    "convert's findings": Use("convert", "--check {c.json} --json {out}", ("c.json",)),
     "replay's bag": Use("replay", "{bag} --model {m.yaml} --out {out}", ("bag", "m.yaml")),
     "replay's JSON": Use(
         "replay", "{bag} --model {m.yaml} --out {new} --json {out}", ("bag", "m.yaml"), ("new",)
@@ -54,10 +51,6 @@ USES = {
         "--out {out}",
         ("r.csv", "bag", "v.csv", "a.yaml"), ("o.html", "o.json"),
     ),
-    "identify's report": Use(
-        "identify", "{r.csv} --arm {a.yaml} --out {o.yaml} --report {out}",
-        ("r.csv", "a.yaml"), ("o.yaml",),
-    ),
     "identify's JSON": Use(
         "identify", "{r.csv} --arm {a.yaml} --out {o.yaml} --json {out}",
         ("r.csv", "a.yaml"), ("o.yaml", "o.html"),
@@ -65,31 +58,20 @@ USES = {
     "evaluate's JSON": Use(
         "evaluate", "{r.csv} {bag} --model {m.yaml} --json {out}", ("r.csv", "bag", "m.yaml")
     ),
-    "evaluate's report": Use(
-        "evaluate", "{r.csv} --model {m.yaml} --json {o.json} --report {out}",
-        ("r.csv", "m.yaml"), ("o.json",),
-    ),
     "diagnose's folder": Use(
         "diagnose", "{r.csv} --model {m.yaml} --out {out}", ("r.csv", "m.yaml")
     ),
     "diagnose's findings": Use(
         "diagnose", "{in} --model {m.yaml} --out {d}", ("m.yaml",), below="d/findings.json"
     ),
-    "diagnose's model": Use(
-        "diagnose", "{r.csv} --model {in} --out {d}", ("r.csv",), below="d/extended_model.yaml"
-    ),
     "diagnose's report": Use(
         "diagnose", "{r.csv} --model {in} --out {d}", ("r.csv",), below="d/report.html"
     ),
     "demo's folder": Use("demo", "--model {m.yaml} --out {out}", ("m.yaml",)),
-    "demo's picture": Use("demo", "--model {in} --out {d}", (), below="d/demo.png"),
     "demo's bag": Use("demo", "--model {in} --out {d}", (), below="d/bag"),
     "plan's plan": Use(
         "plan", "--arm {a.yaml} --model {m.yaml} --limits {l.yaml} --out {out}",
         ("a.yaml", "m.yaml", "l.yaml"), suffix=".yaml",
-    ),
-    "plan's motion": Use(
-        "plan", "--arm {a.yaml} --out {o.yaml} --csv {out}", ("a.yaml",), ("o.yaml", "o.png")
     ),
     "collect's bag": Use(
         "collect", "{p.yaml} --model {m.yaml} --limits {l.yaml} --out {out}",
@@ -249,11 +231,6 @@ def test_a_urdf_is_not_written_over_however_the_arm_names_it_or_if_that_is_not_k
         with pytest.raises(ConfigError, match=token):
             outputs.require_unread("path", urdf, file)
         outputs.require_unread("path", tmp_path / "new.yaml", file)
-
-
-def test_the_report_beside_the_model_is_an_output_too(tmp_path, capsys):
-    use = Use("identify", "{r.html} --arm {a.yaml} --out {r.yaml}", ("r.html", "a.yaml"))
-    assert "r.html" in Folder(tmp_path, use).refuses(capsys, tmp_path / "r.yaml")
 
 
 def test_an_earlier_result_may_be_replaced_but_no_folder_and_nothing_in_a_bag(tmp_path):

@@ -113,14 +113,6 @@ def test_broken_files_and_folders_are_refused(tmp_path):
         refused(path, expected)
 
 
-def test_a_bag_whose_description_cannot_be_read_is_read_without(tmp_path):
-    wave(10).save(tmp_path / "bag")
-    for content in ("a: [", "rosbag2_bagfile_information: 3\n", ""):
-        (tmp_path / "bag/metadata.yaml").write_text(content)
-        found = Recording.load(tmp_path / "bag")
-        assert (len(found), len(found.notes)) == (10, 1)
-
-
 BAD_MESSAGES = {
     "none": ([], "no JointState messages"),
     "invalid only": (

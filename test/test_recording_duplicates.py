@@ -71,14 +71,6 @@ def test_what_is_left_is_what_was_not_read_before_in_order(measured, other):
     assert before.number == 400
 
 
-def test_samples_that_were_left_out_in_reading_are_counted_once_still(measured):
-    given = replace(measured, invalid=3, repeated=5)
-    for size in (70, 1000):
-        parts = list(Duplicates().fresh(given.parts(size)))
-        assert sum(part.invalid for part in parts) == 3
-        assert sum(part.repeated for part in parts) == 5
-
-
 def test_less_than_a_second_is_no_repetition(measured, other):
     for until, left in ((3.9, 1290), (4.1, 1200)):
         again = appended(other, measured.between(3.0, until))
@@ -203,12 +195,3 @@ def test_coordinates_stay_with_their_recordings_where_one_is_skipped(tmp_path):
     assert few.held_out == more.held_out
     assert [p.value for p in few.parameters] == [p.value for p in more.parameters]
     assert [w.kind for w in more.warnings].count("duplicate_samples") == 1
-
-
-def test_a_file_without_some_spans_is_what_is_left_of_it_in_memory(measured, tmp_path):
-    measured.save(tmp_path / "run.csv")
-    in_memory, file = Recording.load(tmp_path / "run.csv"), RecordingFile(tmp_path / "run.csv")
-    for spans in ([(0, 100)], [(50, 60), (200, 300)]):
-        in_memory, file = in_memory.without(spans), file.without(spans)
-    np.testing.assert_array_equal(file.load().time, in_memory.time)
-    np.testing.assert_array_equal(file.head.position, in_memory.position)

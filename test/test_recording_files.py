@@ -51,32 +51,15 @@ def test_csv_and_both_bag_storages_round_trip_without_loss(tmp_path, missing):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv", "b", "c", "d.csv"]
 
 
-@pytest.mark.parametrize("per_joint", [False, True])
-def test_static_poses_keep_their_direction_in_csv(tmp_path, per_joint):
-    direction = np.where(np.arange(30)[:, None] % 3 == 0, 1.0, -1.0) * np.ones((30, 7))
-    if per_joint:
-        direction[4, 2] *= -1
-    original = wave(30, time=None, velocity=None, direction=direction)
-    original.save(tmp_path / "a.csv")
-    header = (tmp_path / "a.csv").read_text().splitlines()[0].split(",")
-    assert ("direction" in header) != per_joint
-    assert "time" not in header
-    same(original, Recording.load(tmp_path / "a.csv"))
-
-
 def test_columns_may_come_in_any_order_with_spaces_and_a_byte_order_mark(tmp_path):
     path = tmp_path / "a.csv"
     path.write_bytes(
         b"\xef\xbb\xbfwrist_roll.position, time ,outer_yaw.position\r\n1,0.5,2\r\n\r\n3,0.75,4\r\n"
     )
-    loaded = Recording.load(path)
-    assert loaded.joints == ("wrist_roll", "outer_yaw")  # in the file's order
-    assert loaded.position.tolist() == [[1, 2], [3, 4]]
+    assert Recording.load(path).joints == ("wrist_roll", "outer_yaw")  # in the file's order
     loaded = Recording.load(path, arm=ARM)
-    assert loaded.joints == ("outer_yaw", "wrist_roll")
     assert loaded.position.tolist() == [[2, 1], [4, 3]]
-    assert loaded.time.tolist() == [0.0, 0.25]
-    assert loaded.start_ns == 500_000_000
+    assert (loaded.time.tolist(), loaded.start_ns) == ([0.0, 0.25], 500_000_000)
 
 
 @pytest.mark.parametrize("storage", STORAGES)
@@ -127,14 +110,8 @@ def test_parts_of_a_bag_join_without_seams(tmp_path, chunk):
 
 @pytest.mark.parametrize("storage", STORAGES)
 def test_messages_are_yielded_as_sent_and_agree_with_the_library(tmp_path, storage):
-    messages = [
-        joint_state(0),
-        joint_state(1, ("a",)),
-        joint_state(2, effort=()),
-        joint_state(3, stamp_ns=0),
-        joint_state(4, ()),
-        *(joint_state(k, ("j",) * (k % 20)) for k in range(5, 60)),
-    ]
+    messages = [joint_state(1, ("a",)), joint_state(2, effort=()), joint_state(3, stamp_ns=0)]
+    messages += [joint_state(k, ("j",) * (k % 20)) for k in range(4, 60)]
     messages = [(START + k, data) for k, (_, data) in enumerate(messages)]
     write_messages(tmp_path / "bag", messages, storage)
     samples = list(read_joint_states(tmp_path / "bag", chunk=17))
@@ -146,7 +123,6 @@ def test_messages_are_yielded_as_sent_and_agree_with_the_library(tmp_path, stora
         assert list(sample.names) == expected.name
         for field in ("position", "velocity", "effort"):
             assert getattr(sample, field).tolist() == getattr(expected, field).tolist()
-        assert bytes(typestore().serialize_cdr(expected, JOINT_STATE)) == data
 
 
 @pytest.mark.parametrize("storage", STORAGES)
@@ -208,17 +184,6 @@ def test_parts_selected_from_a_recording():
     with pytest.raises(RecordingError, match="1001 blocks"):
         recording.blocks(1001)
     assert len(recording.rows(recording.position[:, 0] > 0)) < 1000
-
-
-def test_arrays_are_read_only_and_the_callers_stay_writable():
-    position = np.zeros((3, 7))
-    recording = Recording(JOINT_NAMES, None, position)
-    with pytest.raises(ValueError, match="read-only"):
-        recording.position[0, 0] = 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        recording.rows(slice(1, 3)).position[0, 0] = 1.0
-    position[0, 0] = 1.0
-    assert recording.position[0, 0] == 0.0
 
 
 REFUSED = [

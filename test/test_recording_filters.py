@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_samples import column, held, wave, with_gap
+from recording_samples import column, held, wave
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError, ShapeError
@@ -40,15 +40,6 @@ def test_edge_is_where_the_ends_stop_to_matter():
     assert error[-1] > 0.05
     assert error[: -low.edge].max() < 2e-3 * error.max()
     assert error[: -low.edge // 2].max() > 2e-3 * error.max()
-
-
-def test_columns_are_filtered_alike():
-    columns, low = np.random.default_rng(0).normal(size=(300, 4)), LowPass(10.0, RATE)
-    together = low(columns)
-    for k in range(4):
-        np.testing.assert_allclose(together[:, k], low(columns[:, k]), atol=1e-12)
-    weights = [1.0, 2.0, 3.0, 4.0]
-    np.testing.assert_allclose(low(columns @ weights), together @ weights, atol=1e-12)
 
 
 def test_derivative_is_exact_to_degree_four_ends_included():
@@ -198,21 +189,6 @@ def test_a_trajectory_is_split_at_gaps_and_loses_what_is_too_short():
     assert [len(s.recording) for s in prepared.segments] == [2000, 3960]
     assert any("2 parts, 40 samples" in line for line in prepared.handling)
     assert [s.recording.time[0] for s in prepared.segments] == [0.0, time[2040]]
-
-
-def test_stale_samples_after_a_gap_are_replaced_too():
-    repeated = held(CLEAN, range(4000, 4400, 2))
-    late = replace(repeated, time=with_gap(CLEAN).time)
-    _, second = prepare(late, cutoff=20.0).segments
-    _, clean = prepare(with_gap(CLEAN), cutoff=20.0).segments
-    error = np.abs(second.recording.position - clean.recording.position)[clean.core]
-    assert error.max() < 2e-4
-
-
-def test_static_poses_are_passed_on():
-    prepared = prepare(STATIC)
-    assert prepared.segments[0].recording is STATIC
-    assert (prepared.segments[0].acceleration, prepared.filter) == (None, None)
 
 
 def test_what_nothing_should_be_fitted_to_is_refused():

@@ -9,7 +9,7 @@ import pytest
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import Recording, RecordingFile, prepare, read_trajectory
+from dvrk_gravity.recording import Recording, prepare, read_trajectory
 
 QUANTITIES = ("time", "position", "velocity", "acceleration", "effort")
 SAME = 1e-9  # of a signal's largest value
@@ -95,15 +95,6 @@ def test_gaps_that_are_short_for_the_filter_cost_no_samples():
         assert np.abs(first - second).max() < same * np.abs(second).max(), name
 
 
-def test_pieces_with_short_gaps_equal_the_whole():
-    gappy = interrupted(swing(8000, 1000.0), 16, 200)
-    whole, pieces = read_trajectory([gappy]), read_trajectory([gappy], piece=1500)
-    assert_same(whole, pieces)
-    assert [line for line in whole.handling if "gaps" in line] == [
-        line for line in pieces.handling if "gaps" in line
-    ]
-
-
 def test_the_longest_gap_that_is_bridged_is_the_filters_time_constant():
     recording = swing(8000, 1000.0)
     for missing, parts in ((27, 1), (30, 2)):  # 1 / (2 pi 5.65 Hz) is 28.2 ms
@@ -143,15 +134,6 @@ def test_what_is_kept_is_what_prepare_gives_one_in_five_at_1_khz():
     assert kept.filter.rate == pytest.approx(200.0)
 
 
-def test_a_file_gives_the_same_as_the_recording_in_memory(tmp_path):
-    recording = swing(4500)  # more than the reader's chunk
-    recording.save(tmp_path / "run.csv")
-    recording.save(tmp_path / "run", "mcap")
-    whole = read_trajectory([recording])
-    for name in ("run.csv", "run"):
-        assert_same(whole, read_trajectory(RecordingFile(tmp_path / name).parts(), piece=2000))
-
-
 def test_a_long_rest_is_no_recording_without_motion():
     recording = swing()
     rest = np.arange(6000)[:, None] > 1500
@@ -164,17 +146,6 @@ def test_a_long_rest_is_no_recording_without_motion():
     assert not {"nothing_moves", "no_motion", "position_quantisation"} & {
         warning.kind for warning in found.warnings
     }
-
-
-def test_left_out_samples_of_all_parts_are_counted_once():
-    recording = swing()
-    parts = [
-        replace(recording.rows(slice(first, first + 700)), invalid=2, repeated=1)
-        for first in range(0, 6000, 700)
-    ]
-    found = {w.kind: w.numbers["samples"] for w in read_trajectory(parts, piece=1000).warnings}
-    assert found["invalid_stamps"] == 18
-    assert found["repeated_stamps"] == 9
 
 
 def test_what_is_unusable_in_the_whole_is_so_in_pieces():

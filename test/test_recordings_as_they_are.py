@@ -14,7 +14,6 @@ from dvrk_gravity.recording import (
     JOINT_STATE,
     BagWriter,
     Recording,
-    RecordingFile,
     check,
     prepare,
     read_trajectory,
@@ -38,15 +37,6 @@ def loaded(tmp_path, sent, storage="sqlite3", **options):
 
 
 # Values that are missing
-
-
-def test_velocities_that_are_no_numbers_are_as_if_not_sent(tmp_path):
-    velocity = np.full((1200, 7), np.inf)
-    velocity[::2], velocity[::3] = np.nan, 1e300
-    found = loaded(tmp_path, messages(CLEAN, velocity=velocity))
-    assert found.velocity is None
-    assert warned(found) == {("not_recorded", None)}
-    np.testing.assert_array_equal(found.position, CLEAN.position)
 
 
 def test_a_joint_s_missing_velocity_is_differentiated_and_the_others_are_kept(tmp_path):
@@ -82,15 +72,6 @@ def test_an_arm_s_joint_without_efforts_is_as_if_not_recorded(tmp_path):
     assert found.joints == JOINT_NAMES[:6]
     assert ("not_recorded", "wrist_roll") in warned(found)
     assert Recording.load(tmp_path / "bag").of(ARM).joints == JOINT_NAMES[:6]
-
-
-def test_messages_of_another_publisher_on_the_topic_are_left_out(tmp_path):
-    sent = messages(CLEAN)
-    others = [joint_state(5 * k + 2, ("finger",)) for k in range(1200)]
-    mixed = [message for pair in zip(others, sent, strict=True) for message in pair]
-    found = loaded(tmp_path, mixed)
-    np.testing.assert_array_equal(found.position, CLEAN.position)
-    assert ("other_messages", None, 1200) in kinds(found)
 
 
 # Topics
@@ -158,13 +139,6 @@ def test_stamps_out_of_order_for_a_moment_are_left_out(tmp_path, rows, seconds):
     assert ("stamps_back", None, left) in kinds(found)
 
 
-def test_a_clock_that_was_set_back_is_refused(tmp_path):
-    write_messages(tmp_path / "bag", messages(CLEAN, stamps=shifted(slice(600, None), -3600.0)))
-    with pytest.raises(RecordingError, match="message 600: time goes back"):
-        Recording.load(tmp_path / "bag")
-    assert len(Recording.load(tmp_path / "bag", time_base="receive")) == 1200
-
-
 # Readings that no joint can have had
 
 
@@ -223,20 +197,6 @@ def test_a_jump_that_stays_is_unusable(tmp_path):
     given = moved(2, lambda values: values - 0.4 * (np.arange(1200) >= 600))
     for found in files_of(given, tmp_path):
         assert [warning.kind for warning in check(found) if warning.unusable] == ["position_jump"]
-
-
-def test_what_is_left_out_does_not_depend_on_how_a_file_is_cut_into_parts(tmp_path):
-    long = wave(9000, joints=JOINT_NAMES[:3])
-    position = long.position.copy()
-    for row in range(50, 9000, 173):
-        position[row : row + 1 + row % 12, 2] += 2.0
-    replace(long, position=position).save(tmp_path / "a.csv")
-    whole = Recording.load(tmp_path / "a.csv")
-    parts = list(RecordingFile(tmp_path / "a.csv").parts())
-    assert len(parts) > 1
-    assert sum(len(part) for part in parts) == len(whole)
-    lost = sum(1 + row % 12 for row in range(50, 9000, 173))
-    assert len(whole) == 9000 - lost
 
 
 def wrapped(values, low=-np.pi):

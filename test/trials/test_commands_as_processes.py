@@ -54,26 +54,3 @@ def test_a_command_computes_in_one_thread_unless_told_otherwise(given, monkeypat
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[0] == (given or "1")
-
-
-@pytest.mark.parametrize(
-    "arm", ["mtmr", "my arms/xarm 7.urdf", 'ro"bot $1.urdf#tool link', "a'b.yaml"]
-)
-def test_make_hands_a_path_on_whole(arm, tmp_path):
-    """The recipe, with a Python that prints its arguments in place of the package's."""
-    rules = (REPOSITORY / "Makefile").read_text().splitlines()
-    (line,) = [rule for rule in rules if "-m dvrk_gravity demo" in rule]
-    recipe = line.replace("$(IN_WORKSPACE) $(BIN)/python", "$(PRINTS)")
-    (tmp_path / "prints").write_text("#!/bin/sh\nprintf '%s\\n' \"$@\"\n")
-    (tmp_path / "prints").chmod(0o755)
-    (tmp_path / "Makefile").write_text(f"demo:\n{recipe}\nARM ?= mtmr\nexport ARM\n")
-    escaped = arm.replace("$", "$$")
-    made = subprocess.run(
-        ["make", "-s", "demo", f"ARM={escaped}", f"PRINTS={tmp_path}/prints"], cwd=tmp_path,
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    words = made.stdout.splitlines()
-    assert words[words.index("--arm") + 1] == arm
-    name = os.path.basename(arm)
-    assert words[words.index("--out") + 1] == f"out/demo/{name.rpartition('.')[0] or name}"
-    assert len(words) == 7

@@ -55,15 +55,34 @@ def model(path: Path) -> None:
         return
 
 
-READERS: dict[str, tuple[Path, Callable[[Path], Any]]] = {
-    "model": (MODEL_FILE, model),
-    "arm": (CONFIG / "arms" / "mtmr.yaml", Arm.load),
-    "plant": (CONFIG / "plants" / "mtmr_28002.yaml", PlantFile.load),
-    "mechanism": (CONFIG / "exercises" / "2_1_with_gravity.yaml", mechanism.read),
+def original(kind: str, folder: Path) -> tuple[bytes, Path]:
+    """Return the content of a good file of a kind, and where a damaged one is written."""
+    if kind == "bag":
+        shutil.rmtree(folder / "bag", ignore_errors=True)
+        wave(30).save(folder / "bag")
+        return (folder / "bag" / "metadata.yaml").read_bytes(), folder / "bag" / "metadata.yaml"
+    if kind == "console":
+        return TorqueModel.load(MODEL_FILE).document.encode(), folder / "gc-MTMR-1.json"
+    return FILES[kind].read_bytes(), folder / "fuzz.yaml"
+
+
+FILES = {
+    "model": MODEL_FILE,
+    "arm": CONFIG / "arms" / "mtmr.yaml",
+    "plant": CONFIG / "plants" / "mtmr_28002.yaml",
+    "mechanism": CONFIG / "exercises" / "2_1_with_gravity.yaml",
+}
+READERS: dict[str, Callable[[Path], Any]] = {
+    "model": model,
+    "arm": Arm.load,
+    "plant": PlantFile.load,
+    "mechanism": mechanism.read,
+    "console": ConsoleFile.load,
+    "bag": lambda path: Recording.load(path.parent),
 }
 EDITS = st.lists(
     st.tuples(
-        st.sampled_from(["insert", "replace", "number", "delete", "double", "cut", "byte"]),
+        st.sampled_from(["insert", "replace", "number", "delete", "double", "cut"]),
         st.floats(0.0, 1.0),
         st.sampled_from(FRAGMENTS) | st.text(max_size=5),
     ),
@@ -72,16 +91,13 @@ EDITS = st.lists(
 )
 
 
-def damaged(original: bytes, edits: list[tuple[str, float, str]]) -> bytes:
+def damaged(content: bytes, edits: list[tuple[str, float, str]]) -> bytes:
     """Return a file's content with some edits made, each at a share of its length."""
-    for kind, share, fragment in edits:
-        text = original.decode("utf-8", "replace")
+    text = content.decode("utf-8", "replace")
+    for kind, share, new in edits:
         at = int(share * len(text))
-        new = fragment
-        if kind == "insert":
-            text = text[:at] + new + text[at:]
-        elif kind == "replace":
-            text = text[:at] + new + text[at + max(len(new), 1) :]
+        if kind in ("insert", "replace"):
+            text = text[:at] + new + text[at + (len(new) if kind == "replace" else 0) :]
         elif kind == "number":
             spans = [match.span() for match in re.finditer(r"-?\d+(\.\d*)?", text)]
             if spans:
@@ -92,13 +108,9 @@ def damaged(original: bytes, edits: list[tuple[str, float, str]]) -> bytes:
             i = int(share * max(len(lines) - 1, 0))
             lines[i : i + 1] = [] if kind == "delete" else lines[i : i + 1] * 2
             text = "".join(lines)
-        elif kind == "cut":
+        else:
             text = text[:at]
-        original = text.encode("utf-8", "surrogatepass")
-        if kind == "byte" and original:
-            at = int(share * (len(original) - 1))
-            original = original[:at] + bytes([len(new) * 37 % 256]) + original[at + 1 :]
-    return original
+    return text.encode("utf-8", "surrogatepass")
 
 
 def read_or_refused(read: Callable[[Path], Any], path: Path) -> None:
@@ -117,52 +129,10 @@ def read_or_refused(read: Callable[[Path], Any], path: Path) -> None:
 @pytest.mark.parametrize("kind", READERS)
 @FAST
 @given(edits=EDITS)
-def test_any_damaged_parameter_file_is_read_or_refused(tmp_path, kind, edits):
-    original, read = READERS[kind]
-    path = tmp_path / "fuzz.yaml"
-    path.write_bytes(damaged(original.read_bytes(), edits))
-    read_or_refused(read, path)
-
-
-@FAST
-@given(edits=EDITS)
-def test_any_damaged_console_file_is_read_or_refused(tmp_path, edits):
-    path = tmp_path / "gc-MTMR-1.json"
-    document = TorqueModel.load(MODEL_FILE).document
-    path.write_bytes(damaged(document.encode(), edits))
-    read_or_refused(ConsoleFile.load, path)
-
-
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("fuzz") / "bag"
-    wave(30).save(folder)
-    return folder
-
-
-@FAST
-@given(edits=EDITS)
-def test_any_damaged_description_of_a_bag_is_read_or_refused(tmp_path, bag, edits):
-    copy = tmp_path / "bag"
-    shutil.rmtree(copy, ignore_errors=True)
-    shutil.copytree(bag, copy)
-    metadata = copy / "metadata.yaml"
-    metadata.write_bytes(damaged(metadata.read_bytes(), edits))
-    read_or_refused(Recording.load, copy)
-
-
-def test_the_judge_lets_no_other_error_pass(tmp_path):
-    def broken(_: Path) -> None:
-        raise KeyError("a defect")
-
-    with pytest.raises(KeyError):
-        read_or_refused(broken, tmp_path)
-
-    def chatty(_: Path) -> None:
-        raise DvrkGravityError("one line\nand another")
-
-    with pytest.raises(AssertionError):
-        read_or_refused(chatty, tmp_path)
+def test_any_damaged_file_is_read_or_refused(tmp_path, kind, edits):
+    content, path = original(kind, tmp_path)
+    path.write_bytes(damaged(content, edits))
+    read_or_refused(READERS[kind], path)
 
 
 # Text made of what YAML gives a meaning to gets further into a parser than letters do.

@@ -8,20 +8,15 @@ import signal
 import subprocess
 import sys
 import textwrap
-import tracemalloc
 from functools import partial
 
-import numpy as np
 import pytest
 from support import REPOSITORY
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.console import ConsoleFile
-from dvrk_gravity.diagnosis import CrossValidation, FilteredData, hypotheses, load
-from dvrk_gravity.effects import Cogging
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.recording import Recording, read_joint_states
-from testing.world import World
 
 
 def ran(script: str, *words: object, **options) -> subprocess.CompletedProcess:
@@ -100,35 +95,6 @@ def test_long_recordings_stream_through_in_little_memory(tmp_path):
         print(there_and_back(sys.argv[1] + "/many", 6) - few)
     """
     assert float(ran(script, tmp_path).stdout) < 5.0
-
-
-def held(value: object) -> int:
-    """Return the bytes of the arrays in a dictionary's values."""
-    arrays = value.values() if isinstance(value, dict) else [value]
-    return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
-
-
-def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
-    """At 41 kB, the most that are compared (24,000 samples, ten minutes) take a gigabyte.
-
-    They took 107 kB when every hypothesis had columns at all joints, most of them zeros. All 240
-    frequencies of cogging at once took 115 kB beyond what is kept.
-    """
-    world = World.draw(1)
-    motion = load([world.record(1, 2, 20.0, 200.0)], world.model()).motion
-    validation = CrossValidation.of(FilteredData.of(motion))
-    samples = len(validation.data.residual)
-    pool = [validation.data.candidate(hypothesis) for hypothesis in hypotheses(motion)]
-    total = sum(candidate.values.nbytes for candidate in pool)
-    tracemalloc.start()
-    bases = Cogging.search_basis(validation.data)
-    kept = sum(basis.cosine.nbytes + basis.sine.nbytes for basis in bases)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    total += kept + sum(held(value) for value in vars(motion).values())
-    assert len(pool) > 200
-    assert total / samples < 45e3
-    assert (peak - kept) / samples < 20e3
 
 
 LOAD = """
