@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import struct
 import zipfile
 from collections.abc import Callable
@@ -82,10 +81,3 @@ def test_arrays_are_read_as_they_were_written(tmp_path):
     np.testing.assert_array_equal(again["e"], GOOD["a"])
     assert {array.dtype for array in again.values()} == {np.dtype(float)}
     again["a"][0] = 7.0  # and may be changed
-
-
-def test_numpy_s_own_files_are_read(tmp_path):
-    stream = io.BytesIO()
-    np.savez(stream, **GOOD)
-    (tmp_path / "some.npz").write_bytes(stream.getvalue())
-    assert list(array_file.load(tmp_path / "some.npz")) == list(GOOD)

@@ -59,13 +59,6 @@ def test_one_bad_reading_in_a_fast_motion_is_passed_over(rate):
             stream.send(position)
 
 
-def test_stamps_that_are_rounded_are_no_jump():
-    stream = Stream(100.0)
-    for k in range(200):
-        position = 8.0 / 6.0 * np.sin(6.0 * k / 200.0) * np.eye(7)[6]
-        stream.send(position, after=0.01 if k % 2 == 0 else 0.0)
-
-
 @pytest.mark.parametrize(("rate", "noise"), [(100.0, 0.05), (1000.0, 0.0)])
 def test_a_lively_motion_with_encoder_steps_and_noise_is_believed(rate, noise):
     stream, rng = Stream(rate), np.random.default_rng(0)
