@@ -132,6 +132,8 @@ FAULTS = [
      {"jumps": 2, "way_rad": 3.0}, column(CLEAN, "position", "elbow_pitch", away(0.1))),
     ("effort_sign", "wrist_yaw", replace(CLEAN, effort=-RUBS), {"work": -1.0},
      replace(CLEAN, effort=RUBS)),
+    ("effort_sign", "wrist_yaw", replace(CLEAN, effort=0.05 - RUBS), {"work": -0.4},
+     replace(CLEAN, effort=0.05 + RUBS)),
     ("time_unit", None, replace(CLEAN, time=1000 * CLEAN.time, velocity=None), {"interval": 5.0},
      replace(CLEAN, time=20 * CLEAN.time, velocity=None)),
 ]  # fmt: skip
@@ -190,7 +192,8 @@ def rests_and_goes(position):
 @pytest.mark.parametrize(
     "harmless",
     [
-        column(CLEAN, "effort", "wrist_yaw", lambda e: np.clip(e, -1e-3, 1e-3)),
+        column(CLEAN, "effort", "outer_yaw", lambda e: np.clip(e, -1.0, 1e-3)),
+        column(CLEAN, "effort", "outer_yaw", lambda e: np.clip(e, -1e-3, 1.0)),
         column(CLEAN, "effort", "wrist_yaw", steps(0.01)),
         column(CLEAN, "effort", "wrist_yaw", lambda e: np.where(np.abs(e) < 6e-3, 0.0, 0.01)),
         column(
@@ -199,7 +202,7 @@ def rests_and_goes(position):
         ),
         column(STATIC, "effort", "wrist_yaw", lambda e: stopped(e, 1000, 5000)),
     ],
-    ids=["clipped", "in coarse steps", "of two values", "of a smooth course", "of poses"],
+    ids=["clipped", "clipped below", "in steps", "of two values", "smooth", "of poses"],
 )  # fmt: skip
 def test_efforts_that_may_stay_the_same_are_readings(harmless):
     assert "effort_frozen" not in {warning.kind for warning in check(harmless)}

@@ -193,8 +193,10 @@ def test_an_effort_far_beyond_the_motor_s_for_a_moment_is_left_out(tmp_path):
         assert any(warning.kind == "effort_unit" for warning in check(found))
 
 
-def test_a_jump_that_stays_is_unusable(tmp_path):
-    given = moved(2, lambda values: values - 0.4 * (np.arange(1200) >= 600))
+@pytest.mark.parametrize("row", [30, 600, 1177])
+def test_a_jump_that_stays_is_unusable(tmp_path, row):
+    """Also near an end: what is on either side lasts longer than readings may be away."""
+    given = moved(2, lambda values: values - 0.4 * (np.arange(1200) >= row))
     for found in files_of(given, tmp_path):
         assert [warning.kind for warning in check(found) if warning.unusable] == ["position_jump"]
 
