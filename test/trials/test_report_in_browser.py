@@ -89,41 +89,6 @@ def test_a_report_fits_every_screen_and_can_be_read(name, reports, browser: Brow
             assert text >= 8.0, "text in pictures is too small, px"
 
 
-def test_long_lines_of_the_site_are_wrapped(tmp_path, browser: Browser):
-    style = Path(__file__).parents[1] / "docs" / "sphinx_parts" / "static" / "site.css"
-    for kind in ("console", "python", "none", "text"):
-        page = tmp_path / f"{kind}.html"
-        page.write_text(
-            f"<link rel=stylesheet href={style.as_uri()}><div class='highlight-{kind}'>"
-            f"<div class=highlight><pre style='overflow:auto'>$ {LONG} --out {LONG}</pre></div>"
-        )
-        browser.open(page, 360)
-        cut = "(e => e.scrollWidth - e.clientWidth)(document.querySelector('pre'))"
-        assert browser.value(cut) <= 0, kind
-
-
-def test_a_printed_report_is_light_and_neither_hides_nor_cuts_anything(reports, browser: Browser):
-    for report in reports.values():
-        browser.open(report, 700, dark=True, medium="print")
-        heights = browser.value("[...document.querySelectorAll('table')].map(e => e.offsetHeight)")
-        assert min(heights) > 0
-        assert browser.value(
-            "[...document.querySelectorAll('.table')].filter(e => e.scrollWidth > e.clientWidth)"
-            ".map(e => e.textContent)"
-        ) == []  # fmt: skip
-        ground = browser.value("getComputedStyle(document.body).backgroundColor")
-        assert ground == "rgb(255, 255, 255)"
-
-
-def test_pictures_come_before_tables_and_the_arm_before_both(reports, browser: Browser):
-    for report in reports.values():
-        browser.open(report, 800)
-        order = browser.value(
-            "[...document.querySelectorAll('h1, svg, img, table')].map(e => e.tagName)"
-        )
-        assert [order[0], order[1], order[2]] == ["H1", "svg", "IMG"]
-
-
 def test_the_checks_see_what_is_too_broad_too_pale_or_broken(tmp_path, browser: Browser):
     page = tmp_path / "bad.html"
     page.write_text(
