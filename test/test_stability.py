@@ -7,7 +7,7 @@ import re
 
 from made_results import TIME, example_diagnosis, fit_of
 from support import REPOSITORY
-from test_tabular import RESULTS
+from made_results import RESULTS
 
 import dvrk_gravity
 
