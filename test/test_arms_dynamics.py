@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 from made_up_arm import FILE, made_up_arm, random_inertias, random_motion
 from robots import PANDA, UR5
 from scipy.spatial.transform import Rotation
@@ -13,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias, rigid_body
 
 TILTED = np.array([1.3, -2.1, -9.4])
-NAMES = ("mtmr", "psm", "ecm", "made_up", "ur5", "panda")
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +26,6 @@ def arms(tmp_path_factory) -> dict[str, Arm]:
     return shipped | {"made_up": made_up, "ur5": ur5, "panda": panda}
 
 
-@pytest.fixture(params=NAMES)
-def arm(request, arms) -> Arm:
-    return arms[request.param]
-
-
 def inertias_of(arm: Arm) -> dict[str, pin.Inertia]:
     return nominal_inertias(arm) or random_inertias(arm, 3)
 
@@ -37,52 +34,51 @@ def potential(tree, q: np.ndarray) -> float:
     return pin.computePotentialEnergy(tree.model, tree.data, tree.expand @ q)
 
 
-def test_gravity_is_the_slope_of_potential_energy(arm):
-    tree = build_tree(arm, inertias_of(arm), TILTED)
+def test_gravity_is_the_slope_of_potential_energy(arms):
     step = 1e-6
-    for q in random_motion(arm, 5, 1)[0]:
-        slopes = [
-            (potential(tree, q + step * unit) - potential(tree, q - step * unit)) / (2 * step)
-            for unit in np.eye(arm.n)
-        ]
-        np.testing.assert_allclose(tree.gravity(q), slopes, atol=2e-7)
+    for name, arm in arms.items():
+        tree = build_tree(arm, inertias_of(arm), TILTED)
+        for q in random_motion(arm, 5, 1)[0]:
+            slopes = [
+                (potential(tree, q + step * unit) - potential(tree, q - step * unit)) / (2 * step)
+                for unit in np.eye(arm.n)
+            ]
+            np.testing.assert_allclose(tree.gravity(q), slopes, atol=2e-7, err_msg=name)
 
 
-def test_inverse_dynamics_is_mass_times_acceleration_and_bias(arm):
-    tree = build_tree(arm, inertias_of(arm), TILTED)
-    for q, qd, qdd in zip(*random_motion(arm, 10, 2), strict=True):
-        mass = tree.mass_matrix(q)
-        assert np.linalg.eigvalsh(mass).min() > 0
-        np.testing.assert_allclose(
-            tree.inverse_dynamics(q, qd, qdd), mass @ qdd + tree.bias(q, qd), atol=1e-9
-        )
+def test_inverse_dynamics_is_mass_times_acceleration_and_bias(arms):
+    for name, arm in arms.items():
+        tree = build_tree(arm, inertias_of(arm), TILTED)
+        for q, qd, qdd in zip(*random_motion(arm, 10, 2), strict=True):
+            mass = tree.mass_matrix(q)
+            np.testing.assert_allclose(mass, mass.T, atol=1e-12, err_msg=name)
+            assert np.linalg.eigvalsh(mass).min() > 0
+            np.testing.assert_allclose(
+                tree.inverse_dynamics(q, qd, qdd), mass @ qdd + tree.bias(q, qd), atol=1e-9,
+                err_msg=name,
+            )  # fmt: skip
 
 
-def test_closed_form_regressor_is_pinocchio_s(arm):
-    motion = random_motion(arm, 8, 3)
-    tree = build_tree(arm, {}, TILTED)
-    expected = [tree.regressor(*sample) for sample in zip(*motion, strict=True)]
-    found = rigid_body.regressor(arm, *motion, TILTED)
-    np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
-
-
-def test_regressor_times_parameters_and_torque_are_inverse_dynamics(arm):
-    inertias = inertias_of(arm)
-    tree = build_tree(arm, inertias, TILTED)
-    parameters = np.zeros((len(arm.bodies), rigid_body.PER_LINK))
-    for row, body in zip(parameters, arm.bodies, strict=True):
-        if body.name in inertias:
-            row[:] = body.frame.act(inertias[body.name]).toDynamicParameters()
-    motion = random_motion(arm, 10, 4)
-    expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
-    tolerance = 1e-10 * np.abs(expected).max()
-    torque = rigid_body.torque(arm, parameters.ravel(), *motion, TILTED)
-    np.testing.assert_allclose(torque, expected, atol=tolerance)
-    linear = rigid_body.regressor(arm, *motion, TILTED) @ parameters.ravel()
-    np.testing.assert_allclose(linear, expected, atol=tolerance)
-    still = [tree.gravity(q) for q in motion[0]]
-    torque = rigid_body.torque(arm, parameters.ravel(), motion[0], None, None, TILTED)
-    np.testing.assert_allclose(torque, still, atol=tolerance)
+def test_regressor_times_parameters_and_torque_are_inverse_dynamics(arms):
+    for name, arm in arms.items():
+        inertias = inertias_of(arm)
+        tree, motion = build_tree(arm, inertias, TILTED), random_motion(arm, 10, 4)
+        parameters = np.zeros((len(arm.bodies), rigid_body.PER_LINK))
+        for row, body in zip(parameters, arm.bodies, strict=True):
+            if body.name in inertias:
+                row[:] = body.frame.act(inertias[body.name]).toDynamicParameters()
+        expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+        tolerance = 1e-10 * np.abs(expected).max()
+        found = rigid_body.torque(arm, parameters.ravel(), *motion, TILTED)
+        np.testing.assert_allclose(found, expected, atol=tolerance, err_msg=name)
+        linear = rigid_body.regressor(arm, *motion, TILTED)
+        np.testing.assert_allclose(linear @ parameters.ravel(), expected, atol=tolerance)
+        pinocchio_s = [tree.regressor(*sample) for sample in zip(*motion, strict=True)]
+        rounding = 1e-11 * np.abs(pinocchio_s).max()
+        np.testing.assert_allclose(linear, pinocchio_s, atol=rounding, err_msg=name)
+        found = rigid_body.torque(arm, parameters.ravel(), motion[0], None, None, TILTED)
+        at_rest = [tree.gravity(q) for q in motion[0]]
+        np.testing.assert_allclose(found, at_rest, atol=tolerance, err_msg=name)
 
 
 def test_regressor_of_an_arm_at_rest_and_without_acceleration_leaves_them_out(arms):
@@ -133,8 +129,6 @@ def test_a_chain_to_a_tip_holds_the_other_joints_where_zero_is_nearest(tmp_path)
 def test_mujoco_reads_the_same_dynamics_from_the_ur5_s_file():
     arm = Arm.from_urdf(UR5)
     # Without the meshes, which MuJoCo would want to open.
-    from xml.etree import ElementTree
-
     robot = ElementTree.parse(UR5).getroot()
     for link in robot.findall("link"):
         for tag in ("visual", "collision"):
@@ -218,8 +212,8 @@ def mujoco_made_up(inertias: dict[str, pin.Inertia]) -> mujoco.MjModel:
     )
 
 
-def test_links_that_follow_carry_what_mujoco_finds_for_joints_that_move_as_told(arms):
-    """By virtual work: what each of MuJoCo's joints needs, weighed by how much it is moved."""
+def test_links_that_follow_carry_what_mujoco_finds_for_joints_that_move_as_stated(arms):
+    """By virtual work: what each of MuJoCo's joints needs, weighted by how much it is moved."""
     arm = arms["made_up"]
     inertias = random_inertias(arm, 9)
     model = mujoco_made_up(inertias)
@@ -242,8 +236,6 @@ def test_links_that_follow_carry_what_mujoco_finds_for_joints_that_move_as_told(
 
 
 def test_a_chain_in_the_modified_convention_is_where_its_table_puts_it(tmp_path):
-    import yaml
-
     path = tmp_path / "modified.yaml"
     path.write_text(yaml.safe_dump({**FILE, "convention": "modified", "followers": []}))
     arm = Arm.load(path)
