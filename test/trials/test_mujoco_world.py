@@ -1,0 +1,158 @@
+"""The laboratory's arms: their physics against Pinocchio's, what is hidden in them, their seeds."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dvrk_gravity.arms import build_tree
+from dvrk_gravity.effects import Meaning, effects, links_of_joints, named
+from dvrk_gravity.planning import PlanLimits
+from testing import lab_effects, mujoco_arms
+from testing.lab_effects import Setting, hide
+from testing.lab_motion import draw_calibration, draw_other
+from testing.lab_outside import OUTSIDE
+from testing.mujoco_world import NAMES, MujocoWorld
+
+SECONDS = 6.0
+RATIO = (1.5, 6.0)
+
+
+@pytest.fixture(scope="module")
+def world() -> MujocoWorld:
+    return MujocoWorld.draw("chain", 1)
+
+
+@pytest.fixture(scope="module")
+def setting(world) -> Setting:
+    truth = world.truth(draw_calibration(world.arm, 2), SECONDS)
+    residual = 0.02 * truth.effort.std(axis=0)
+    return world.setting(truth, residual)
+
+
+def test_what_is_fastened_to_any_link_of_any_arm_weighs_as_pinocchio_says():
+    for name in NAMES:
+        drawn = MujocoWorld.draw(name, 1)
+        arm, com = drawn.arm, np.array([0.1, 0.0, 0.02])
+        random = np.random.default_rng(2)
+        motion = tuple(size * random.standard_normal((10, arm.n)) for size in (0.3, 2.0, 5.0))
+        for joint, body in enumerate(links_of_joints(arm)):
+            point = {arm.body_names[body]: pin.Inertia(0.4, com, np.zeros((3, 3)))}
+            tree = build_tree(arm, point, arm.gravity)
+            expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+            added = drawn.engine.added(motion, joint, 0.4, com)
+            np.testing.assert_allclose(added, expected, atol=1e-9)
+
+
+def test_friction_takes_energy_and_cables_give_it_back_but_for_their_lag(world, setting):
+    truth = setting.truth
+    friction = world.joint_friction.torque(truth.q, truth.qd, truth.effort)
+    way = np.diff(truth.q, axis=0)
+    assert ((friction[1:] * way).sum(axis=0) > 0.0).all()
+    there_and_back = np.concatenate([truth.q, truth.q[::-1]])
+    silent = replace(world.cable, lag=0.0 * world.cable.lag)
+    torque = silent.torque(there_and_back, np.zeros_like(there_and_back))
+    middle = 0.5 * (torque[1:] + torque[:-1])
+    work = (middle * np.diff(there_and_back, axis=0)).sum(axis=0)
+    np.testing.assert_allclose(work, 0.0, atol=1e-9)
+
+
+def test_motions_keep_the_limits_that_a_program_has():
+    for name, seed in itertools.product(NAMES, range(3)):
+        arm = mujoco_arms.arm_of(name)
+        limits = PlanLimits.of(arm)
+        time = np.arange(0.0, 30.0, 0.01)
+        calibration = draw_calibration(arm, seed)
+        for motion in (calibration, draw_other(arm, seed), draw_other(arm, seed, calibration)):
+            q, qd, qdd = motion.at(time)
+            assert (q > limits.lower - 1e-6).all()
+            assert (q < limits.upper + 1e-6).all()
+            assert (np.ptp(q, axis=0) > np.minimum(0.02, 0.3 * (limits.upper - limits.lower))).all()
+            slope = np.gradient(q, time, axis=0)[1:-1], np.gradient(qd, time, axis=0)[1:-1]
+            np.testing.assert_allclose(slope[0], qd[1:-1], atol=1e-2)
+            np.testing.assert_allclose(slope[1], qdd[1:-1], atol=3e-2)
+            if limits.pair is not None:
+                total = q[:, limits.pair.first] + q[:, limits.pair.second]
+                assert (total > limits.pair.lower - 1e-6).all()
+                assert (total < limits.pair.upper + 1e-6).all()
+
+
+def test_most_motions_that_are_diagnosed_stay_about_where_the_calibration_went():
+    arm = mujoco_arms.arm_of("ur5")
+    time = np.arange(0.0, 30.0, 0.05)
+    calibration = draw_calibration(arm, 1)
+    known = calibration.at(time)[0]
+    more = 0.06 * np.ptp(known, axis=0)
+    near = 0
+    for seed in range(20):
+        way = draw_other(arm, seed, calibration).at(time)[0]
+        near += (way > known.min(axis=0) - more).all() and (way < known.max(axis=0) + more).all()
+    assert 10 <= near < 20
+
+
+EFFECTS = [effect for effect in lab_effects.HIDERS if effect != "nothing"]
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_a_hidden_effect_is_in_the_recording_at_the_stated_size(world, setting, effect):
+    hiding = hide(setting, effect, np.random.default_rng(3))
+    assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
+    before, after = (world.record(truth, 4) for truth in (setting.truth, hiding.truth))
+    change = after.effort - before.effort
+    if effect in ("joint_offset", "encoder_scale"):
+        joint, stated = world.arm.joint_names.index(*hiding.hidden.joints), hiding.hidden.parameters
+        read = stated.get("factor", 1.0) * before.position[:, joint] + stated.get("offset", 0.0)
+        np.testing.assert_allclose(after.position[:, joint], read, atol=1e-4)
+        assert not change.any()
+        torques = [world.engine.torque(*truth.motion) for truth in (setting.truth, hiding.truth)]
+        assert setting.ratio(torques[1] - torques[0]) == pytest.approx(hiding.ratio, rel=0.1)
+        return
+    size = np.sqrt(np.mean(change**2, axis=0)) / setting.residual
+    if effect == "contact" and "start" in hiding.hidden.parameters:
+        span = hiding.hidden.parameters["end"] - hiding.hidden.parameters["start"]
+        size = size * np.sqrt(SECONDS / span)
+    if hiding.hidden.joints and effect not in ("payload", "link_com", "link_inertia"):
+        joint = world.arm.joint_names.index(hiding.hidden.joints[0])
+        assert np.argmax(size) == joint
+    assert size.max() == pytest.approx(hiding.ratio, rel=0.2)
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_disturbance_without_a_name_is_of_the_stated_size_at_one_joint(world, setting, name):
+    hiding = hide(setting, name, np.random.default_rng(3), sizes=RATIO, shapers=OUTSIDE)
+    assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
+    (joint,) = (world.arm.joint_names.index(where) for where in hiding.hidden.joints)
+    moved, pulled = (
+        np.abs(np.asarray(after) - before).max(axis=0)
+        for after, before in (
+            (hiding.truth.q, setting.truth.q),
+            (hiding.truth.effort, setting.truth.effort),
+        )
+    )
+    assert np.flatnonzero(moved + pulled).tolist() == [joint]
+    assert hiding.hidden.effect not in {effect.NAME for effect in effects()}
+
+
+def test_what_was_hidden_has_parameters_that_findings_have(setting):
+    for effect in EFFECTS:
+        hiding = hide(setting, effect, np.random.default_rng(5))
+        assert hiding.hidden.effect == effect
+        for name in hiding.hidden.parameters:
+            assert isinstance(named(effect).meaning(name), Meaning), (effect, name)
+
+
+def test_a_seed_determines_everything(world):
+    again = MujocoWorld.draw("chain", 1)
+    other = MujocoWorld.draw("chain", 2)
+    recordings = [
+        drawn.record(drawn.truth(draw_other(drawn.arm, 3), 2.0), noise)
+        for drawn, noise in ((world, 1), (again, 1), (world, 2), (other, 1))
+    ]
+    efforts = [recording.effort[:300] for recording in recordings]
+    np.testing.assert_array_equal(efforts[0], efforts[1])
+    assert (efforts[0] != efforts[2]).any()
+    assert (efforts[0] != efforts[3]).any()
