@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from robots import PANDA, ROBOTS, UR5
-from urdf_texts import LIMIT, LINK, a_joint, urdf
+from urdf_texts import LIMIT, LINK, a_joint, small, urdf
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, nominal_inertias
@@ -50,24 +50,6 @@ def without_efforts(folder: Path, source: str | Path = UR5, effort: str = "0") -
         text = re.sub(rf'(<limit[^>]*?) {key}="[^"]*"', rf'\1 {key}="{effort}"', text)
     path.write_text(text)
     return Path(f"{path}#{link}") if link else path
-
-
-def small(
-    folder: Path, name: str = "robot.urdf", limit: str = "", moments: str = "0.02 0.02 0.01"
-) -> Path:
-    """An arm of two joints, which lean."""
-    xx, yy, zz = moments.split()
-    link = (
-        '<link name="{}"><inertial><origin xyz="0 0.05 0.1"/><mass value="2"/><inertia ixx="{}" '
-        'iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-    )
-    limit = limit or '<limit lower="-1.5" upper="2" effort="30" velocity="3"/>'
-    lower = a_joint("one", "a", "b", inner=limit, axis="0 1 0")
-    upper = a_joint("two", "b", "c", inner=limit, axis="1 0 0")
-    path = folder / name
-    links = link.format("b", xx, yy, zz) + link.format("c", 0.02, 0.02, 0.01)
-    path.write_text(f'<robot name="r"><link name="a"/>{links}{lower}{upper}</robot>')
-    return path
 
 
 @pytest.fixture(scope="module")

@@ -9,36 +9,15 @@ from pathlib import Path
 
 import jupytext
 import matplotlib
-import pytest
 from support import REPOSITORY
-
-from dvrk_gravity import diagnosis, identification
-
-pytestmark = pytest.mark.usefixtures("four_folds")
 
 EXAMPLES = REPOSITORY / "examples"
 NOTEBOOKS = [path.with_suffix(".py") for path in sorted(EXAMPLES.glob("*.ipynb"))]
 
 
-def computed_once(monkeypatch, function: str) -> None:
-    """Let examples that identify or diagnose the same recording share the result."""
-    room = {"identify": identification, "diagnose": diagnosis}[function]
-    compute, known = getattr(room, function), {}
-
-    def once(recording, *others, **options):
-        key = (recording.effort.tobytes(), repr(options))
-        if key not in known:
-            known[key] = compute(recording, *others, **options)
-        return known[key]
-
-    monkeypatch.setattr(room, function, once)
-
-
 def test_the_examples_run_as_they_stand(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(EXAMPLES)
-    computed_once(monkeypatch, "identify")
-    computed_once(monkeypatch, "diagnose")
 
     runpy.run_path(str(EXAMPLES / "ten_lines.py"))
     assert Path("model.yaml").is_file()
@@ -56,7 +35,7 @@ def test_the_examples_run_as_they_stand(monkeypatch, tmp_path, capsys):
     assert after < 0.7 * before
 
 
-def test_an_example_for_any_arm_says_how_it_is_called():
+def test_an_example_for_any_arm_shows_how_it_is_called():
     script = EXAMPLES / "any_arm.py"
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert done.returncode == 1
@@ -70,14 +49,11 @@ def test_the_readme_shows_these_ten_lines():
     assert "\n".join(f"    {line}".rstrip() for line in code.splitlines()) in readme
 
 
-@pytest.mark.parametrize("script", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_is_its_script_without_outputs(script):
-    notebook = jupytext.read(script.with_suffix(".ipynb"))
-    cells = [(cell.cell_type, cell.source) for cell in notebook.cells]
-    paired = [(cell.cell_type, cell.source) for cell in jupytext.read(script).cells]
-    assert cells == paired, f"jupytext --to ipynb {script} renews it"
-    assert not any(cell.get("outputs") for cell in notebook.cells)
-
-
-def test_there_are_two_notebooks():
-    assert [path.stem for path in NOTEBOOKS] == ["identify_and_compare", "what_changed"]
+def test_a_notebook_is_its_script_without_outputs():
+    assert len(NOTEBOOKS) == 2
+    for script in NOTEBOOKS:
+        notebook = jupytext.read(script.with_suffix(".ipynb"))
+        cells = [(cell.cell_type, cell.source) for cell in notebook.cells]
+        paired = [(cell.cell_type, cell.source) for cell in jupytext.read(script).cells]
+        assert cells == paired, f"jupytext --to ipynb {script} renews it"
+        assert not any(cell.get("outputs") for cell in notebook.cells)

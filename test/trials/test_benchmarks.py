@@ -1,23 +1,30 @@
-"""The comparison with other packages, as far as it needs none of them."""
+"""Benchmarks: no threshold is forgotten by `make sensitivity`; `make peers` without the peers."""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import re
 import sys
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from support import REPOSITORY
 
-from dvrk_gravity.identification import identify
+import dvrk_gravity.diagnosis
+import dvrk_gravity.estimation
+import dvrk_gravity.identification
+import dvrk_gravity.recording
 from testing import mujoco_arms
 from testing.lab_motion import draw_calibration
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmark" / "peers"))
+sys.path.insert(0, str(REPOSITORY / "benchmark"))
+sys.path.insert(0, str(REPOSITORY / "benchmark" / "peers"))
 import least_squares
-from cases import SEED, forward
+import sensitivity
 from exchange import Case, Fitted, Parameter, changed, least_eigenvalue
 from forward import ForwardWorld
 from outcome import METHODS, US, Outcome, Row
@@ -25,8 +32,50 @@ from page import SECTIONS, TITLE, better, page
 from run import SCRIPTS, user_lines
 from urdfs import write
 
-REPOSITORY = Path(__file__).resolve().parents[1]
-FOLDER = REPOSITORY / "benchmark" / "peers"
+ROOMS = (
+    dvrk_gravity.diagnosis, dvrk_gravity.estimation, dvrk_gravity.identification,
+    dvrk_gravity.recording,
+)  # fmt: skip
+# How a search goes on is given by who searches, and among their settings.
+GIVEN = {"SearchSettings"}
+
+
+def test_every_threshold_is_among_those_that_are_halved_and_doubled():
+    found = set()
+    for room in ROOMS:
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            for name, value in vars(importlib.import_module(module.name)).items():
+                known = name.endswith("Settings") and is_dataclass(value) and name not in GIVEN
+                if known and value.__module__ == module.name:
+                    found.add(value)
+    assert found == {settings for settings, _ in sensitivity.CLASSES}
+
+
+def kind_of(name: str) -> int:
+    return [settings.__name__ for settings, _ in sensitivity.CLASSES].index(name)
+
+
+def test_a_threshold_that_is_changed_is_changed_only_for_a_while():
+    kind, _ = sensitivity.CLASSES[kind_of("FilterSettings")]
+    with sensitivity.changed(kind, "band", 2.0):
+        assert kind().band == 16.0
+        assert kind(band=3.0).band == 3.0
+    with sensitivity.changed(kind, "blocks.duration", 0.5):
+        assert kind().blocks.duration == 0.25
+    assert kind().band == 8.0
+
+
+def test_a_threshold_that_matters_moves_what_is_found():
+    number = kind_of("TimingSettings")
+    _, before = sensitivity.solve(number, None, 1.0)
+    value, after = sensitivity.solve(number, "gap", 2.0)
+    assert value == "7.0"
+    assert sensitivity.moved(before, after)
+    assert sensitivity.moved(before, before) == []
+
+
+# --- beside other packages --------------------------------------------------------------------
+
 LINES = dict.fromkeys(METHODS, 10)
 GOOD = Outcome([0.1, 0.2], 0.1, 0.1, 1.0, 0.2, (95, 100, 100), (2, 2),
                diagnoses=[{"cpu": 1.0, "found": [{"effect": "payload", "joint": "b"}]},
@@ -87,16 +136,6 @@ def test_a_peer_without_an_answer_is_listed_with_its_reason():
     assert "- arm, figaroh LMI: no optimal solution" in text
 
 
-def test_the_page_in_the_documentation_is_what_the_command_writes():
-    text = (REPOSITORY / "docs" / "peers.md").read_text()
-    headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
-    assert headings[: len(SECTIONS)] == list(SECTIONS)
-    assert text.startswith(f"{TITLE}\n\nWritten by `make peers` (seed ")
-    for heading in ("of an identification", "mean of joints", "hidden"):
-        assert f"| {heading} | {' | '.join(METHODS)} |" in text
-    assert "Why is not known." not in text
-
-
 def test_least_squares_recovers_the_links_of_a_known_arm(ur5):
     model = pin.buildModelFromUrdf(ur5.urdf)
     data, random = model.createData(), np.random.default_rng(1)
@@ -129,7 +168,7 @@ def test_links_are_consistent_whose_pseudo_inertia_is_positive():
     assert least_eigenvalue(body * np.array([1, 1, 1, 1, 9, 1, 1, 1, 1, 1])) < 0.0
 
 
-def test_mujoco_moves_an_arm_by_the_friction_and_rotors_that_are_called_its_own(ur5):
+def test_mujoco_moves_an_arm_by_the_friction_and_rotors_that_are_its_own(ur5):
     world = ForwardWorld.draw("ur5", "friction", 3, Path(ur5.urdf).read_text())
     truth = world.truth(draw_calibration(world.arm, 3), 0.0, 2.0, 0.0)
     viscous, dry, rotors = world.parameters
@@ -141,25 +180,7 @@ def test_mujoco_moves_an_arm_by_the_friction_and_rotors_that_are_called_its_own(
     assert sure.mean() > 0.3
 
 
-def test_a_wrist_that_rubs_by_mujoco_s_law_gets_no_spring(tmp_path):
-    """Where it turned round, a spring once removed 11 % of its held-out squared error."""
-    case = forward(tmp_path / "ur5", "ur5", "friction", SEED).case
-    cable = identify(tmp_path / "ur5" / "train.csv", case.arm, "joint").model.term("elastic_cable")
-    assert cable is None or not cable.coefficients[1:].any()
-
-
 def test_a_user_s_lines_are_counted_in_every_method():
     counts = {method: user_lines(script) for method, script in SCRIPTS.items()}
     assert 0 < counts[US] < 10
     assert all(20 < counts[method] < 120 for method in METHODS[1:])
-
-
-def test_the_peers_environment_is_pinned_and_no_dependency_of_the_package():
-    wanted = (FOLDER / "requirements.in").read_text().split()
-    pins = (FOLDER / "requirements.lock").read_text().splitlines()[1:]
-    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in pins)
-    assert pins == sorted(pins, key=str.lower)
-    names = {line.split("==")[0].lower() for line in pins}
-    assert {name.split("[")[0] for name in wanted} <= names
-    for file in ("setup.py", "requirements.in", "requirements.lock"):
-        assert "figaroh" not in (REPOSITORY / file).read_text()

@@ -1,0 +1,47 @@
+"""The package as other processes see it: an archive, a workspace, an import without ROS."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from support import REPOSITORY
+
+PACKAGE = REPOSITORY / "dvrk_gravity"
+
+
+def python(*words: str, path: Path = REPOSITORY, **variables: str) -> subprocess.CompletedProcess:
+    environment = {**os.environ, "PYTHONPATH": str(path), **variables}
+    return subprocess.run(
+        [sys.executable, *words], env=environment, cwd=path.parent, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+
+
+def test_rooms_are_imported_from_an_archive_too(tmp_path):
+    with zipfile.ZipFile(tmp_path / "package.zip", "w") as archive:
+        for path in PACKAGE.rglob("*.py*"):
+            if path.suffix != ".pyc":
+                archive.write(path, path.relative_to(PACKAGE.parent))
+    program = "from dvrk_gravity.parameters import Parameter; print(Parameter.__module__)"
+    process = python("-c", program, path=tmp_path / "package.zip", EAGER_IMPORT="1")
+    assert (process.stdout.strip(), process.stderr) == ("dvrk_gravity.parameters.parameter", "")
+
+
+def test_what_is_slow_to_load_and_ros_are_loaded_by_what_needs_them():
+    program = (
+        "import sys; from dvrk_gravity import Recording, TorqueModel, diagnose, evaluate, identify\n"
+        "print({name.split('.')[0] for name in sys.modules} & {'scipy', 'matplotlib', 'rclpy'})"
+    )
+    process = python("-c", program)
+    assert (process.stdout.strip(), process.stderr) == ("set()", "")
+
+
+def test_colcon_takes_it_for_an_ament_python_package():
+    pytest.importorskip("colcon_core")
+    result = python("-m", "colcon", "list", "--paths", str(REPOSITORY))
+    assert "(ros.ament_python)" in result.stdout, result.stderr
