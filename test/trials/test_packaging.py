@@ -34,7 +34,7 @@ def test_rooms_are_imported_from_an_archive_too(tmp_path):
 
 def test_what_is_slow_to_load_and_ros_are_loaded_by_what_needs_them():
     program = (
-        "import sys; from dvrk_gravity import Recording, TorqueModel, diagnose, evaluate, identify\n"
+        "import sys; from dvrk_gravity import Recording, TorqueModel, diagnose, identify\n"
         "print({name.split('.')[0] for name in sys.modules} & {'scipy', 'matplotlib', 'rclpy'})"
     )
     process = python("-c", program)
