@@ -2,7 +2,6 @@
 
 import copy
 import json
-import math
 
 import numpy as np
 import pytest
@@ -54,38 +53,22 @@ def with_value(path, value):
 INERTIA = ("links", 1, "inertia")
 REFUSED = [
     (("links", 1, "mass"), -6, r"link 2: mass: got -6\.0, expected 0 kg or more"),
-    (("links", 0, "mass"), math.nan, r"link 1: mass: got nan"),
     (("links", 0, "mass"), 10**400, r"link 1: mass: got 1000"),
-    (("links", 0, "mass"), True, r"link 1: mass: got True"),
     (("links", 0, "mass"), "1e-3", r"link 1: mass: got '1e-3', expected a number .*1\.0e-3"),
-    (("links", 0, "length"), -1, r"link 1: length: got -1\.0, expected 0 m or more"),
     (("links", 0, "com"), [1, 2], r"link 1: com: got \[1, 2\], expected 3 numbers"),
-    (("links", 0, "com", 1), math.inf, r"link 1: com\[1\]: got inf"),
-    (("links", 0, "colour"), "red", r"link 1: colour: got 'red'"),
-    (("links", 0), 3, r"link 1: got 3"),
     (("links",), [], r"links: got \[\]"),
     (INERTIA, [[1, 0, 0]], r"link 2: inertia: got .*, expected 3 rows of 3 numbers"),
-    (INERTIA, [[1, 0], [0, 1], [0, 1]], r"link 2: inertia row 1: got .*, expected 3 numbers"),
     (INERTIA, [[0.3, 0.1, 0], [0, 0.3, 0], [0, 0, 0.3]], r"link 2: inertia: got .*symmetric"),
-    (INERTIA, [[-0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.3]], r"link 2: inertia: got .*-0\.3 kg"),
     # Symmetric, positive entries, one negative principal moment.
     (INERTIA, [[0.3, 0.5, 0], [0.5, 0.3, 0], [0, 0, 0.3]], r"link 2: inertia: got .*-0\.2 kg"),
     (INERTIA, [[0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.8]], r"link 2: inertia: .*\(0\.8 .*\(0\.4\)"),
-    (("links", 1, "accept_impossible_inertia"), 1, r"link 2: accept_impossible_inertia: got 1"),
     (("joints", 0, "type"), 3, r"joint 1: type: got 3"),
-    (("joints", 0, "type"), False, r"joint 1: type: got False"),
-    (("joints", 1, "rotation"), [90], r"joint 2: rotation: got \[90\], expected 3 numbers"),
     (("joints",), [{"type": 0}], r"joints: got '1 joints', expected 2"),
     (("forces", 0, 3), 3, r"forces row 1: link: got 3\.0, expected the number of a link, 1 to 2"),
-    (("forces", 0, 3), 0, r"forces row 1: link: got 0\.0"),
-    (("forces", 0, 3), 1.5, r"forces row 1: link: got 1\.5"),
     (("forces", 0), [1, 2, 3, 1], r"forces row 1: got \[1, 2, 3, 1\], expected 7 numbers"),
     (("moments", 0, 3), -1, r"moments row 1: link: got -1\.0"),
-    (("moments", 0, 0), None, r"moments row 1\[0\]: got nothing"),
     (("q",), [1, 2, 3], r"q: got \[1, 2, 3\], expected 2 numbers"),
     (("qd",), [[0, 0], [0, 0]], r"qd: got 'shape \(2, 2\)'"),
-    (("qdd",), [[1, 2], [3]], r"qdd row 2: got \[3\], expected 2 numbers"),
-    (("qdd", 1), math.nan, r"qdd\[1\]: got nan"),
     (("g_flag",), 2, r"g_flag: got 2, expected 0 or 1"),
     (("gravity_direction",), [0, 0, 0], r"gravity_direction: got .*, expected a direction"),
     (("angle_unit",), ["deg"], r"angle_unit: got \['deg'\], expected rad or deg"),

@@ -7,7 +7,6 @@ import pytest
 import yaml
 from support import REPOSITORY
 
-from dvrk_gravity import gravity
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.newton_euler import inverse_dynamics, parse, read
 
@@ -85,67 +84,3 @@ def test_the_command_prints_the_documents_numbers(capsys):
     rows = [line.split() for line in shown.splitlines() if re.match(r" +\d", line)]
     numbers = np.array([[float(cell) for cell in row[4:]] for row in rows])
     np.testing.assert_array_equal(numbers, PRINTED["3_2_with_gravity"])
-
-
-# Standard DH of the MTM's serial part, joint angles counted from the document's zero.
-DH = [  # alpha deg, a m, d m, theta offset deg
-    (90, 0, 0, -90),
-    (0, 0.2794, 0, -90),
-    (-90, 0.3645, 0, 90),
-    (90, 0, 0.1506, 0),
-    (-90, 0, 0, 0),
-    (90, 0, 0, -90),
-    (0, 0, 0, 90),
-]
-
-
-def about_x(degrees):
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-
-
-def mtm_document(masses, coms):
-    """The MTM in the document's terms: the d of joint 4 is a rigid link along its axis.
-
-    A frame here is the DH frame before the turn by alpha; ``coms`` are in the distal DH frames.
-    """
-    links, joints, turn = [], [], [0, 0, 0]
-    massless = {"mass": 0, "com": [0, 0, 0], "inertia": [[0] * 3] * 3}
-    for (alpha, a, d, _), mass, com in zip(DH, masses, coms, strict=True):
-        local = about_x(alpha) @ com + [a, 0, d]
-        joints.append({"type": 0, "rotation": turn})
-        links.append({"length": a, "mass": mass, "com": local.tolist(), "inertia": [[0] * 3] * 3})
-        turn = [alpha, 0, 0]
-        if d:
-            joints.append({"type": 2, "rotation": [0, -90, 0]})
-            links.append({"length": d, **massless})
-            turn = [alpha, 90, 0]
-    n = len(joints)
-    zeros = [0] * n
-    return {
-        "angle_unit": "deg",
-        "links": links,
-        "joints": joints,
-        "gravity_direction": [0, 0, -1],
-        "q": zeros,
-        "qd": zeros,
-        "qdd": zeros,
-    }
-
-
-def test_the_mtm_as_a_chain_has_the_closed_forms_gravity_torques():
-    rng = np.random.default_rng(3)
-    masses = rng.uniform(0.05, 1, 7)
-    coms = rng.normal(size=(7, 3)) * 0.1
-    # Link 7's transverse first moments have no column in the ten-column form.
-    coms[6, :2] = 0
-    document = mtm_document(masses.tolist(), coms)
-    mechanism, _ = parse(yaml.safe_load(yaml.safe_dump(document)))
-    assert mechanism.n == 8
-    q = rng.uniform(-3, 3, (50, 7))
-    chain_q = np.insert(q + np.radians([row[3] for row in DH]), 4, 0.0, axis=1)
-    still = np.zeros_like(chain_q)
-    tau = np.delete(inverse_dynamics(mechanism, chain_q, still, still).tau, 4, axis=1)
-    links = {f"link{i + 1}": gravity.LinkMass(masses[i], tuple(coms[i].tolist())) for i in range(7)}
-    expected = gravity.regressor(q) @ gravity.beta_from_links(links)
-    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
