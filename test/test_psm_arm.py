@@ -31,42 +31,6 @@ def text(values) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def turned(axis: str, degrees: float) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = pin.utils.rotate(axis, np.radians(degrees))
-    return matrix
-
-
-def moved(x: float, y: float, z: float) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
-
-
-def proximal(a: float, alpha: float, d: float, degrees: float) -> np.ndarray:
-    """One row of the published table: a, d in m, angles in degrees."""
-    return turned("x", alpha) @ moved(a, 0, 0) @ turned("z", degrees) @ moved(0, 0, d)
-
-
-def published(q: np.ndarray) -> dict[str, np.ndarray]:
-    """Frames of the published tree of a PSM at (7,) joints, seen from where yaw and back meet."""
-    yaw, pitch, slide, roll = np.degrees(q[0]), np.degrees(q[1]), q[2], np.degrees(q[3])
-    first = proximal(0, 90, 0, yaw + 90)
-    second = first @ proximal(0, -90, 0, pitch - 90)
-    back = second @ proximal(0.04009, 0, 0, 90)
-    front = back @ proximal(0.14454, 0, 0, 90 - pitch)
-    lower = front @ proximal(0.516, 0, 0, pitch)
-    carriage = lower @ proximal(0.04009, -90, slide - 0.4318 + 0.14454, 0)
-    return {
-        "lower_bar": front,
-        "upper_bar": back @ proximal(0.18262, 0, 0, 90 - pitch),
-        "middle": front @ proximal(0.096, 0, 0, pitch + 180),
-        "counterweight": second @ proximal(0.04009, -90, slide, 0),
-        "link3": carriage,
-        "link4": carriage @ proximal(0, 0, 0.4162, roll),
-    }
-
-
 def frames(arm: Arm, q: np.ndarray) -> dict[str, np.ndarray]:
     tree = build_tree(arm, {}, TILTED)
     pin.forwardKinematics(tree.model, tree.data, tree.expand @ q)
@@ -74,21 +38,6 @@ def frames(arm: Arm, q: np.ndarray) -> dict[str, np.ndarray]:
         body.name: (tree.data.oMi[i] * body.frame).homogeneous
         for i, body in enumerate(arm.bodies, start=1)
     }
-
-
-def test_bodies_of_the_psm_are_where_the_published_tree_has_them(psm):
-    """Which has its base 0.516 m up the yaw axis, and leaves the remote centre to the loops."""
-    remote_centre = moved(0, -0.516, 0)
-    for q in random_motion(psm, 20, 1)[0]:
-        actual = frames(psm, q)
-        for name, expected in published(q).items():
-            there = remote_centre @ expected
-            np.testing.assert_allclose(actual[name][:3, 3], there[:3, 3], atol=1e-12, err_msg=name)
-            # Frames may be chosen; how a body turns may not: the same part of the way from zero.
-            start = frames(psm, np.zeros(7))[name][:3, :3], published(np.zeros(7))[name][:3, :3]
-            np.testing.assert_allclose(
-                actual[name][:3, :3] @ start[0].T, there[:3, :3] @ start[1].T, atol=1e-12
-            )
 
 
 def test_the_shaft_goes_through_the_remote_centre_whatever_the_joints():

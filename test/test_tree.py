@@ -89,9 +89,3 @@ def test_gravity_of_beta_s_tree_is_the_closed_form(motions):
         tree = beta_tree(ARM, beta, np.array(vector))
         for q, _, _ in motions:
             np.testing.assert_allclose(tree.gravity(q), torque(q, beta, vector), atol=1e-13)
-
-
-def test_a_link_without_inertia_weighs_nothing(motions):
-    bare = build_tree(ARM, {}, DOWN)
-    for q, qd, qdd in motions:
-        np.testing.assert_array_equal(bare.inverse_dynamics(q, qd, qdd), np.zeros(7))
