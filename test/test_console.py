@@ -110,19 +110,6 @@ def test_real_files_are_returned_exactly(tmp_path):
         assert back == document, path.name
 
 
-def test_an_edited_number_is_the_only_one_that_changes():
-    document = synthetic()
-    values = model_of(document).parameters()
-    beta = list(values["beta"])
-    beta[2] += 0.05
-    back = export(TorqueModel.from_parameters(values | {"beta": beta})).document
-    for side in ("pos", "neg"):
-        old = document["GC_controller"][f"gc_dynamic_params_{side}"]
-        new = back["GC_controller"][f"gc_dynamic_params_{side}"]
-        assert new[2] == pytest.approx(old[2] + 0.05 / 9.81, rel=1e-12)
-        assert [*new[:2], *new[3:]] == [*old[:2], *old[3:]]
-
-
 def test_a_model_of_ones_own_becomes_a_file_that_the_console_loads(tmp_path):
     model = TorqueModel.from_parameters(own_model() | {"ramp_time": 2.0})  # a setting is left out
     model.save(tmp_path / "m.yaml")
@@ -207,19 +194,14 @@ def drop(name):
 
 BAD_FIELDS = {
     "no version": (lambda document: document.pop("version"), "version"),
-    "version 3": (lambda document: document.update(version="3.0"), "version"),
     "no section": (lambda document: document.pop("GC_controller"), "GC_controller"),
     "39 parameters": (
         lambda document: document["GC_controller"].update(gc_dynamic_params_pos=[0.1] * 39),
         "39 entries",
     ),
     "null": (entry("gc_dynamic_params_neg", 12, None), "gc_dynamic_params_neg[12]"),
-    "true": (entry("gc_dynamic_params_neg", 12, True), "gc_dynamic_params_neg[12]"),
-    "infinite": (entry("gc_dynamic_params_pos", 3, 10**400), "gc_dynamic_params_pos[3]"),
-    "no limits": (drop("safe_upper_torque_limit"), "safe_upper_torque_limit"),
     "one range": (drop("joint_position_lower_limit"), "joint_position_lower_limit"),
     "band over saturation": (entry("db_vel_vec", 2, 0.5), "sat_vec_vec[2]"),
-    "negative band": (entry("db_vel_vec", 2, -0.5), "db_vel_vec[2]"),
     "ratio": (entry("fric_comp_ratio_vec", 6, 1.5), "fric_comp_ratio_vec[6]"),
     "range upside down": (entry("joint_position_lower_limit", 0, 50), "lower_limit[0]"),
 }  # fmt: skip
@@ -237,18 +219,6 @@ def test_a_bad_field_is_refused_in_one_line_and_the_check_has_it_corrected(tmp_p
         assert convert("--check", path) == 1, case
         assert named in capsys.readouterr().out, case
         assert check_file(path).answer.use is Use.REPAIR, case
-
-
-def test_numbers_that_are_not_finite_are_refused(tmp_path, capsys):
-    plain = json.dumps(edited(entry("gc_dynamic_params_pos", 7, "HERE")))
-    path = tmp_path / "gc-MTMR-12345.json"
-    for number in ("NaN", "-Infinity", "1e999"):
-        path.write_text(plain.replace('"HERE"', number))
-        assert convert(path, tmp_path / "m.yaml") == 2, number
-        assert not (tmp_path / "m.yaml").exists(), number
-        capsys.readouterr()
-        assert convert("--check", path) == 1, number
-        assert "gc_dynamic_params_pos[7]" in capsys.readouterr().out, number
 
 
 def test_a_file_of_an_arm_that_its_name_contradicts_is_not_to_be_used(tmp_path):
@@ -269,14 +239,17 @@ def test_two_gravities_are_refused(tmp_path, capsys):
 
 UNREADABLE = {
     "empty": b"", "list": b"[]", "cut": b"{", "binary": b"\xff\xfe\x00binary",
-    "nested": b"[" * 100_000, "deep": b'{"a":' + b"[" * 30 + b"]" * 30 + b"}",
-    "comment": b'{"version": /* "2.0"}', "digits": b'{"version": ' + b"1" * 5000 + b"}",
+    "nested": b"[" * 100_000, "digits": b'{"version": ' + b"1" * 5000 + b"}",
     "huge": b" " * 1_000_001,
 }  # fmt: skip
 
 
 def test_unreadable_files_are_refused_in_one_line(tmp_path, capsys):
-    path = tmp_path / "gc-MTMR-1.json"
+    path = write(tmp_path, edited(entry("gc_dynamic_params_pos", 7, float("nan"))))
+    assert convert(path, tmp_path / "m.yaml") == 2
+    assert os.listdir(tmp_path) == [path.name]
+    assert "gc_dynamic_params_pos[7]" in str(check_file(path).findings)
+    capsys.readouterr()
     for case, content in UNREADABLE.items():
         path.write_bytes(content)
         for words in ((path, tmp_path / "m.yaml"), ("--check", path)):

@@ -55,16 +55,9 @@ MODELS = {
         "coulomb_friction.joint_positive": (0.03, 0.04, 0.01, 0.005, 0.003, 0.003, 0.001),
         "coulomb_friction.motor_positive": (0.0, 0.0, 0.05, 0.01, 0.0, 0.0, 0.0),
     },
-    "Stribeck and viscous friction": {
-        "coulomb_friction.joint_positive": (0.03,) * 3 + (0.005,) * 4,
-        "stribeck_friction.joint": (0.01,) * 3 + (0.002,) * 4,
-        "stribeck_friction.joint_velocity": (0.1,) * 7,
-        "viscous_friction.motor": (0.02,) * 3 + (0.001,) * 4,
-    },
     "a cable of degree seven": {
         "elastic_cable.wrist_pitch": (0.01, -0.02, 0.0, 0.01, 0.0, -0.004, 0.0, 2e-4)
     },
-    "a payload": {"payload.mass": 0.05, "payload.first_moment": (0.0, 0.0, 0.002)},
     "load that stiction holds": {
         "held_load.orders": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
         "held_load.mean.shoulder_pitch": (0.03,),
@@ -112,7 +105,6 @@ MOST_AT_REST = {
     "friction of motors": 1e-9,
     "a cable of degree seven": 12e-3,
     "load that stiction holds": 1e-9,
-    "a payload": 1e-5,
 }
 
 
@@ -195,12 +187,6 @@ def test_the_difference_between_the_directions_is_that_of_true_positions():
     ]
     found = np.polynomial.polynomial.polyval(q, up - down)
     np.testing.assert_allclose(found, np.subtract(*expected), atol=1e-8)
-
-
-def test_a_model_without_a_range_is_converted_over_the_arm_s_limits(tmp_path):
-    _, costs = document_of({"arm": "mtmr", "beta": (*BETA, 0.001, 0.0)}, tmp_path)
-    edges = np.array([costs["range_rad"][joint] for joint in JOINT_NAMES])
-    np.testing.assert_allclose(edges, np.stack([ARM.lower, ARM.upper], axis=1))
 
 
 def mirrored() -> dict:
