@@ -85,23 +85,19 @@ def test_the_version_is_the_same_everywhere(monkeypatch):
     assert MANIFEST.findtext("version") == dvrk_gravity.__version__
 
 
-@pytest.mark.parametrize(
-    "site",
-    ["lib/python3.12/site-packages", "local/lib/python3.12/dist-packages", ""],
-    ids=["a prefix or an environment", "Debian's", "pip --target"],
-)
-def test_configuration_is_found_beside_the_package_however_it_is_installed(
-    site, tmp_path, monkeypatch
-):
-    prefix = tmp_path / site.split("lib/")[0]
-    config = prefix / "share" / "dvrk_gravity" / "config" / "arms"
-    config.mkdir(parents=True)
-    (config / "mine.yaml").write_text("")
+def test_configuration_is_found_beside_the_package_however_it_is_installed(tmp_path, monkeypatch):
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
-    monkeypatch.setattr(
-        resources, "__file__", str(tmp_path / site / "dvrk_gravity" / "files" / "resources.py")
-    )
-    assert resources.config_path("arms/mine.yaml") == config / "mine.yaml"
+    for case, site in enumerate((  # a prefix or an environment, Debian's, pip --target
+        "lib/python3.12/site-packages", "local/lib/python3.12/dist-packages", "",
+    )):  # fmt: skip
+        installed = tmp_path / str(case) / site
+        prefix = tmp_path / str(case) / site.split("lib/")[0]
+        config = prefix / "share" / "dvrk_gravity" / "config" / "arms"
+        config.mkdir(parents=True)
+        (config / "mine.yaml").write_text("")
+        module = installed / "dvrk_gravity" / "files" / "resources.py"
+        monkeypatch.setattr(resources, "__file__", str(module))
+        assert resources.config_path("arms/mine.yaml") == config / "mine.yaml"
 
 
 # --- without ROS ------------------------------------------------------------------------------
@@ -176,6 +172,7 @@ def test_json_files_have_the_keys_that_are_public():
     fit = fit_of(TIME)
     assert keys_of("identify --json") == list(fit.to_json())
     arm = fit.model.arm
-    poses = Recording(arm.joint_names, None, [arm.lower], effort=0.01 * arm.effort_limit[None])
+    effort = [0.01 * arm.effort_limit] * 2
+    poses = Recording(arm.joint_names, None, [arm.lower, arm.upper], effort=effort)
     evaluation = evaluate(TorqueModel(arm, ()), poses)
     assert keys_of("evaluate --json") == list(evaluation.to_json())

@@ -9,14 +9,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dvrk_gravity.arms import build_tree
+from dvrk_gravity.arms import Arm, build_tree
 from dvrk_gravity.effects import Meaning, effects, links_of_joints, named
 from dvrk_gravity.planning import PlanLimits
 from testing import lab_effects, mujoco_arms
+from testing.hidden_parts import Hidden
 from testing.lab_effects import Setting, hide
 from testing.lab_motion import draw_calibration, draw_other
 from testing.lab_outside import OUTSIDE
 from testing.mujoco_world import NAMES, MujocoWorld
+from testing.score import Outcome, fits, report
 
 SECONDS = 6.0
 RATIO = (1.5, 6.0)
@@ -81,19 +83,6 @@ def test_motions_keep_the_limits_that_a_program_has():
                 assert (total < limits.pair.upper + 1e-6).all()
 
 
-def test_most_motions_that_are_diagnosed_stay_about_where_the_calibration_went():
-    arm = mujoco_arms.arm_of("ur5")
-    time = np.arange(0.0, 30.0, 0.05)
-    calibration = draw_calibration(arm, 1)
-    known = calibration.at(time)[0]
-    more = 0.06 * np.ptp(known, axis=0)
-    near = 0
-    for seed in range(20):
-        way = draw_other(arm, seed, calibration).at(time)[0]
-        near += (way > known.min(axis=0) - more).all() and (way < known.max(axis=0) + more).all()
-    assert 10 <= near < 20
-
-
 EFFECTS = [effect for effect in lab_effects.HIDERS if effect != "nothing"]
 
 
@@ -156,3 +145,35 @@ def test_a_seed_determines_everything(world):
     np.testing.assert_array_equal(efforts[0], efforts[1])
     assert (efforts[0] != efforts[2]).any()
     assert (efforts[0] != efforts[3]).any()
+
+
+def test_another_name_is_right_only_for_the_same_physics_at_the_same_joint():
+    arm = Arm.load("mtmr")
+    names = arm.joint_names
+    payload = Hidden("payload", (names[6],), {})
+    assert fits(payload, "payload", (names[6],), arm)
+    assert fits(payload, "link_com", (names[6],), arm)
+    assert not fits(payload, "link_com", (names[5],), arm)
+    assert not fits(payload, "link_com", (), arm)
+    rotor = Hidden("rotor_inertia", (names[3],), {})
+    assert not fits(rotor, "link_inertia", (names[3],), arm)
+    assert fits(replace(rotor, joints=(names[0],)), "link_inertia", (names[0],), arm)
+    leak = Hidden("joint_coupling", (names[1], names[2]), {})
+    assert fits(leak, "joint_coupling", (names[2], names[1]), arm)
+    assert not fits(leak, "joint_coupling", (names[2], names[3]), arm)
+
+
+def test_only_a_name_that_is_wrong_and_certain_counts_as_surely_wrong():
+    def outcome(place: str, *found: tuple[str, bool]) -> Outcome:
+        names, certain = zip(*found, strict=True)
+        return Outcome("mujoco", "ur5", 0, "creep", found=list(names), certain=list(certain),
+                       place=place)  # fmt: skip
+
+    drag, perhaps, nameless = (
+        ("viscous_friction a", True),
+        ("payload a", False),
+        ("unknown a", True),
+    )
+    shown = report("t", [outcome("wrong", drag, perhaps), outcome("wrong", perhaps, nameless),
+                         outcome("first", drag)], {})  # fmt: skip
+    assert "certain of a wrong cause: 1 of 3" in shown
