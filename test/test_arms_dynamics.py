@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
 from made_up_arm import FILE, made_up_arm, random_inertias, random_motion
 from robots import PANDA, UR5
-from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias, rigid_body
+from testing.mujoco_arms import mtm, table
 
 TILTED = np.array([1.3, -2.1, -9.4])
 
@@ -121,91 +120,6 @@ def test_a_chain_to_a_tip_holds_the_other_joints_where_zero_is_nearest():
         np.testing.assert_allclose(short.inverse_dynamics(*sample), expected, atol=1e-10)
 
 
-def text(values) -> str:
-    return " ".join(f"{value:.17g}" for value in np.ravel(values))
-
-
-def mujoco_body(name, pos, quat, kind, inertia, frame, inner, damping="") -> str:
-    """A MuJoCo body with one joint along its z and an inertia given in ``frame``."""
-    turned = frame[:3, :3] @ inertia.inertia @ frame[:3, :3].T
-    lever = frame @ np.append(inertia.lever, 1.0)
-    full = turned[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    joint = "hinge" if kind == "revolute" else "slide"
-    return (
-        f'<body name="{name}" pos="{text(pos)}" quat="{text(quat)}">'
-        f'<joint name="{name}" type="{joint}" axis="0 0 1"/>'
-        f'<inertial mass="{inertia.mass:.17g}" pos="{text(lever[:3])}" '
-        f'fullinertia="{text(full)}"/>{inner}</body>'
-    )
-
-
-def mujoco_made_up(inertias: dict[str, pin.Inertia]) -> mujoco.MjModel:
-    """The made-up arm from its file's numbers alone, its followers joints of their own."""
-
-    def quat(matrix) -> np.ndarray:
-        return np.roll(Rotation.from_matrix(matrix).as_quat(), 1)
-
-    fixed = []
-    for row in FILE["joints"]:
-        pose = np.eye(4)
-        about_z = Rotation.from_euler("z", row["offset"], degrees=True).as_matrix()
-        about_x = Rotation.from_euler("x", row["alpha"], degrees=True).as_matrix()
-        pose[:3, :3] = about_z @ about_x
-        pose[:3, 3] = about_z @ [row["a"], 0, 0] + [0, 0, row["d"]]
-        fixed.append(pose)
-
-    def followers(parent: str, frame: np.ndarray) -> str:
-        whole = ""
-        for row in FILE["followers"]:
-            if row["parent"] == parent:
-                turn = Rotation.from_euler("xyz", row.get("rpy", [0, 0, 0]), degrees=True)
-                pose = frame @ np.block(
-                    [[turn.as_matrix(), np.array(row["xyz"])[:, None]], [0, 0, 0, 1]]
-                )
-                name, kind = row["name"], row.get("type", "revolute")
-                whole += mujoco_body(
-                    name, pose[:3, 3], quat(pose[:3, :3]), kind, inertias[name], np.eye(4),
-                    followers(name, np.eye(4)),
-                )  # fmt: skip
-        return whole
-
-    inner = ""
-    for i in (3, 2, 1, 0):
-        before = fixed[i - 1] if i else np.eye(4)
-        name, kind = f"link{i + 1}", FILE["joints"][i].get("type", "revolute")
-        inner = mujoco_body(
-            name, before[:3, 3], quat(before[:3, :3]), kind, inertias[name], fixed[i],
-            inner + followers(name, fixed[i]),
-        )  # fmt: skip
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian" boundmass="0"/><option gravity="{text(TILTED)}"/>'
-        f"<worldbody>{inner}</worldbody></mujoco>"
-    )
-
-
-def test_links_that_follow_carry_what_mujoco_finds_for_joints_that_move_as_stated(arms):
-    """By virtual work: what each of MuJoCo's joints needs, weighted by how much it is moved."""
-    arm = arms["made_up"]
-    inertias = random_inertias(arm, 9)
-    model = mujoco_made_up(inertias)
-    data = mujoco.MjData(model)
-    follow = {row["name"]: row["follows"] for row in FILE["followers"]}
-    expand = np.zeros((model.nv, arm.n))
-    for joint in range(model.njnt):
-        name = model.joint(joint).name
-        for other, factor in follow.get(name, {}).items():
-            expand[joint, arm.joint_names.index(other)] = factor
-        if name.startswith("link"):
-            expand[joint, int(name[4:]) - 1] = 1.0
-    tree = build_tree(arm, inertias, TILTED)
-    for q, qd, qdd in zip(*random_motion(arm, 20, 10), strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = expand @ q, expand @ qd, expand @ qdd
-        mujoco.mj_inverse(model, data)
-        np.testing.assert_allclose(
-            tree.inverse_dynamics(q, qd, qdd), data.qfrc_inverse @ expand, rtol=1e-9, atol=1e-9
-        )
-
-
 def test_a_chain_in_the_modified_convention_is_where_its_table_puts_it(tmp_path):
     path = tmp_path / "modified.yaml"
     path.write_text(yaml.safe_dump({**FILE, "convention": "modified", "followers": []}))
@@ -230,3 +144,14 @@ def test_a_chain_in_the_modified_convention_is_where_its_table_puts_it(tmp_path)
         )
         link = tree.data.oMi[i] * arm.body(f"link{i}").frame
         np.testing.assert_allclose(link.homogeneous, pose, atol=1e-12)
+
+
+def test_links_that_follow_carry_what_mujoco_finds_for_joints_of_their_own(arms):
+    """By virtual work: what each of MuJoCo's joints needs, weighted by how much it is moved."""
+    for name, engine in (("mtmr", mtm), ("psm", table), ("ecm", table)):
+        arm, inertias = arms[name], random_inertias(arms[name], 9)
+        motion = random_motion(arm, 20, 10)
+        tree = build_tree(arm, inertias, TILTED)
+        found = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+        expected = engine(name, inertias, TILTED).torque(*motion)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)

@@ -51,18 +51,6 @@ def test_an_exciting_motion_of_any_arm_keeps_its_limits_and_reaches_some(arm):
     assert (np.maximum(far, np.maximum(fast, hard)) > 0.5).all()
 
 
-def test_parameters_of_the_nodes_have_the_arm_s_length_and_pass_their_own_check(arm):
-    table = node_parameters(arm)
-    for name, entry in table.items():
-        assert entry.check(entry.default) == entry.default, name
-        if isinstance(entry.default, tuple) and entry.default:
-            assert len(entry.default) == arm.n, name
-    limit = tuple(arm.effort_limit.tolist())
-    assert table["effort_limit"].check(limit) == limit
-    with pytest.raises(ConfigError, match=f"effort_limit: got '{arm.n + 1} numbers'"):
-        table["effort_limit"].check((1.0,) * (arm.n + 1))
-
-
 def test_units_of_parameters_follow_the_joints(made_up):
     table = node_parameters(made_up)
     assert table["effort_limit"].unit == "N·m or N"

@@ -128,24 +128,6 @@ def test_a_model_of_ones_own_becomes_a_file_that_the_console_loads(tmp_path):
     assert not [finding for finding in found if "limits" in finding.code]
 
 
-def test_yaml_to_json_to_yaml_keeps_every_number():
-    before = TorqueModel.from_parameters(own_model())
-    after = model_of(export(before, "777").document).parameters()
-    for name, value in before.parameters().items():
-        if isinstance(value, tuple):  # a division by 9.81 and back may cost the last bit
-            np.testing.assert_allclose(after[name], value, rtol=4e-16, atol=0, err_msg=name)
-        else:
-            assert after[name] == value
-
-
-def test_elastic_cable_goes_into_both_directions():
-    values = own_model() | {"elastic_cable.elbow_pitch": (0.01, 0.2, -0.1)}
-    for end in ("lower", "upper"):
-        values[f"elastic_cable.valid_{end}"] = values[f"directional_cable.valid_{end}"]
-    model = TorqueModel.from_parameters(values)
-    assert_as_console(export(model, "777").document, model)
-
-
 def test_version_1_is_written_as_version_2_and_the_note_bounds_the_change():
     model = model_of(synthetic("1.0"))
     result = export(model)
@@ -219,13 +201,6 @@ def test_a_bad_field_is_refused_in_one_line_and_the_check_has_it_corrected(tmp_p
         assert convert("--check", path) == 1, case
         assert named in capsys.readouterr().out, case
         assert check_file(path).answer.use is Use.REPAIR, case
-
-
-def test_a_file_of_an_arm_that_its_name_contradicts_is_not_to_be_used(tmp_path):
-    path = write(tmp_path, edited(lambda document: document.update(ARM_NAME="PSM1")))
-    with pytest.raises(ConfigError, match="ARM_NAME"):
-        ConsoleFile.load(path)
-    assert check_file(path).answer.use is Use.NOT
 
 
 def test_two_gravities_are_refused(tmp_path, capsys):

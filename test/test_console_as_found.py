@@ -19,9 +19,7 @@ from console_files import (
     write,
 )
 
-from dvrk_gravity.__main__ import main
 from dvrk_gravity.console import ConsoleFile, Severity, Use, check_file
-from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 
 NAME = "gc-MTMR-12345.json"
@@ -90,12 +88,6 @@ def test_a_comma_too_many_is_read_and_the_check_has_it_taken_out(comma, tmp_path
     assert f"line {plain.count(chr(10), 0, at)} " in answer.todo[0]
 
 
-def test_an_arm_that_neither_file_nor_name_says_is_asked_for(tmp_path):
-    path = on(tmp_path, text().replace('"ARM_NAME": "MTMR",', ""), "old.json")
-    with pytest.raises(ConfigError, match="ARM_NAME: got nothing, expected MTML or MTMR"):
-        ConsoleFile.load(path)
-
-
 # --- other files of the console ---------------------------------------------------------------
 
 ARM = HEAD + '{ "kinematic": "kinematic/mtmr.json"\n, "%s": "gc-MTMR-12345.json" // MTMR\n}'
@@ -116,14 +108,6 @@ def test_a_configuration_leads_to_the_calibration_that_it_names(key, tmp_path, c
     beside = write(tmp_path, synthetic())
     assert convert("--check", arm) == 2
     assert capsys.readouterr().err.strip().endswith(str(beside))
-
-
-def test_a_console_file_given_for_a_model_names_the_conversion(tmp_path, capsys):
-    path = on(tmp_path, text())
-    assert main(["evaluate", "run.csv", "--model", str(path)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert f"`convert {path} gc-MTMR-12345.yaml`" in error
 
 
 # --- faults, and the answer -------------------------------------------------------------------

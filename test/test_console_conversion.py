@@ -174,21 +174,6 @@ def test_friction_that_is_the_joints_own_is_compensated_by_the_usual_part():
     assert section["gc_dynamic_params_neg"][10] == pytest.approx(0.01 - 0.03)
 
 
-def test_the_difference_between_the_directions_is_that_of_true_positions():
-    values = PLAIN | MODELS["zeros of joints and cables in both directions"]
-    section = convert_model(TorqueModel.from_parameters(values), "7").file.document["GC_controller"]
-    up, down = (np.array(section[f"gc_dynamic_params_{side}"])[30:35] for side in ("pos", "neg"))
-    q = np.linspace(LOWER[4], UPPER[4], 50)
-    expected = [
-        np.polynomial.polynomial.polyval(
-            q - values["joint_offset"][4], values[f"directional_cable.{side}.wrist_pitch"]
-        )
-        for side in ("positive", "negative")
-    ]
-    found = np.polynomial.polynomial.polyval(q, up - down)
-    np.testing.assert_allclose(found, np.subtract(*expected), atol=1e-8)
-
-
 def mirrored() -> dict:
     values = own_model()
     beta = list(values["beta"])

@@ -20,6 +20,7 @@ from dvrk_gravity.arms import (
     LinkMass,
     beta_from_links,
     beta_from_pinocchio,
+    beta_tree,
     build_tree,
     regressor,
     torque,
@@ -196,3 +197,11 @@ def test_names_and_columns_belong_together():
     assert len(BETA_NAMES) == len(set(BETA_NAMES)) == max(COLUMNS) == 14
     roll = beta_from_links({"link7": LinkMass(1.0, (1.0, 2.0, 0.0))}, columns=14)
     assert dict(zip(BETA_NAMES, roll / 9.81, strict=True))["roll_y"] == pytest.approx(2.0)
+
+
+def test_gravity_of_beta_s_tree_is_the_closed_form(rng):
+    for length, vector in itertools.product((10, 12, 14), (DOWN, TILTED, (0.0, 3.0, 0.5))):
+        beta = rng.normal(0, 0.5, length)
+        tree = beta_tree(Arm.load("mtmr"), beta, np.array(vector))
+        for q in poses(rng, 10):
+            np.testing.assert_allclose(tree.gravity(q), torque(q, beta, vector), atol=1e-13)

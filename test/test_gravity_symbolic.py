@@ -14,7 +14,7 @@ import pytest
 import sympy
 from support import REPOSITORY
 
-from dvrk_gravity.gravity import LINKS, Lengths, LinkMass, beta_from_links, regressor, torque
+from dvrk_gravity.gravity import LINKS, Lengths, LinkMass, beta_from_links, regressor
 
 _SPEC = importlib.util.spec_from_file_location(
     "derive_gravity_model", REPOSITORY / "docs" / "derive_gravity_model.py"
@@ -67,28 +67,6 @@ def test_closed_form_is_the_derivation(derived, gravity):
     exact = exact.reshape(14, 7, -1).transpose(2, 1, 0)
     assert abs(exact).max() > 0.5
     np.testing.assert_allclose(regressor(q, gravity, 14), exact, rtol=0, atol=1e-14)
-
-
-def test_torques_of_random_arms_agree_to_twelve_digits():
-    """Energy of the whole arm at once, without base parameters."""
-    rng = np.random.default_rng(3)
-    q = rng.uniform(-np.pi, np.pi, (500, 7))
-    gravity = (-0.7, 2.2, -9.3)
-    # Torques of a kilogram at a link's origin, and of the first moments along its axes.
-    unit = {}
-    for name, number in NAMES.items():
-        rotation, origin = derive.link_frames()[number]
-        unit[name] = [evaluate(derive.torque_of_height(height), q, gravity)
-                      for height in (origin, *rotation.T)]  # fmt: skip
-    for _ in range(3):
-        links = {n: LinkMass(rng.uniform(0.1, 1), tuple(rng.normal(0, 0.5, 3))) for n in LINKS}
-        expected = sum(
-            9.81 * link.mass * weight * torques
-            for name, link in links.items()
-            for weight, torques in zip((1.0, *link.com), unit[name], strict=True)
-        )
-        tau = torque(q, beta_from_links(links, PRIMES, 14), gravity)
-        assert abs(tau - expected.T).max() < 1e-12 * abs(expected).max()
 
 
 def test_beta_holds_every_mass_and_moment_exactly(derived):

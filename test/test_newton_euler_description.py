@@ -1,16 +1,14 @@
 """The description of a mechanism: what is refused, and what the command prints."""
 
 import copy
-import json
 
 import numpy as np
 import pytest
 import yaml
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.newton_euler import JointType, inverse_dynamics, parse, read
+from dvrk_gravity.newton_euler import JointType, parse
 
 GOOD = {
     "title": "Two links",
@@ -95,12 +93,6 @@ def test_a_massless_link_has_no_inertia():
     assert parse(document)[0].links[1].mass == 0
 
 
-def test_a_moving_rigid_joint_is_named():
-    mechanism, motion = parse(with_value(("joints", 1, "type"), 2))
-    with pytest.raises(ConfigError, match=r"^qd: joint 2: got 0\.2, expected 0, as the joint"):
-        inverse_dynamics(mechanism, motion.q, motion.qd, motion.qdd)
-
-
 def test_bodies_on_the_edge_of_the_triangle_inequality_are_accepted():
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     for moments in ([0, 0.4, 0.4], [0.1, 0.2, 0.3]):  # a thin rod, a flat plate
@@ -131,32 +123,6 @@ def test_gravity_flag_and_direction():
     # The square of such a length is no number any more.
     far, _ = parse(with_value(("gravity_direction",), [3e307, 0, -4e307]))
     np.testing.assert_allclose(far.gravity, tilted.gravity, rtol=1e-15)
-
-
-def test_the_command_prints_a_row_per_joint_and_writes_what_it_computed(tmp_path, capsys):
-    path, out = tmp_path / "chain.yaml", tmp_path / "loads.json"
-    document = with_value(("q",), [[30, 0.2], [40, 0.3], [50, 0.1]])
-    document |= {"qd": [[0.1, 0.2]] * 3, "qdd": [[0, 0]] * 3}
-    path.write_text(json.dumps(document))
-    assert (
-        run("dvrk_gravity.cli.newton_euler", [str(path), "--json", str(out), "--decimals", "6"])
-        == 0
-    )
-    mechanism, motion = read(path)
-    loads = inverse_dynamics(mechanism, motion.q, motion.qd, motion.qdd)
-    content = json.loads(out.read_text())
-    np.testing.assert_array_equal(content["tau"], loads.tau)
-    np.testing.assert_array_equal(content["reactions"], loads.reactions)
-    assert [joint["tau_unit"] for joint in content["joints"]] == ["N·m", "N"]
-    assert content["reaction_components"] == ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "Two links"
-    rows = [line.split() for line in lines[-6:]]
-    assert [row[:3] for row in rows[2:4]] == [["2", "1", "revolute"], ["2", "2", "prismatic"]]
-    assert [row[4] for row in rows] == ["N·m", "N"] * 3
-    np.testing.assert_allclose([float(row[3]) for row in rows], loads.tau.ravel(), atol=5e-7)
-    shown = [[float(cell) for cell in row[5:]] for row in rows]
-    np.testing.assert_allclose(shown, loads.reactions.reshape(6, 6), atol=5.1e-7)
 
 
 def test_the_command_answers_bad_files_in_one_line(tmp_path, capsys):

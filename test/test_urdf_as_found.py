@@ -93,12 +93,6 @@ def test_a_joint_that_turns_needs_no_limits(tmp_path):
         assert joint.range_stated == stated
 
 
-def test_a_mimic_joint_needs_no_limits(tmp_path):
-    follower = a_joint("two", "b", "c", inner='<mimic joint="one"/>')
-    arm = Arm.load(urdf(tmp_path, a_joint("one", "a", "b"), follower, links="abc"))
-    assert arm.joint_names == ("one",)
-
-
 def test_an_assumed_effort_is_of_the_size_of_the_stated_one(tmp_path):
     for source in (UR5, KINOVA, XARM, f"{PANDA}#panda_hand"):
         stated = Arm.load(source).effort_limit
@@ -185,15 +179,6 @@ def test_no_motion_is_planned_within_limits_that_no_joint_has(tmp_path):
         assert f"got {named}" in str(caught.value)
 
 
-def test_excite_refuses_a_range_in_degrees(tmp_path, capsys):
-    path = tmp_path / "robot.urdf"
-    path.write_text(PLAIN.replace('lower="-6.28318530718"', 'lower="-360"'))
-    assert main(["excite", "--arm", str(path), "--out", str(tmp_path / "bag")]) == 2
-    error = capsys.readouterr().err
-    assert "joint shoulder_pan_joint: limit lower: got -360.0, expected rad, at most 12.57" in error
-    assert error.count("\n") == 1
-
-
 # --- masses that no body has ------------------------------------------------------------------
 
 DOUBTED = {
@@ -240,13 +225,6 @@ def test_moments_in_a_turned_frame_are_judged_by_the_principal_ones(tmp_path):
     assert not Arm.load(with_links(tmp_path, INERTIA, turned + rod)).doubts
 
 
-def test_a_base_that_does_not_move_may_have_any_inertia(tmp_path):
-    path = urdf(tmp_path, a_joint("one", "a", "b"), links="b")
-    base = LINK.format("a").replace('izz="1"', 'izz="-5"')
-    path.write_text(path.read_text().replace("<link", f"{base}<link", 1))
-    assert not Arm.load(path).doubts
-
-
 def test_a_doubted_link_is_reported_before_any_finding_without_an_effort_limit(motion, tmp_path):
     path = small(tmp_path, limit=UNSTATED["none"], moments="0.01 0.01 0.09")
     fitted = identify([motion], path, effects=["coulomb_friction"])
@@ -265,20 +243,6 @@ def test_a_simulator_refuses_inertia_by_which_motion_would_take_negative_work(tm
 
 
 # --- what else files hold ---------------------------------------------------------------------
-
-
-def test_what_simulators_and_drivers_read_is_not_looked_at(tmp_path):
-    more = (
-        '<ros2_control name="x" type="system"><joint name="one"><command_interface name="effort"/>'
-        '</joint></ros2_control><gazebo reference="b"><selfCollide>true</selfCollide></gazebo>'
-        '<transmission name="t"><joint name="one"/></transmission>'
-        '<link name="c"><visual><geometry><mesh filename="$(find none)/c.stl"/></geometry>'
-        '</visual><collision><geometry><mesh filename="package://none/c.stl"/></geometry>'
-        '</collision></link>'
-    )  # fmt: skip
-    glued = a_joint("glue", "b", "c", "fixed", "")
-    arm = Arm.load(urdf(tmp_path, a_joint("one", "a", "b"), glued, more, links="ab"))
-    assert arm.joint_names == ("one",)
 
 
 # --- xacro ------------------------------------------------------------------------------------
@@ -318,13 +282,3 @@ def test_without_xacrodoc_what_is_to_be_expanded_is_named_with_the_command(tmp_p
     # What has been expanded may still name it.
     head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
     assert Arm.load(urdf(tmp_path, one, links="ab", head=head)).n == 1
-
-
-def test_what_xacro_cannot_expand_is_refused_in_a_line(tmp_path):
-    path = tmp_path / "robot.urdf.xacro"
-    for broken in ("${nothing}", "$(arg nothing)", "$(find nothing)/a.xacro"):
-        path.write_text(XACRO.replace("${reach}", broken))
-        with pytest.raises(ConfigError) as caught:
-            Arm.load(path)
-        assert str(caught.value).startswith(f"{path}: got "), broken
-        assert "\n" not in str(caught.value), broken

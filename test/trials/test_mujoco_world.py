@@ -10,13 +10,12 @@ import pinocchio as pin
 import pytest
 
 from dvrk_gravity.arms import Arm, build_tree
-from dvrk_gravity.effects import Meaning, effects, links_of_joints, named
+from dvrk_gravity.effects import links_of_joints
 from dvrk_gravity.planning import PlanLimits
 from testing import lab_effects, mujoco_arms
 from testing.hidden_parts import Hidden
 from testing.lab_effects import Setting, hide
 from testing.lab_motion import draw_calibration, draw_other
-from testing.lab_outside import OUTSIDE
 from testing.mujoco_world import NAMES, MujocoWorld
 from testing.score import Outcome, fits, report
 
@@ -48,19 +47,6 @@ def test_what_is_fastened_to_any_link_of_any_arm_weighs_as_pinocchio_says():
             expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
             added = drawn.engine.added(motion, joint, 0.4, com)
             np.testing.assert_allclose(added, expected, atol=1e-9)
-
-
-def test_friction_takes_energy_and_cables_give_it_back_but_for_their_lag(world, setting):
-    truth = setting.truth
-    friction = world.joint_friction.torque(truth.q, truth.qd, truth.effort)
-    way = np.diff(truth.q, axis=0)
-    assert ((friction[1:] * way).sum(axis=0) > 0.0).all()
-    there_and_back = np.concatenate([truth.q, truth.q[::-1]])
-    silent = replace(world.cable, lag=0.0 * world.cable.lag)
-    torque = silent.torque(there_and_back, np.zeros_like(there_and_back))
-    middle = 0.5 * (torque[1:] + torque[:-1])
-    work = (middle * np.diff(there_and_back, axis=0)).sum(axis=0)
-    np.testing.assert_allclose(work, 0.0, atol=1e-9)
 
 
 def test_motions_keep_the_limits_that_a_program_has():
@@ -108,43 +94,6 @@ def test_a_hidden_effect_is_in_the_recording_at_the_stated_size(world, setting, 
         joint = world.arm.joint_names.index(hiding.hidden.joints[0])
         assert np.argmax(size) == joint
     assert size.max() == pytest.approx(hiding.ratio, rel=0.2)
-
-
-@pytest.mark.parametrize("name", OUTSIDE)
-def test_a_disturbance_without_a_name_is_of_the_stated_size_at_one_joint(world, setting, name):
-    hiding = hide(setting, name, np.random.default_rng(3), sizes=RATIO, shapers=OUTSIDE)
-    assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
-    (joint,) = (world.arm.joint_names.index(where) for where in hiding.hidden.joints)
-    moved, pulled = (
-        np.abs(np.asarray(after) - before).max(axis=0)
-        for after, before in (
-            (hiding.truth.q, setting.truth.q),
-            (hiding.truth.effort, setting.truth.effort),
-        )
-    )
-    assert np.flatnonzero(moved + pulled).tolist() == [joint]
-    assert hiding.hidden.effect not in {effect.NAME for effect in effects()}
-
-
-def test_what_was_hidden_has_parameters_that_findings_have(setting):
-    for effect in EFFECTS:
-        hiding = hide(setting, effect, np.random.default_rng(5))
-        assert hiding.hidden.effect == effect
-        for name in hiding.hidden.parameters:
-            assert isinstance(named(effect).meaning(name), Meaning), (effect, name)
-
-
-def test_a_seed_determines_everything(world):
-    again = MujocoWorld.draw("chain", 1)
-    other = MujocoWorld.draw("chain", 2)
-    recordings = [
-        drawn.record(drawn.truth(draw_other(drawn.arm, 3), 2.0), noise)
-        for drawn, noise in ((world, 1), (again, 1), (world, 2), (other, 1))
-    ]
-    efforts = [recording.effort[:300] for recording in recordings]
-    np.testing.assert_array_equal(efforts[0], efforts[1])
-    assert (efforts[0] != efforts[2]).any()
-    assert (efforts[0] != efforts[3]).any()
 
 
 def test_another_name_is_right_only_for_the_same_physics_at_the_same_joint():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -20,16 +19,6 @@ def python(*words: str, path: Path = REPOSITORY, **variables: str) -> subprocess
         [sys.executable, *words], env=environment, cwd=path.parent, capture_output=True, text=True,
         check=False,
     )  # fmt: skip
-
-
-def test_rooms_are_imported_from_an_archive_too(tmp_path):
-    with zipfile.ZipFile(tmp_path / "package.zip", "w") as archive:
-        for path in PACKAGE.rglob("*.py*"):
-            if path.suffix != ".pyc":
-                archive.write(path, path.relative_to(PACKAGE.parent))
-    program = "from dvrk_gravity.parameters import Parameter; print(Parameter.__module__)"
-    process = python("-c", program, path=tmp_path / "package.zip", EAGER_IMPORT="1")
-    assert (process.stdout.strip(), process.stderr) == ("dvrk_gravity.parameters.parameter", "")
 
 
 def test_what_is_slow_to_load_and_ros_are_loaded_by_what_needs_them():

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import sys
 from types import ModuleType
 
-import numpy as np
-import pytest
 from support import REPOSITORY
 
 from dvrk_gravity.command_line import VERBS
@@ -49,38 +46,6 @@ def test_the_gravity_model_s_page_has_the_derived_tables():
     page = (DOCS / "gravity_model.md").read_text(encoding="utf-8")
     assert derive.rows_table() in page
     assert derive.beta_table() in page
-
-
-@pytest.fixture
-def exercises(monkeypatch):
-    """Let the page's scripts be imported, and forget their short names afterwards."""
-    monkeypatch.syspath_prepend(DOCS / "newton_euler")
-    yield
-    for name in ("page", "printed", "recover", "remarks"):
-        sys.modules.pop(name, None)
-
-
-@pytest.mark.usefixtures("exercises")
-def test_the_exercises_page_is_up_to_date_and_a_stale_page_is_noticed(tmp_path):
-    import page
-
-    assert page.main(["--check"]) == 0
-    stale = tmp_path / "stale.md"
-    stale.write_text(page.PAGE.read_text(encoding="utf-8").replace("452.44", "452.45"))
-    assert page.main(["--check"], stale) == 1
-
-
-@pytest.mark.usefixtures("exercises")
-def test_the_recovery_finds_the_lost_angles_from_random_starts():
-    import recover
-
-    for name, unknown, expected in (
-        ("2_1_without_gravity", [1], [40]), ("2_2_with_gravity", [0, 1], [90, 45]),
-    ):  # fmt: skip
-        problem = recover.planar(name)
-        for found in recover.solve(problem):
-            np.testing.assert_allclose(np.degrees(found)[unknown] % 360, expected, atol=0.1)
-            assert recover.max_residual(problem, found) < 0.005 + 1e-9
 
 
 def anchors(page: str) -> set[str]:
