@@ -235,19 +235,6 @@ def test_unreadable_files_are_refused_in_one_line(tmp_path, capsys):
         assert os.listdir(tmp_path) == [path.name], case
 
 
-def test_pairs_of_files_that_make_no_conversion_are_refused(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path, synthetic(), "a.json")
-    TorqueModel.from_parameters(own_model()).save("a.yaml")
-    for words in (
-        ["a.json", "b.json"], ["a.yaml", "b.yaml"], ["a.json"], [], ["a.txt", "b.yaml"],
-        ["a.json", "b.yaml", "--json", "r.json"], ["a.yaml", "no_serial_number.json"],
-    ):  # fmt: skip
-        assert convert(*words) == 2, words
-        assert capsys.readouterr().err.count("\n") == 1, words
-        assert sorted(os.listdir(tmp_path)) == ["a.json", "a.yaml"], words
-
-
 def test_a_model_that_cannot_become_a_console_file_is_refused(tmp_path, capsys):
     for change, named in (
         ({"gravity_enabled": False}, "gravity_enabled"),

@@ -90,26 +90,6 @@ def test_a_comma_too_many_is_read_and_the_check_has_it_taken_out(comma, tmp_path
 
 # --- other files of the console ---------------------------------------------------------------
 
-ARM = HEAD + '{ "kinematic": "kinematic/mtmr.json"\n, "%s": "gc-MTMR-12345.json" // MTMR\n}'
-SYSTEM = (
-    HEAD + '{"arms": [{"name": "MTMR", "type": "MTM", "arm": "MTMR-12345.json"}, {"name": "PSM1"}]}'
-)
-
-
-@pytest.mark.parametrize("key", ["gravity-compensation", "gravity_compensation"])
-def test_a_configuration_leads_to_the_calibration_that_it_names(key, tmp_path, capsys):
-    arm = on(tmp_path, ARM % key, "MTMR-12345.json")
-    console = on(tmp_path, SYSTEM, "system-MTMR.json")
-    for words in ((arm, tmp_path / "m.yaml"), ("--check", arm), (console, tmp_path / "m.yaml")):
-        assert convert(*words) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1
-        assert error.strip().endswith(NAME)
-    beside = write(tmp_path, synthetic())
-    assert convert("--check", arm) == 2
-    assert capsys.readouterr().err.strip().endswith(str(beside))
-
-
 # --- faults, and the answer -------------------------------------------------------------------
 
 # code -> (fault that must be found, its severity, what may be done with the file, near miss)

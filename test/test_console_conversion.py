@@ -165,15 +165,6 @@ def test_in_no_motion_the_console_pushes_more_than_friction_takes(seed):
     assert (np.abs(motions) @ pushed <= taken + 1e-12).all()
 
 
-def test_friction_that_is_the_joints_own_is_compensated_by_the_usual_part():
-    friction = {"coulomb_friction.joint_positive": (0.03,) * 3 + (0.005,) * 4}
-    model = TorqueModel.from_parameters(PLAIN | friction)
-    section = convert_model(model, "7").file.document["GC_controller"]
-    assert section["fric_comp_ratio_vec"][:6] == [0.7] * 6
-    assert section["gc_dynamic_params_pos"][10] == pytest.approx(0.01 + 0.03)
-    assert section["gc_dynamic_params_neg"][10] == pytest.approx(0.01 - 0.03)
-
-
 def mirrored() -> dict:
     values = own_model()
     beta = list(values["beta"])

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import pkgutil
 import re
 import runpy
 import signal
 import sys
-import types
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -20,7 +18,7 @@ from support import REPOSITORY, executables
 
 import dvrk_gravity
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.command_line import VERBS, run
+from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.files import resources
 from dvrk_gravity.identification import evaluate
 from dvrk_gravity.model import TorqueModel
@@ -122,18 +120,6 @@ def test_what_needs_ros_says_so_in_one_line_where_there_is_none(
     assert line.startswith(f"dvrk_gravity {words[0]}: ")
     assert "rclpy" in line
     assert not list(tmp_path.iterdir())
-
-
-def test_a_fault_of_our_own_imports_is_not_taken_for_something_to_install(monkeypatch):
-    module = types.ModuleType("broken")
-    module.NAME, module.EXAMPLE, module.__doc__ = "broken", "broken", "Breaks."
-    module.add_arguments = lambda parser: None
-    module.run = lambda arguments: importlib.import_module("dvrk_gravity.not_there")
-    monkeypatch.setitem(sys.modules, "broken", module)
-    with pytest.raises(ModuleNotFoundError):
-        run("broken", [])
-    module.run = lambda arguments: importlib.import_module("nowhere_to_be_found")
-    assert run("broken", []) == 2
 
 
 # --- what is promised -------------------------------------------------------------------------

@@ -138,26 +138,6 @@ def test_sliding_stops_after_the_time_and_way_of_constant_friction(truth: PlantF
     assert plant.q[6] == pytest.approx(0.5 * speed * time, abs=1.01 * DT * speed)
 
 
-def test_terminal_velocity_and_reversal(truth: PlantFile) -> None:
-    term = coulomb(
-        truth.model.arm,
-        joint_positive=joint_vector(6, 0.005),
-        joint_negative=joint_vector(6, 0.002),
-    )
-    viscous = ViscousFriction(truth.model.arm, np.full(7, 0.01), np.zeros(7))
-    # The other joints are held in place by what it takes: friction of a rock.
-    rock = coulomb(
-        truth.model.arm,
-        joint_positive=np.r_[np.full(6, 9.0), 0.0],
-        joint_negative=np.r_[np.full(6, 9.0), 0.0],
-    )
-    plant = weightless(truth, term, viscous, rock)
-    for effort, expected in ((0.02, 1.5), (-0.02, -1.8), (0.02, 1.5)):
-        for _ in range(500):
-            plant.step(joint_vector(6, effort))
-        assert plant.v[6] == pytest.approx(expected, abs=1e-9)
-
-
 def test_viscous_friction_at_a_motor_brakes_all_that_turns_it(truth: PlantFile) -> None:
     viscous = ViscousFriction(truth.model.arm, np.zeros(7), joint_vector(2, 0.5))
     braked, free = weightless(truth, viscous), weightless(truth)

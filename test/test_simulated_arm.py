@@ -237,13 +237,6 @@ def test_the_plants_weight_and_cables_are_those_of_the_identified_model(truth: P
         np.testing.assert_allclose(plant.smooth_torque(), model.torque(pose), atol=1e-12)
 
 
-def test_an_unknown_plant_and_an_impossible_start_are_refused(truth: PlantFile) -> None:
-    with pytest.raises(ConfigError, match="mtmr_28002"):
-        PlantFile.load("nothing")
-    with pytest.raises(ConfigError, match="shoulder_pitch"):
-        truth.plant().reset(np.array([0, 3.0, 0, 0, 0, 0, 0]))
-
-
 def test_an_arm_has_the_friction_of_its_urdf_and_of_the_model_that_it_is_converted_to(tmp_path):
     """As its file states where it does (xArm: both), or as is usual (UR5)."""
     for file in (ROBOTS / "xarm_description/urdf/xarm7.urdf", UR5):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -99,14 +98,6 @@ def test_an_assumed_effort_is_of_the_size_of_the_stated_one(tmp_path):
         ratio = Arm.load(without_efforts(tmp_path, source)).effort_limit / stated
         assert (ratio > 0.1).all(), source
         assert (ratio < 1.5).all(), source
-
-
-def test_a_file_without_masses_has_assumed_efforts_too(tmp_path):
-    path = urdf(tmp_path, a_joint("one", "a", "b", "continuous", ""), links="ab")
-    path.write_text(re.sub("<inertial>.*?</inertial>", "", path.read_text()))
-    arm = Arm.load(path)
-    assert arm.inertial_parameters is None
-    assert 1.0 < arm.effort_limit[0] < 10.0
 
 
 def test_identify_and_convert_need_no_effort_limit(motion, tmp_path):
@@ -263,22 +254,3 @@ def test_what_xacro_has_yet_to_expand_is_expanded(name, tmp_path):
     assert arm.bodies[0].placement.translation[2] == 0.75
     assert Arm.load(f"{path}#b").joint_names == ("one",)
     assert TorqueModel.load(path).arm.source == str(path)
-
-
-def test_without_xacrodoc_what_is_to_be_expanded_is_named_with_the_command(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "xacrodoc", None)
-    for head, inner, found in (
-        (' xmlns:xacro="http://www.ros.org/wiki/xacro"', "<xacro:arm/>", "<xacro:arm>"),
-        ("", "<xacro:arm/>", "<xacro:…>"),
-        ("", '<link name="${prefix}c"/>', '<link name="${prefix}c">'),
-        ("", '<link name="$(arg prefix)c"/>', '<link name="$(arg prefix)c">'),
-    ):
-        one = a_joint("one", "a", "b")
-        path = urdf(tmp_path, one, inner, links="ab", head=f'<robot name="r"{head}>')
-        with pytest.raises(ConfigError) as caught:
-            Arm.load(path)
-        assert str(caught.value).startswith(f"{path}: got '{found}', expected ")
-        assert "`xacro robot.urdf > robot_expanded.urdf`" in str(caught.value)
-    # What has been expanded may still name it.
-    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-    assert Arm.load(urdf(tmp_path, one, links="ab", head=head)).n == 1

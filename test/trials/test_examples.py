@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 
 import jupytext
@@ -33,13 +31,6 @@ def test_the_examples_run_as_they_stand(monkeypatch, tmp_path, capsys):
     assert found.low < 0.08 < found.high  # N·m·s/rad, which the script has added
     before, after = (names[name].loc["elbow_pitch", "rmse"] for name in ("before", "after"))
     assert after < 0.7 * before
-
-
-def test_an_example_for_any_arm_shows_how_it_is_called():
-    script = EXAMPLES / "any_arm.py"
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "any_arm.py robot.urdf motion.csv" in done.stderr
 
 
 def test_the_readme_shows_these_ten_lines():

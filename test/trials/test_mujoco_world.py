@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +10,10 @@ import pytest
 
 from dvrk_gravity.arms import Arm, build_tree
 from dvrk_gravity.effects import links_of_joints
-from dvrk_gravity.planning import PlanLimits
-from testing import lab_effects, mujoco_arms
+from testing import lab_effects
 from testing.hidden_parts import Hidden
 from testing.lab_effects import Setting, hide
-from testing.lab_motion import draw_calibration, draw_other
+from testing.lab_motion import draw_calibration
 from testing.mujoco_world import NAMES, MujocoWorld
 from testing.score import Outcome, fits, report
 
@@ -47,26 +45,6 @@ def test_what_is_fastened_to_any_link_of_any_arm_weighs_as_pinocchio_says():
             expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
             added = drawn.engine.added(motion, joint, 0.4, com)
             np.testing.assert_allclose(added, expected, atol=1e-9)
-
-
-def test_motions_keep_the_limits_that_a_program_has():
-    for name, seed in itertools.product(NAMES, range(3)):
-        arm = mujoco_arms.arm_of(name)
-        limits = PlanLimits.of(arm)
-        time = np.arange(0.0, 30.0, 0.01)
-        calibration = draw_calibration(arm, seed)
-        for motion in (calibration, draw_other(arm, seed), draw_other(arm, seed, calibration)):
-            q, qd, qdd = motion.at(time)
-            assert (q > limits.lower - 1e-6).all()
-            assert (q < limits.upper + 1e-6).all()
-            assert (np.ptp(q, axis=0) > np.minimum(0.02, 0.3 * (limits.upper - limits.lower))).all()
-            slope = np.gradient(q, time, axis=0)[1:-1], np.gradient(qd, time, axis=0)[1:-1]
-            np.testing.assert_allclose(slope[0], qd[1:-1], atol=1e-2)
-            np.testing.assert_allclose(slope[1], qdd[1:-1], atol=3e-2)
-            if limits.pair is not None:
-                total = q[:, limits.pair.first] + q[:, limits.pair.second]
-                assert (total > limits.pair.lower - 1e-6).all()
-                assert (total < limits.pair.upper + 1e-6).all()
 
 
 EFFECTS = [effect for effect in lab_effects.HIDERS if effect != "nothing"]

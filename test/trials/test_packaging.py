@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from support import REPOSITORY
 
 PACKAGE = REPOSITORY / "dvrk_gravity"
@@ -28,9 +27,3 @@ def test_what_is_slow_to_load_and_ros_are_loaded_by_what_needs_them():
     )
     process = python("-c", program)
     assert (process.stdout.strip(), process.stderr) == ("set()", "")
-
-
-def test_colcon_takes_it_for_an_ament_python_package():
-    pytest.importorskip("colcon_core")
-    result = python("-m", "colcon", "list", "--paths", str(REPOSITORY))
-    assert "(ros.ament_python)" in result.stdout, result.stderr
