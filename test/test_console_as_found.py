@@ -20,7 +20,6 @@ from console_files import (
 )
 
 from dvrk_gravity.console import ConsoleFile, Severity, Use, check_file
-from dvrk_gravity.model import TorqueModel
 
 NAME = "gc-MTMR-12345.json"
 HEAD = "/* -*- Mode: Javascript; tab-width: 4; -*- */\n"
@@ -216,18 +215,6 @@ def test_the_safe_limits_that_are_proposed_make_a_file_usable(joint, tmp_path):
     assert check_file(repaired(path, tmp_path)).answer.use is Use.USABLE
 
 
-def test_parameters_of_another_gravity_are_right_after_the_repair(tmp_path):
-    document, sound = synthetic(), ConsoleFile.from_document(synthetic())
-    document["lse"]["g_constant"] = 9.5
-    for side in ("pos", "neg"):
-        row = document["GC_controller"][f"gc_dynamic_params_{side}"]
-        row[:10] = [value * 9.81 / 9.5 for value in row[:10]]
-    (line,) = check_file(write(tmp_path, document)).answer.todo
-    factor = float(line.split(" by ")[1].split(",")[0])
-    found = ConsoleFile.from_document(document).positive[:10] * factor
-    assert found == pytest.approx(sound.positive[:10], rel=1e-5)
-
-
 def test_the_report_is_json_and_statuses_combine(tmp_path, capsys):
     good = write(tmp_path, synthetic())
     bad = edited(limits(0, 0.5, -0.5), seed=4) | {"SN": "5"}
@@ -258,9 +245,6 @@ def test_the_real_files_are_answered_one_by_one(tmp_path):
     for path in REAL:
         if REAL_USE[path.stem] is Use.REPAIR:
             assert check_file(repaired(path, tmp_path)).answer.use is Use.USABLE
-        # Every one becomes a model, whatever its safe limits.
-        assert convert(path, tmp_path / f"{path.stem}.yaml") == 0
-        assert TorqueModel.load(tmp_path / f"{path.stem}.yaml").document
     found = {name: {(f.code, f.subject) for f in each.findings} for name, each in checked.items()}
     assert {("other_hand", "beta6"), ("other_hand", "wrist_platform")} <= found["gc-MTMR-22403"]
     others = {name: codes for name, codes in found.items() if name != "gc-MTMR-22403"}
