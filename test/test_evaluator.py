@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from supervisor_loop import BASE
 
 from dvrk_gravity.compensate import Settings, prepare_sum
@@ -34,19 +33,19 @@ MODELS = {
 }
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_one_sample_has_the_model_s_torque(name):
+def test_one_sample_has_the_model_s_torque():
     rng = np.random.default_rng(0)
-    settings = Settings.from_parameters(MODELS[name])
     edges = np.array([0.0, -0.0, 0.02, -0.02, 0.2, 1e-300, -5.0])
     states = [(np.full(7, 9.0), None), (np.zeros(7), edges), (rng.uniform(-10, 10, 7), edges[::-1])]
     states += [(rng.uniform(-10, 10, 7), rng.uniform(-1, 1, 7)) for _ in range(12)]
-    for q, qd in states:
-        expected = settings.model.torque(q, qd)
-        np.testing.assert_allclose(settings.torque(q, qd), expected, rtol=1e-12, atol=1e-12)
-        for term in settings.model.terms:
-            of_term = term.torque(State(q, qd))
-            np.testing.assert_allclose(term.prepare()(q, qd), of_term, rtol=1e-12, atol=1e-12)
+    for name, values in MODELS.items():
+        settings = Settings.from_parameters(values)
+        for q, qd in states:
+            whole = settings.model.torque(q, qd)
+            np.testing.assert_allclose(settings.torque(q, qd), whole, 1e-12, 1e-12, err_msg=name)
+            for term in settings.model.terms:
+                alone = term.torque(State(q, qd))
+                np.testing.assert_allclose(term.prepare()(q, qd), alone, rtol=1e-12, atol=1e-12)
 
 
 def test_answers_do_not_share_memory_with_one_another():

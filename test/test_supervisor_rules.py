@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from supervisor_judge import SEQUENCES, SETTINGS, judge, random_sequence
+
+from testing.supervisor_judge import SEQUENCES, SETTINGS, judge, random_sequence
 
 
 @settings(

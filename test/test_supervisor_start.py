@@ -69,11 +69,6 @@ def test_an_arm_that_moves_is_not_started_until_it_rests():
     assert loop.first(position=moving) is not None
 
 
-def test_gravity_that_is_left_out_on_purpose_fades_from_what_holds_the_arm():
-    loop = SupervisorInLoop(gravity_enabled=False, ramp_time=0.5, **OFF)
-    np.testing.assert_allclose(loop.first(effort=HELD), HELD, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     "effort", [[], [np.nan] * 7, [0.1] * 6, [0.0] * 7], ids=["none", "nan", "six", "zeros"]
 )

@@ -59,36 +59,6 @@ def test_what_ros_or_a_bag_writes_is_read():
             np.testing.assert_array_equal(read, written)
 
 
-def big_endian(raw: bytes, names: int) -> bytes:
-    """Turn the numbers of a message with names of four bytes each around."""
-    words = bytearray(raw)
-    words[1] = 0
-    at = 4
-    spans = [4, 4, 4, None]  # stamp, length of the frame, the frame itself
-    spans += [4] + [4, None] * names
-    for span in spans:
-        words[at : at + 4] = words[at : at + 4] if span is None else words[at : at + 4][::-1]
-        at += 4
-    for _ in range(3):
-        words[at : at + 4] = words[at : at + 4][::-1]
-        at += 4
-        if (at - 4) % 8:
-            at += 4
-        for _ in range(names):
-            words[at : at + 8] = words[at : at + 8][::-1]
-            at += 8
-    return bytes(words)
-
-
-def test_either_order_of_bytes_is_read():
-    numbers = [1.5, -2.0], [3.0, 4.0], [5.0, 6.25]
-    raw = encode_joint_state(7_000_000_005, ["abc", "xyz"], *numbers)
-    fields = JointStateReader().read(big_endian(raw, 2))
-    assert fields.stamp_ns == 7_000_000_005
-    assert fields.names == ("abc", "xyz")
-    np.testing.assert_array_equal([fields.position, fields.velocity, fields.effort], numbers)
-
-
 def test_bytes_that_are_no_message_are_refused_and_forgotten():
     reader, rng = JointStateReader(), np.random.default_rng(2)
     good = encode_joint_state(5, ["a"], [1.0], [2.0], [3.0])

@@ -55,7 +55,7 @@ def compare(arm, output: str) -> None:
 
     def complete() -> bool:
         """Whether all that the policy allows is there; what is there beyond it is judged below."""
-        there = node.get_node_names_and_namespaces()
+        there = {*node.get_node_names_and_namespaces()}
         for access, ask in (
             ("publish", node.get_publisher_names_and_types_by_node),
             ("subscribe", node.get_subscriber_names_and_types_by_node),
@@ -63,7 +63,7 @@ def compare(arm, output: str) -> None:
             ("request", node.get_client_names_and_types_by_node),
         ):
             # Gathered over time: the compensator listens to its own topic only until it commands.
-            for verb, place in places.items() & {*there}:
+            for verb, place in places.items() & there:
                 names = {each for each, _ in ask(verb, place)}
                 used[verb][access] = used[verb].get(access, set()) | names
         return all(
@@ -80,7 +80,7 @@ def compare(arm, output: str) -> None:
 
         def commands() -> bool:
             complete()
-            return any("ramping" in state for state in arm.client.states["compensator"])
+            return arm.state.startswith(("ramping", "commanding"))
 
         arm.run_until(commands, "commands", 30.0)
         arm.client.enable(False)

@@ -22,20 +22,19 @@ def simulator(*parameters: str, **options) -> NodeProcess:
 
 
 class User(Client):
-    """What a user of the arm sees and does; ``seen`` has the messages by topic."""
+    """A user of the arm, who sees ``seen`` by topic and publishes by ``send``."""
 
-    def __init__(self, *commands: tuple[str, type]) -> None:
+    def __init__(self, **commands: type) -> None:
         super().__init__()
         self.seen: dict[str, list[JointState]] = {topic: [] for topic in STATES}
         for topic, kept in self.seen.items():
             self.node.create_subscription(JointState, topic, kept.append, 100)
-        self.publishers = {
-            name: self.node.create_publisher(kind, name, 10) for name, kind in commands
-        }
+        made = {name: self.node.create_publisher(kind, name, 10) for name, kind in commands.items()}
+        self.send = {name: topic.publish for name, topic in made.items()}
+        self.topics = made.values()
 
     def connect(self) -> None:
-        self.wait(lambda: self.connected(*self.publishers.values()), "topics")
-        self.wait(lambda: all(self.seen.values()), "messages")
+        self.wait(lambda: self.connected(*self.topics) and all(self.seen.values()), "the arm")
 
     def fresh(self, topic: str, count: int = 1) -> JointState:
         """Return a message that comes after some others."""
@@ -53,12 +52,12 @@ class User(Client):
 
 
 def test_it_publishes_and_obeys_as_an_mtm_does(domain):
-    commands = [(name, JointState) for name in ("servo_jf", "servo_jp", "simulator/push_jf")]
-    commands += [("hold", Empty), ("free", Empty), ("use_gravity_compensation", Bool)]
+    commands = dict.fromkeys(("servo_jf", "servo_jp", "simulator/push_jf"), JointState)
+    commands |= {"hold": Empty, "free": Empty, "use_gravity_compensation": Bool}
     measured, setpoint, own = STATES
-    with simulator(f"initial_position:={POSE.tolist()}"), User(*commands) as user:
+    with simulator(f"initial_position:={POSE.tolist()}"), User(**commands) as user:
         user.connect()
-        send = {name: each.publish for name, each in user.publishers.items()}
+        send = user.send
         assert tuple(user.fresh(measured, 300).name) == JOINT_NAMES
         # Stamps count simulated time: a reader that is late may lose messages, never fractions.
         stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in user.seen[measured]]
@@ -119,7 +118,7 @@ def test_another_arm_obeys_an_array_and_reads_its_efforts_in_amperes(tmp_path, d
     given = (f"arm:={path}", "output:=array", f"initial_position:={start}")
     with (
         simulator(*given, "builtin_gravity_compensation:=false"),
-        User(("commands", Float64MultiArray)) as user,
+        User(commands=Float64MultiArray) as user,
     ):
         user.connect()
         made_up = Arm.load(str(path))
@@ -130,7 +129,7 @@ def test_another_arm_obeys_an_array_and_reads_its_efforts_in_amperes(tmp_path, d
         plant.reset(np.array(first.position))
         np.testing.assert_allclose(first.effort, plant.smooth_torque() / gains, atol=1e-3)
         # No effort: the insertion slides by its weight.
-        user.publishers["commands"].publish(Float64MultiArray(data=[0.0] * 4))
+        user.send["commands"](Float64MultiArray(data=[0.0] * 4))
         user.wait(lambda: abs(user.position[2] - start[2]) > 0.01, "sliding")
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from supervisor_judge import SEQUENCES, SETTINGS, judge, random_sequence
 from support import examples
+
+from testing.supervisor_judge import SEQUENCES, SETTINGS, judge, random_sequence
 
 
 @settings(

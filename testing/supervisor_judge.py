@@ -8,11 +8,13 @@ knows nothing of the supervisor's.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from support import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES
@@ -25,6 +27,7 @@ from dvrk_gravity.compensate import (
     Supervisor,
 )
 
+MODEL_FILE = Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml"
 TOLERANCE = 1e-9  # N·m
 HICCUP = 0.02  # s; the longest time in which a command may change at its slew rate
 
@@ -94,7 +97,7 @@ OBSTACLES = [
 ]  # fmt: skip
 
 
-def mostly(values: list) -> st.SearchStrategy:
+def mostly(values: Sequence[Any]) -> st.SearchStrategy:
     """The first value half the time: only good messages get anywhere."""
     return st.one_of(st.just(values[0]), st.just(values[0]), st.sampled_from(values))
 
@@ -144,7 +147,8 @@ class Judge:
     fault: str = ""  # "input" or "own": what has to end before commands may come again
     reader: SampleReader = field(default_factory=lambda: SampleReader(JOINT_NAMES))
 
-    def play(self, sequence: list[tuple]) -> None:
+    def play(self, sequence: list[tuple[Any, ...]]) -> None:
+        """Play the events of a sequence, checking each answer."""
         self.enabled = self.supervisor.settings.enabled
         for action, *arguments in sequence:
             before = self.supervisor.active
@@ -154,7 +158,9 @@ class Judge:
                 getattr(self, f"_{action}")(*arguments)
             self._after(before)
 
-    def _message(self, gap, step, names, position, velocity, effort) -> None:
+    def _message(
+        self, gap: float, step: Any, names: Any, position: Any, velocity: Any, effort: Any
+    ) -> None:
         self.messages += 1
         self.now += gap
         if step == "clock":
@@ -179,7 +185,7 @@ class Judge:
             self._check(command, np.array(position)[order])
             self.good_time = self.now
 
-    def _readable(self, names, position, velocity) -> bool:
+    def _readable(self, names: Any, position: Any, velocity: Any) -> bool:
         counts = [names.count(joint) for joint in JOINT_NAMES]
         lengths = len(position) == len(names) and len(velocity) in (0, len(names))
         if counts != [1] * 7 or not lengths:
@@ -188,7 +194,7 @@ class Judge:
         values = [position[i] for i in at] + [velocity[i] for i in at if velocity]
         return bool(np.isfinite(values).all())
 
-    def _check(self, command: np.ndarray, position) -> None:
+    def _check(self, command: np.ndarray, position: np.ndarray) -> None:
         self.commands += 1
         chosen = self.supervisor.settings
         assert np.isfinite(command).all()
@@ -213,7 +219,7 @@ class Judge:
         assert above <= max(TOLERANCE, self.excess), "beyond its limits"
         self.last, self.last_time = command.copy(), self.now
 
-    def _check_first(self, command: np.ndarray, position) -> None:
+    def _check_first(self, command: np.ndarray, position: np.ndarray) -> None:
         """A start is near the model's torque, whatever the arm says of its efforts."""
         chosen = self.supervisor.settings
         self.excess = 0.0
@@ -237,7 +243,7 @@ class Judge:
         if self.last is not None and self.now - self.good_time > limit:
             assert not self.supervisor.active, "a silence went unnoticed"
 
-    def _builtin(self, effort) -> None:
+    def _builtin(self, effort: Sequence[float]) -> None:
         self.supervisor.observe_builtin(np.array(effort))
         self.builtin = any(value != 0.0 for value in effort)
 
@@ -274,7 +280,7 @@ def beyond(torque: np.ndarray, joint: np.ndarray, actuator: np.ndarray) -> float
     return max(0.0, (np.abs(torque) - joint).max(), (np.abs(motor) - actuator).max())
 
 
-def judge(start: int, sequence: list[tuple]) -> Judge:
+def judge(start: int, sequence: list[tuple[Any, ...]]) -> Judge:
     """Play a sequence into a new supervisor and return the judge, content."""
     result = Judge(Supervisor(SETTINGS[start]))
     # Every other one has begun to command: what is drawn seldom stays good for so long.
@@ -282,15 +288,16 @@ def judge(start: int, sequence: list[tuple]) -> Judge:
     return result
 
 
-def random_sequence(rng: np.random.Generator, length: int) -> list[tuple]:
+def random_sequence(rng: np.random.Generator, length: int) -> list[tuple[Any, ...]]:
     """Events of every kind, one in fifty of them a nuisance; all is switched on again soon."""
-    sequence: list[tuple] = []
+    sequence: list[tuple[Any, ...]] = []
 
-    def choice(values):
+    def choice(values: Any) -> Any:
         return values[rng.integers(len(values))]
 
     while len(sequence) < length:
         draw = rng.random()
+        event: tuple[Any, ...]
         if draw < 0.98:
             event = ("message", choice([0.001, 0.002, 0.004]), "clock", choice(NAMES[:2]),
                      choice(POSITIONS[:3]), choice(VELOCITIES[:3]), choice(EFFORTS))  # fmt: skip
