@@ -55,7 +55,3 @@ def test_answers_do_not_share_memory_with_one_another():
     kept = first.copy()
     evaluate(2 * q, -qd)
     np.testing.assert_array_equal(first, kept)
-
-
-def test_no_terms_make_no_torque():
-    np.testing.assert_array_equal(prepare_sum([])(np.ones(7), None), np.zeros(7))

@@ -53,13 +53,6 @@ def test_a_clipped_torque_is_within_both_boxes(limits, torque):
     assert limits.contains(clipped)
 
 
-@given(LIMITS, TORQUES, st.floats(0, 1))
-def test_what_is_within_both_boxes_is_left_as_it_is(limits, torque, part):
-    inside = part * limits.clip(torque) * (1 - 1e-12)
-    if beyond(inside, limits) == 0.0:
-        np.testing.assert_allclose(limits.clip(inside), inside, rtol=1e-15, atol=1e-15)
-
-
 def test_a_shoulder_at_its_motor_s_limit_keeps_the_elbow_s_torque():
     torque = np.array([0.0, 3.0, 0.5, 0.1, 0.02, 0.0, 0.0])
     assert motor(torque)[SHOULDER] > 1.464

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 import socket
+from itertools import product
 
 import pytest
 
 from dvrk_gravity.ros import PRIVATE, NodeProcess, ProcessError, private_domain
 
 
-# Of any middleware, with announcements to all and without, or over IPv6.
-@pytest.mark.parametrize("family", [socket.AF_INET, socket.AF_INET6], ids=["IPv4", "IPv6"])
-def test_a_domain_whose_ports_are_taken_is_left_to_whoever_has_them(family):
-    for place in (0, 11, 249):
+def test_a_domain_whose_ports_are_taken_is_left_to_whoever_has_them():
+    """Of any middleware, with announcements to all and without, or over IPv6."""
+    for family, place in product((socket.AF_INET, socket.AF_INET6), (0, 11, 249)):
         with private_domain() as first, private_domain() as second:
             assert first != second
         with socket.socket(family, socket.SOCK_DGRAM) as other:
