@@ -120,3 +120,9 @@ def test_a_slow_wrist_does_not_slow_down_the_shoulder():
     command = slew(previous, target, step, STANDARD)
     assert motor(command)[SHOULDER] == pytest.approx(1.464)
     np.testing.assert_allclose(command - previous, [0, 0.05, 0.05, 0, 0, 0, 1e-4], atol=1e-12)
+
+
+def test_joints_that_are_all_too_far_go_by_their_steps_and_near_ones_arrive_at_once():
+    step = np.linspace(0.001, 0.007, 7)
+    np.testing.assert_allclose(slew(np.zeros(7), 2 * step, step, STANDARD), step, rtol=1e-12)
+    np.testing.assert_array_equal(slew(np.zeros(7), 0.9 * step, step, STANDARD), 0.9 * step)

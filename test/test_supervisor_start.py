@@ -179,7 +179,11 @@ def test_a_model_that_agrees_with_a_wrong_reading_is_refused_by_the_stated_masse
     assert refused.status is Status.FAULT
     assert f"{factor:g} times" in refused.reason
     # Where it is balanced, the weight over its range counts.
-    assert started_with_weight(factor, BALANCED).status is Status.FAULT
+    balanced = started_with_weight(factor, BALANCED)
+    assert balanced.status is Status.FAULT
+    joints = refused.settings.model.arm.joint_names
+    named = [[name for name in joints if name in each.reason] for each in (refused, balanced)]
+    assert (len(named[0]), len(named[1])) == (1, 0)  # where it bears weight, the joint is named
 
 
 def test_efforts_that_are_said_to_be_in_newton_metres_overrule_the_stated_masses():
