@@ -54,7 +54,7 @@ def test_paths_do_as_well_as_objects(folder, fit):
     assert repr(found).startswith(f"<Diagnosis {found.verdict}: ")
     assert len(repr(found)) < 1000
     assert all("\n" not in repr(each) for each in (recording, arm, fit, evaluation))
-    assert repr(pickle.loads(pickle.dumps(fit.model))) == repr(fit.model)
+    assert repr(pickle.loads(pickle.dumps(fit.model))) == repr(fit.model)  # noqa: S301
     for finding in found.findings:
         assert finding.effect in repr(finding)
         assert "array" not in repr(finding)
