@@ -2,7 +2,7 @@
 
     PYTHONPATH=. python benchmark/fuzz.py [--cases N] [--seed S] [--json FILE]
 
-The same cases as in the tests, but more of them, and others with every seed. The first that brings
+The same cases as in the trials, but more of them, and others with every seed. The first that brings
 another error is made as small as it can be and printed; the exit status is then 1.
 """
 
@@ -20,35 +20,29 @@ from typing import Any
 import hypothesis
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test" / "trials"))
 
-import test_fuzz_files as files
-import test_recording_bad_files as recordings
-from recording_samples import joint_state, wave, write_messages
+import test_damaged_files as files
+from recording_samples import joint_state, write_messages
 
 from dvrk_gravity.files import text_file
 
 
 def attempts(folder: Path) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Return what is tried: name -> (hypothesis test, its fixtures)."""
-    wave(30).save(folder / "bag")
     for storage in ("sqlite3", "mcap"):
         write_messages(folder / storage, [joint_state(k) for k in range(20)], storage)
     small = [folder / "sqlite3" / "sqlite3.db3", folder / "mcap" / "mcap.mcap"]
-    own = files.test_any_damaged_parameter_file_is_read_or_refused
-    targets = {f"{kind} YAML": (own, {"tmp_path": folder, "kind": kind}) for kind in files.READERS}
+    own = files.test_any_damaged_file_is_read_or_refused
+    targets = {kind: (own, {"tmp_path": folder, "kind": kind}) for kind in files.READERS}
     fixtures = {"tmp_path": folder}
     return targets | {
-        "console JSON": (files.test_any_damaged_console_file_is_read_or_refused, fixtures),
-        "bag, metadata": (
-            files.test_any_damaged_description_of_a_bag_is_read_or_refused,
-            {"tmp_path": folder / "copies", "bag": folder / "bag"},
-        ),
         "bag, data": (
-            recordings.test_damaged_bags_are_read_or_refused,
+            files.test_damaged_bags_are_read_or_refused,
             fixtures | {"small_bags": small},
         ),
-        "CSV": (recordings.test_any_csv_is_read_or_refused, fixtures),
-        "message": (recordings.test_any_message_is_decoded_or_refused, {}),
+        "CSV": (files.test_any_csv_is_read_or_refused, fixtures),
+        "message": (files.test_any_message_is_decoded_or_refused, {}),
     }
 
 
@@ -70,7 +64,6 @@ def main() -> int:
     print(f"{'reader':<18}{'cases':>8}{'seconds':>10}")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "copies").mkdir()
         for what, (test, fixtures) in attempts(folder).items():
             begin, passed = time.perf_counter(), True
             try:

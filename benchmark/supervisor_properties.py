@@ -2,7 +2,7 @@
 
     PYTHONPATH=. python benchmark/supervisor_properties.py [--cases N] [--seed K] [--json FILE]
 
-The properties are those of the tests (``test/test_supervisor_properties.py``, ``test_limits.py``
+The properties are those of the tests (``test_supervisor_rules.py``, ``test_limits.py``
 and ``test_terms.py``), which try a few hundred cases each; here every one gets N. A case of
 ``any sequence`` is up to 60 events, one of ``long sequence`` 300: messages good and bad, silences,
 changes of parameters, switching on and off. A property that fails prints its smallest case,
@@ -27,8 +27,9 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 
 import test_limits
-import test_supervisor_properties as sequences
 import test_terms
+
+from testing import supervisor_judge as sequences
 
 
 @hypothesis.given(st.integers(0, len(sequences.SETTINGS) - 1), sequences.SEQUENCES)

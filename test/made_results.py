@@ -29,9 +29,13 @@ from dvrk_gravity.identification import (
     JointVerdict,
     Trace,
     Verdict,
+    evaluate,
 )
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import MotionDesign, Multisine, Plan, PlanLimits
+from dvrk_gravity.recording import Recording
 
+ARM = Arm.load("mtmr")
 ERRORS = {name: JointError(0.01 * k, 0.1 * k, 0.9) for k, name in enumerate(JOINT_NAMES, start=1)}
 
 
@@ -119,3 +123,22 @@ def example_diagnosis() -> Diagnosis:
         (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
         TorqueModel(Arm.load("mtmr"), ()), band=8.0,
     )  # fmt: skip
+
+
+def poses() -> Recording:
+    q = np.random.default_rng(0).uniform(-0.2, 0.2, (8, 7))
+    return Recording(ARM.joint_names, None, q, None, np.ones((8, 7)))
+
+
+def design() -> MotionDesign:
+    plan = Plan(ARM, Multisine.draw(ARM, 1), PlanLimits.of(ARM))
+    return MotionDesign(plan, (("mass <a>", "kg", 0.5, 0.1),), 3.0, ())
+
+
+# By verb: what makes its result, the first column of its frame, and the number of rows.
+RESULTS = {
+    "identify": (lambda: fit_of(TIME), "joint", 7),
+    "evaluate": (lambda: evaluate(TorqueModel(ARM, ()), poses()), "joint", 7),
+    "diagnose": (example_diagnosis, "effect", 1),
+    "plan": (design, "parameter", 1),
+}

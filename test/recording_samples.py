@@ -1,6 +1,7 @@
 """Recordings and files that the tests of recordings share."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,24 @@ def joint_state(k, names=JOINT_NAMES, **changes):
     return START + k * 1_000_000 + 500_000, encode_joint_state(names=names, **fields)
 
 
+def messages(recording, stamps=None, names=None, **columns):
+    """Return a recording's (receive_ns, CDR bytes), with other stamps, names or numbers."""
+    fields = {q: getattr(recording, q) for q in ("position", "velocity", "effort")} | columns
+    received = START + np.round(recording.time * 1e9).astype(np.int64)
+    stamps = received if stamps is None else stamps
+    return [
+        (
+            int(at) + 300_000,
+            encode_joint_state(
+                int(stamp),
+                names or recording.joints,
+                *(() if values is None else values[k].tolist() for values in fields.values()),
+            ),
+        )
+        for k, (at, stamp) in enumerate(zip(received, stamps, strict=True))
+    ]
+
+
 def same(a, b, start=False):
     """Assert that two recordings hold the same numbers, bit by bit."""
     assert a.joints == b.joints
@@ -70,3 +89,24 @@ def same(a, b, start=False):
         assert (left is None) == (right is None), name
         assert left is None or np.array_equal(left, right, equal_nan=True), name
     assert not start or a.start_ns == b.start_ns
+
+
+def column(recording, quantity, joint, change):
+    values = getattr(recording, quantity).copy()
+    k = recording.joint(joint)
+    values[:, k] = change(values[:, k])
+    return replace(recording, **{quantity: values})
+
+
+def held(recording, rows):
+    """Repeat the sample before at each of the rows."""
+    source = np.arange(len(recording))
+    for row in rows:
+        source[row] = source[row - 1]
+    pick = replace(recording, time=None).rows(source)
+    return replace(pick, time=recording.time)
+
+
+def with_gap(recording):
+    late = recording.time + np.where(np.arange(len(recording)) >= 2500, 0.8, 0.0)
+    return replace(recording, time=late)

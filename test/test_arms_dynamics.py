@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 from made_up_arm import FILE, made_up_arm, random_inertias, random_motion
 from robots import PANDA, UR5
-from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.arms import Arm, build_tree, nominal_inertias, rigid_body
+from testing.mujoco_arms import mtm, table
 
 TILTED = np.array([1.3, -2.1, -9.4])
-NAMES = ("mtmr", "psm", "ecm", "made_up", "ur5", "panda")
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +23,6 @@ def arms(tmp_path_factory) -> dict[str, Arm]:
     return shipped | {"made_up": made_up, "ur5": ur5, "panda": panda}
 
 
-@pytest.fixture(params=NAMES)
-def arm(request, arms) -> Arm:
-    return arms[request.param]
-
-
 def inertias_of(arm: Arm) -> dict[str, pin.Inertia]:
     return nominal_inertias(arm) or random_inertias(arm, 3)
 
@@ -37,52 +31,51 @@ def potential(tree, q: np.ndarray) -> float:
     return pin.computePotentialEnergy(tree.model, tree.data, tree.expand @ q)
 
 
-def test_gravity_is_the_slope_of_potential_energy(arm):
-    tree = build_tree(arm, inertias_of(arm), TILTED)
+def test_gravity_is_the_slope_of_potential_energy(arms):
     step = 1e-6
-    for q in random_motion(arm, 5, 1)[0]:
-        slopes = [
-            (potential(tree, q + step * unit) - potential(tree, q - step * unit)) / (2 * step)
-            for unit in np.eye(arm.n)
-        ]
-        np.testing.assert_allclose(tree.gravity(q), slopes, atol=2e-7)
+    for name, arm in arms.items():
+        tree = build_tree(arm, inertias_of(arm), TILTED)
+        for q in random_motion(arm, 5, 1)[0]:
+            slopes = [
+                (potential(tree, q + step * unit) - potential(tree, q - step * unit)) / (2 * step)
+                for unit in np.eye(arm.n)
+            ]
+            np.testing.assert_allclose(tree.gravity(q), slopes, atol=2e-7, err_msg=name)
 
 
-def test_inverse_dynamics_is_mass_times_acceleration_and_bias(arm):
-    tree = build_tree(arm, inertias_of(arm), TILTED)
-    for q, qd, qdd in zip(*random_motion(arm, 10, 2), strict=True):
-        mass = tree.mass_matrix(q)
-        assert np.linalg.eigvalsh(mass).min() > 0
-        np.testing.assert_allclose(
-            tree.inverse_dynamics(q, qd, qdd), mass @ qdd + tree.bias(q, qd), atol=1e-9
-        )
+def test_inverse_dynamics_is_mass_times_acceleration_and_bias(arms):
+    for name, arm in arms.items():
+        tree = build_tree(arm, inertias_of(arm), TILTED)
+        for q, qd, qdd in zip(*random_motion(arm, 10, 2), strict=True):
+            mass = tree.mass_matrix(q)
+            np.testing.assert_allclose(mass, mass.T, atol=1e-12, err_msg=name)
+            assert np.linalg.eigvalsh(mass).min() > 0
+            np.testing.assert_allclose(
+                tree.inverse_dynamics(q, qd, qdd), mass @ qdd + tree.bias(q, qd), atol=1e-9,
+                err_msg=name,
+            )  # fmt: skip
 
 
-def test_closed_form_regressor_is_pinocchio_s(arm):
-    motion = random_motion(arm, 8, 3)
-    tree = build_tree(arm, {}, TILTED)
-    expected = [tree.regressor(*sample) for sample in zip(*motion, strict=True)]
-    found = rigid_body.regressor(arm, *motion, TILTED)
-    np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
-
-
-def test_regressor_times_parameters_and_torque_are_inverse_dynamics(arm):
-    inertias = inertias_of(arm)
-    tree = build_tree(arm, inertias, TILTED)
-    parameters = np.zeros((len(arm.bodies), rigid_body.PER_LINK))
-    for row, body in zip(parameters, arm.bodies, strict=True):
-        if body.name in inertias:
-            row[:] = body.frame.act(inertias[body.name]).toDynamicParameters()
-    motion = random_motion(arm, 10, 4)
-    expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
-    tolerance = 1e-10 * np.abs(expected).max()
-    torque = rigid_body.torque(arm, parameters.ravel(), *motion, TILTED)
-    np.testing.assert_allclose(torque, expected, atol=tolerance)
-    linear = rigid_body.regressor(arm, *motion, TILTED) @ parameters.ravel()
-    np.testing.assert_allclose(linear, expected, atol=tolerance)
-    still = [tree.gravity(q) for q in motion[0]]
-    torque = rigid_body.torque(arm, parameters.ravel(), motion[0], None, None, TILTED)
-    np.testing.assert_allclose(torque, still, atol=tolerance)
+def test_regressor_times_parameters_and_torque_are_inverse_dynamics(arms):
+    for name, arm in arms.items():
+        inertias = inertias_of(arm)
+        tree, motion = build_tree(arm, inertias, TILTED), random_motion(arm, 10, 4)
+        parameters = np.zeros((len(arm.bodies), rigid_body.PER_LINK))
+        for row, body in zip(parameters, arm.bodies, strict=True):
+            if body.name in inertias:
+                row[:] = body.frame.act(inertias[body.name]).toDynamicParameters()
+        expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+        tolerance = 1e-10 * np.abs(expected).max()
+        found = rigid_body.torque(arm, parameters.ravel(), *motion, TILTED)
+        np.testing.assert_allclose(found, expected, atol=tolerance, err_msg=name)
+        linear = rigid_body.regressor(arm, *motion, TILTED)
+        np.testing.assert_allclose(linear @ parameters.ravel(), expected, atol=tolerance)
+        pinocchio_s = [tree.regressor(*sample) for sample in zip(*motion, strict=True)]
+        rounding = 1e-11 * np.abs(pinocchio_s).max()
+        np.testing.assert_allclose(linear, pinocchio_s, atol=rounding, err_msg=name)
+        found = rigid_body.torque(arm, parameters.ravel(), motion[0], None, None, TILTED)
+        at_rest = [tree.gravity(q) for q in motion[0]]
+        np.testing.assert_allclose(found, at_rest, atol=tolerance, err_msg=name)
 
 
 def test_regressor_of_an_arm_at_rest_and_without_acceleration_leaves_them_out(arms):
@@ -117,133 +110,17 @@ def test_a_urdf_s_dynamics_are_those_that_pinocchio_reads_itself(path):
             np.testing.assert_allclose(link.homogeneous, data.oMi[i].homogeneous, atol=1e-12)
 
 
-def test_a_chain_to_a_tip_holds_the_other_joints_where_zero_is_nearest(tmp_path):
-    chain = Arm.load(f"{PANDA}#panda_hand")
-    whole = Arm.from_urdf(PANDA)
+def test_a_chain_to_a_tip_holds_the_other_joints_where_zero_is_nearest():
+    chain, whole = Arm.load(f"{PANDA}#panda_hand"), Arm.from_urdf(PANDA)
     assert chain.joint_names == whole.joint_names[:7]
-    q, qd, qdd = random_motion(chain, 5, 7)
     short = build_tree(chain, nominal_inertias(chain), TILTED)
     full = build_tree(whole, nominal_inertias(whole), TILTED)
-    for sample in zip(q, qd, qdd, strict=True):
-        held = [np.append(part, 0.0) for part in sample]
-        expected = full.inverse_dynamics(*held)[:7]
+    for sample in zip(*random_motion(chain, 5, 7), strict=True):
+        expected = full.inverse_dynamics(*(np.append(part, 0.0) for part in sample))[:7]
         np.testing.assert_allclose(short.inverse_dynamics(*sample), expected, atol=1e-10)
 
 
-def test_mujoco_reads_the_same_dynamics_from_the_ur5_s_file():
-    arm = Arm.from_urdf(UR5)
-    # Without the meshes, which MuJoCo would want to open.
-    from xml.etree import ElementTree
-
-    robot = ElementTree.parse(UR5).getroot()
-    for link in robot.findall("link"):
-        for tag in ("visual", "collision"):
-            for part in link.findall(tag):
-                link.remove(part)
-    model = mujoco.MjModel.from_xml_string(ElementTree.tostring(robot, encoding="unicode"))
-    model.opt.gravity[:] = TILTED
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
-    model.dof_damping[:] = 0.0
-    model.dof_frictionloss[:] = 0.0
-    model.jnt_limited[:] = 0
-    data = mujoco.MjData(model)
-    tree = build_tree(arm, nominal_inertias(arm), TILTED)
-    for q, qd, qdd in zip(*random_motion(arm, 10, 8), strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q, qd, qdd
-        mujoco.mj_inverse(model, data)
-        np.testing.assert_allclose(
-            tree.inverse_dynamics(q, qd, qdd), data.qfrc_inverse, rtol=1e-8, atol=1e-8
-        )
-
-
-def text(values) -> str:
-    return " ".join(f"{value:.17g}" for value in np.ravel(values))
-
-
-def mujoco_body(name, pos, quat, kind, inertia, frame, inner, damping="") -> str:
-    """A MuJoCo body with one joint along its z and an inertia given in ``frame``."""
-    turned = frame[:3, :3] @ inertia.inertia @ frame[:3, :3].T
-    lever = frame @ np.append(inertia.lever, 1.0)
-    full = turned[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    joint = "hinge" if kind == "revolute" else "slide"
-    return (
-        f'<body name="{name}" pos="{text(pos)}" quat="{text(quat)}">'
-        f'<joint name="{name}" type="{joint}" axis="0 0 1"/>'
-        f'<inertial mass="{inertia.mass:.17g}" pos="{text(lever[:3])}" '
-        f'fullinertia="{text(full)}"/>{inner}</body>'
-    )
-
-
-def mujoco_made_up(inertias: dict[str, pin.Inertia]) -> mujoco.MjModel:
-    """The made-up arm from its file's numbers alone, its followers joints of their own."""
-
-    def quat(matrix) -> np.ndarray:
-        return np.roll(Rotation.from_matrix(matrix).as_quat(), 1)
-
-    fixed = []
-    for row in FILE["joints"]:
-        pose = np.eye(4)
-        about_z = Rotation.from_euler("z", row["offset"], degrees=True).as_matrix()
-        about_x = Rotation.from_euler("x", row["alpha"], degrees=True).as_matrix()
-        pose[:3, :3] = about_z @ about_x
-        pose[:3, 3] = about_z @ [row["a"], 0, 0] + [0, 0, row["d"]]
-        fixed.append(pose)
-
-    def followers(parent: str, frame: np.ndarray) -> str:
-        whole = ""
-        for row in FILE["followers"]:
-            if row["parent"] == parent:
-                turn = Rotation.from_euler("xyz", row.get("rpy", [0, 0, 0]), degrees=True)
-                pose = frame @ np.block(
-                    [[turn.as_matrix(), np.array(row["xyz"])[:, None]], [0, 0, 0, 1]]
-                )
-                name, kind = row["name"], row.get("type", "revolute")
-                whole += mujoco_body(
-                    name, pose[:3, 3], quat(pose[:3, :3]), kind, inertias[name], np.eye(4),
-                    followers(name, np.eye(4)),
-                )  # fmt: skip
-        return whole
-
-    inner = ""
-    for i in (3, 2, 1, 0):
-        before = fixed[i - 1] if i else np.eye(4)
-        name, kind = f"link{i + 1}", FILE["joints"][i].get("type", "revolute")
-        inner = mujoco_body(
-            name, before[:3, 3], quat(before[:3, :3]), kind, inertias[name], fixed[i],
-            inner + followers(name, fixed[i]),
-        )  # fmt: skip
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian" boundmass="0"/><option gravity="{text(TILTED)}"/>'
-        f"<worldbody>{inner}</worldbody></mujoco>"
-    )
-
-
-def test_links_that_follow_carry_what_mujoco_finds_for_joints_that_move_as_told(arms):
-    """By virtual work: what each of MuJoCo's joints needs, weighed by how much it is moved."""
-    arm = arms["made_up"]
-    inertias = random_inertias(arm, 9)
-    model = mujoco_made_up(inertias)
-    data = mujoco.MjData(model)
-    follow = {row["name"]: row["follows"] for row in FILE["followers"]}
-    expand = np.zeros((model.nv, arm.n))
-    for joint in range(model.njnt):
-        name = model.joint(joint).name
-        for other, factor in follow.get(name, {}).items():
-            expand[joint, arm.joint_names.index(other)] = factor
-        if name.startswith("link"):
-            expand[joint, int(name[4:]) - 1] = 1.0
-    tree = build_tree(arm, inertias, TILTED)
-    for q, qd, qdd in zip(*random_motion(arm, 20, 10), strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = expand @ q, expand @ qd, expand @ qdd
-        mujoco.mj_inverse(model, data)
-        np.testing.assert_allclose(
-            tree.inverse_dynamics(q, qd, qdd), data.qfrc_inverse @ expand, rtol=1e-9, atol=1e-9
-        )
-
-
 def test_a_chain_in_the_modified_convention_is_where_its_table_puts_it(tmp_path):
-    import yaml
-
     path = tmp_path / "modified.yaml"
     path.write_text(yaml.safe_dump({**FILE, "convention": "modified", "followers": []}))
     arm = Arm.load(path)
@@ -267,3 +144,14 @@ def test_a_chain_in_the_modified_convention_is_where_its_table_puts_it(tmp_path)
         )
         link = tree.data.oMi[i] * arm.body(f"link{i}").frame
         np.testing.assert_allclose(link.homogeneous, pose, atol=1e-12)
+
+
+def test_links_that_follow_carry_what_mujoco_finds_for_joints_of_their_own(arms):
+    """By virtual work: what each of MuJoCo's joints needs, weighted by how much it is moved."""
+    for name, engine in (("mtmr", mtm), ("psm", table), ("ecm", table)):
+        arm, inertias = arms[name], random_inertias(arms[name], 9)
+        motion = random_motion(arm, 20, 10)
+        tree = build_tree(arm, inertias, TILTED)
+        found = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+        expected = engine(name, inertias, TILTED).torque(*motion)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)

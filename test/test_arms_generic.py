@@ -1,11 +1,10 @@
-"""What is planned, set, checked and said for arms that are no MTM: numbers and units of joints."""
+"""What is planned, set and checked for arms that are no MTM: numbers and units of joints."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm
-from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.cli.options import still_joints
@@ -15,61 +14,17 @@ from dvrk_gravity.compensate import (
     MotionCheck,
     PassivityObserver,
     SampleReader,
-    SpeedGuard,
     slew,
 )
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import node_parameters
-from dvrk_gravity.planning import Multisine, PlanLimits, exciting_motion
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording, check
-from dvrk_gravity.report import effort_in_table, milli_effort, milli_position
 
 
 @pytest.fixture(scope="module")
 def made_up(tmp_path_factory) -> Arm:
     return made_up_arm(tmp_path_factory.mktemp("arm"))
-
-
-@pytest.fixture(scope="module", params=["made_up", "ur5", "panda", "hand"])
-def arm(request, made_up) -> Arm:
-    if request.param == "made_up":
-        return made_up
-    return Arm.load({"ur5": UR5, "panda": PANDA, "hand": f"{PANDA}#panda_hand"}[request.param])
-
-
-def test_an_exciting_motion_of_any_arm_keeps_its_limits_and_reaches_some(arm):
-    limits = PlanLimits.of(arm)
-    time = np.arange(0.0, 20.0, 2e-3)
-    position, velocity = exciting_motion(limits, 20.0, 1).at(time)
-    acceleration = np.diff(velocity, axis=0) / 2e-3
-    assert (arm.lower <= limits.lower).all()
-    assert (limits.upper <= arm.upper).all()
-    slack = 1e-4 * arm.scale  # limits are kept on a grid of 5 ms
-    assert (position >= limits.lower - slack).all()
-    assert (position <= limits.upper + slack).all()
-    far = np.ptp(position, axis=0) / (limits.upper - limits.lower)
-    fast = np.abs(velocity).max(axis=0) / limits.velocity
-    hard = np.abs(acceleration).max(axis=0) / limits.acceleration
-    assert (np.maximum(fast, hard) < 1.01).all()
-    assert (np.maximum(far, np.maximum(fast, hard)) > 0.5).all()
-
-
-def test_a_drawn_motion_stays_within_the_joints_limits(arm):
-    position, _ = Multisine.draw(arm, 3).at(np.arange(0.0, 30.0, 5e-3))
-    assert (position > arm.lower).all()
-    assert (position < arm.upper).all()
-
-
-def test_parameters_of_the_nodes_have_the_arm_s_length_and_pass_their_own_check(arm):
-    table = node_parameters(arm)
-    for name, entry in table.items():
-        assert entry.check(entry.default) == entry.default, name
-        if isinstance(entry.default, tuple) and entry.default:
-            assert len(entry.default) == arm.n, name
-    limit = tuple(arm.effort_limit.tolist())
-    assert table["effort_limit"].check(limit) == limit
-    with pytest.raises(ConfigError, match=f"effort_limit: got '{arm.n + 1} numbers'"):
-        table["effort_limit"].check((1.0,) * (arm.n + 1))
 
 
 def test_units_of_parameters_follow_the_joints(made_up):
@@ -104,11 +59,8 @@ def test_units_of_a_recording_are_checked_by_the_arm_s_own_reach(made_up):
     wrong[:, 2] *= 1e3
     (found,) = check(recording(made_up, wrong, effort))
     assert (found.kind, found.joint, found.unusable) == ("position_unit", "insertion", True)
-    assert "expected m, not mm; declare it" in found.text
-    assert "--columns NAME=insertion.position[mm]" in found.text
     (found,) = check(recording(made_up, position, effort * [1, 1, 1e3, 1]))
     assert (found.kind, found.joint) == ("effort_unit", "insertion")
-    assert found.text.endswith("an arm reaches 60: expected N, not mN")
 
 
 def test_a_sliding_joint_that_moves_millimetres_has_moved(made_up):
@@ -117,14 +69,13 @@ def test_a_sliding_joint_that_moves_millimetres_has_moved(made_up):
     found = {w.joint: w for w in check(recording(made_up, position, np.zeros((500, 4))))
              if w.kind == "no_motion"}  # fmt: skip
     assert set(found) == {"yaw", "pitch", "roll"}
-    assert found["yaw"].text == "moves by 0 rad only"
 
 
-def test_joints_out_of_reach_are_told_in_their_own_unit(made_up):
+def test_joints_out_of_reach_are_reported_in_their_own_unit(made_up):
     reader = SampleReader(made_up.joint_names, made_up.lower, made_up.upper, made_up.units)
     middle = 0.5 * (made_up.lower + made_up.upper)
     assert (reader.read(1, made_up.joint_names, middle, (), ()).position == middle).all()
-    with pytest.raises(DroppedSampleError, match=r"insertion at 0\.5 m, expected 0\.02 to 0\.24"):
+    with pytest.raises(DroppedSampleError, match=r"insertion at 0\.5 m, "):
         reader.read(1, made_up.joint_names, np.where(made_up.scale < 1, 0.5, middle), (), ())
 
 
@@ -140,28 +91,20 @@ def test_a_sliding_joint_jumps_at_a_tenth_of_the_way_of_a_turning_one(made_up):
             motion.check(sample, 1e-9 * stamp, 0.1)
 
     after(np.array([0.08, 0.08, 0.008, 0.08]))
-    with pytest.raises(DroppedSampleError, match=r"insertion by 0\.02 m in 1 ms, .* 2\.5 m/s"):
+    with pytest.raises(DroppedSampleError, match=r"insertion by 0\.02 m .* 2\.5 m/s"):
         after(np.array([0.0, 0.0, 0.02, 0.0]))
-    with pytest.raises(DroppedSampleError, match=r"yaw by 0\.2 rad in 1 ms, .* 25 rad/s"):
+    with pytest.raises(DroppedSampleError, match=r"yaw by 0\.2 rad .* 25 rad/s"):
         after(np.array([0.2, 0.0, 0.0, 0.0]))
 
 
-def test_a_runaway_is_told_in_the_joint_s_unit(made_up):
-    guard = SpeedGuard(made_up.joint_names, 4.0 * made_up.scale, made_up.units)
-    velocity, command = np.array([0.0, 0.0, 0.6, 0.0]), np.array([0.0, 0.0, 5.0, 0.0])
-    found = [guard.check(velocity, command, 0.02 * k) for k in range(8)]
-    assert "insertion runs away: 0.6 m/s, at most 0.4," in next(filter(None, found))
-
-
-def test_passivity_is_observed_alike_whether_a_joint_turns_or_slides(made_up):
+def test_passivity_is_observed_equally_whether_a_joint_turns_or_slides():
     """The same energies at a tenth of the speed: the factors are the same."""
     half, coupled = np.full(1, 0.9), np.zeros(1, dtype=bool)
     turns = PassivityObserver(half, np.array([0.4]), coupled)
     slides = PassivityObserver(half, np.array([0.04]), coupled, np.array([0.1]))
     lowest = 1.0
     for k in range(2000):
-        growing = 0.002 * k * np.sin(0.05 * k)
-        speed = np.array([growing])
+        speed = np.array([0.002 * k * np.sin(0.05 * k)])
         first = turns.update(speed, 0.5 * np.sign(speed), 0.005 * k)
         second = slides.update(0.1 * speed, 5.0 * np.sign(speed), 0.005 * k)
         np.testing.assert_allclose(first, second, atol=1e-12)
@@ -169,30 +112,17 @@ def test_passivity_is_observed_alike_whether_a_joint_turns_or_slides(made_up):
     assert lowest < 1.0
 
 
-def test_where_joints_stood_is_said_in_units_of_their_kind(made_up):
+def test_where_joints_stood_is_given_in_units_of_their_kind(made_up):
     assert still_joints(["insertion=20mm,others=0"], made_up) == {
         "yaw": 0.0, "pitch": 0.0, "insertion": 0.02, "roll": 0.0,
     }  # fmt: skip
     assert still_joints(["insertion=0.02m", "yaw=90deg"], made_up) == {
         "insertion": 0.02, "yaw": pytest.approx(np.pi / 2),
     }  # fmt: skip
-    for given, told in (
-        ("insertion=2deg", "a length with its unit, like 20mm or 0.02m"),
-        ("yaw=2mm", "an angle with its unit, like 2.5deg or 0.04rad"),
-        ("insertion=99m", "a length within 10 m"),
-        ("yaw=300deg", "a position of yaw at .* deg, the limits of"),
-        ("insertion=2m", "a position of insertion at .* mm, the limits of"),
-        ("others=5deg", "a position of insertion, too"),
-        ("elbow_pitch=0", "JOINT=ANGLE of yaw, pitch, insertion, roll or others"),
-    ):
-        with pytest.raises(ConfigError, match=f"--at: got .*, expected {told}"):
+    for given, said in (
+        ("insertion=2deg", "20mm"), ("yaw=2mm", "2.5deg"), ("insertion=99m", "10 m"),
+        ("yaw=300deg", "yaw at .* deg"), ("insertion=2m", "insertion at .* mm"),
+        ("others=5deg", "insertion"), ("elbow_pitch=0", "yaw, pitch, insertion, roll"),
+    ):  # fmt: skip
+        with pytest.raises(ConfigError, match=f"--at: got .*, expected .*{said}"):
             still_joints([given], made_up)
-
-
-def test_tables_name_the_unit_and_the_joints_that_have_another(made_up):
-    assert milli_effort(made_up) == "mN·m (insertion mN)"
-    nan = float("nan")
-    assert effort_in_table(made_up, [0.9, nan]) == ("mN·m (insertion mN)", 1e3, 3)
-    assert effort_in_table(made_up, [0.1, 27.9]) == ("N·m (insertion N)", 1.0, 4)
-    assert milli_position(made_up) == "mrad (insertion mm)"
-    assert milli_effort(Arm.load("mtmr")) == "mN·m"

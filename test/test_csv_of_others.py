@@ -1,17 +1,16 @@
 """CSV files are read as the programs of the field write them, or refused with the way out."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from recording_samples import ARM, wave
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.command_line import run
-from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check
 
-CLEAN = wave(400)
+CLEAN = wave(150)
 EPOCH = 1_700_000_000
 N = range(7)
 FIELDS = ("position", "velocity", "effort")
@@ -50,7 +49,7 @@ ALL = values(*FIELDS)
 DEGREES = values(*FIELDS, factors=(180 / np.pi, 180 / np.pi, 1000.0))
 T = CLEAN.time
 DATES = [f"2023-11-14T22:13:{20 + t:09.6f}+00:00" for t in T]
-LONG = [np.full(400, 2.0), np.arange(400.0)]
+LONG = [np.full(150, 2.0), np.arange(150.0)]
 
 # names, columns, and how they are written
 FORMS = {
@@ -64,25 +63,19 @@ FORMS = {
         ["__time", "/j/header/seq", "/j/header/stamp", *named("/j/{joint}/{word}")],
         [T, LONG[1], T + EPOCH, *ALL], {},
     ),
-    "PlotJuggler, by number": (
-        ["__time", *named("/joint_states/{word}[{k}]")], [T, *ALL], {}),
-    "pandas, with its index": (["", "time", *named("{joint}.{word}")], [LONG[1], T, *ALL], {}),
     "pandas, dates as index": (["", *named("{joint}.{word}")], [DATES, *ALL], {}),
     "q, qd, tau": (
         ["t", *named("{word}{k1}", ("q", "qd", "tau"))], [T, *ALL], {}),
-    "pos, vel, eff": (
-        ["timestamp", *named("{joint}.{word}", ("pos", "vel", "eff"))], [T, *ALL], {}),
-    "underscores": (["time", *named("{joint}_{word}")], [T, *ALL], {}),
     "rostopic echo -p": (
         ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id",
          *[f"field.name{k}" for k in N], *named("field.{word}{k}")],
-        [(T + 9.0) * 1e9 + EPOCH * 1e9, LONG[1], (T + EPOCH) * 1e9, [""] * 400,
-         *[[name] * 400 for name in JOINT_NAMES], *ALL], {},
+        [(T + 9.0) * 1e9 + EPOCH * 1e9, LONG[1], (T + EPOCH) * 1e9, [""] * 150,
+         *[[name] * 150 for name in JOINT_NAMES], *ALL], {},
     ),
     "ros2 topic echo --csv": (
         None,
-        [[str(EPOCH + int(t)) for t in T], [str(round((t % 1.0) * 1e9)) for t in T], [""] * 400,
-         *[[name] * 400 for name in JOINT_NAMES], *ALL], {},
+        [[str(EPOCH + int(t)) for t in T], [str(round((t % 1.0) * 1e9)) for t in T], [""] * 150,
+         *[[name] * 150 for name in JOINT_NAMES], *ALL], {},
     ),
     "UR's recorder": (
         ["timestamp", *named("actual_{word}_{k}", ("q", "qd", "current")),
@@ -102,8 +95,6 @@ FORMS = {
     ),
     "semicolons and decimal commas": (
         ["time", *named("{joint}.{word}")], [T, *ALL], {"delimiter": ";", "comma": True}),
-    "tabs": (["time", *named("{joint}.{word}")], [T, *ALL], {"delimiter": "\t"}),
-    "a byte order mark": (["\ufefftime", *named("{joint}.{word}")], [T, *ALL], {}),
     "units": (
         ["time [ms]", *[f"{name} {unit}" for name, unit in zip(
             named("{joint}.{word}"), 7 * ["[deg]"] + 7 * ["[deg/s]"] + 7 * ["(mNm)"],
@@ -112,62 +103,29 @@ FORMS = {
     ),
     "ns since 1970": (
         ["time", *named("{joint}.{word}")], [(T + EPOCH) * 1e9, *ALL], {}),
-    "ms since 1970": (
-        ["time_ms", *named("{joint}.{word}")], [(T + EPOCH) * 1e3, *ALL], {}),
-    "dates": (["time", *named("{joint}.{word}")], [DATES, *ALL], {}),
-    "a column twice": (
-        ["time", *named("{joint}.{word}"), "time"], [T, *ALL, T], {}),
     "columns of other things": (
         ["time", *named("{joint}.{word}"), "temperature", "comment"],
-        [T, *ALL, LONG[0], ["fine"] * 400], {},
+        [T, *ALL, LONG[0], ["fine"] * 150], {},
     ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_what_the_programs_of_the_field_write_is_read(tmp_path, form):
-    names, columns, how = FORMS[form]
-    found = Recording.load(written(tmp_path / "a.csv", names, columns, **how), arm=ARM)
-    assert found.joints == JOINT_NAMES
-    assert len(found) == 400
-    np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-6)
-    for quantity in FIELDS:
-        np.testing.assert_allclose(
-            getattr(found, quantity), getattr(CLEAN, quantity), rtol=1e-12, atol=1e-15
-        )
+def test_what_the_programs_of_the_field_write_is_read(tmp_path):
+    for form, (names, columns, how) in FORMS.items():
+        found = Recording.load(written(tmp_path / "a.csv", names, columns, **how), arm=ARM)
+        assert found.joints == JOINT_NAMES, form
+        np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-6, err_msg=form)
+        for name in FIELDS:
+            read, sent = getattr(found, name), getattr(CLEAN, name)
+            np.testing.assert_allclose(read, sent, rtol=1e-12, atol=1e-15, err_msg=form)
 
 
-def test_what_was_taken_for_what_is_said_once(tmp_path):
+def test_what_was_taken_for_what_is_named(tmp_path):
     names, columns, how = FORMS["UR's recorder"]
     found = Recording.load(written(tmp_path / "a.csv", names, columns, **how), arm=ARM)
     (note,) = [str(warning) for warning in check(found) if warning.kind == "columns"]
-    assert note.startswith("columns read: timestamp as time, actual_q_0 as outer_yaw.position, ")
-    assert "columns not read: target_q_0, " in note
-    names, columns, _ = FORMS["columns of other things"]
-    found = Recording.load(written(tmp_path / "b.csv", names, columns), arm=ARM)
-    assert found.notes[0].text == "columns not read: temperature, comment"
-
-
-def test_of_the_times_in_a_file_the_one_that_is_asked_for_is_read(tmp_path):
-    names, columns, _ = FORMS["rostopic echo -p"]
-    path = written(tmp_path / "a.csv", names, columns)
-    assert abs(Recording.load(path, arm=ARM).start_ns - EPOCH * 10**9) < 1000
-    received = Recording.load(path, arm=ARM, time_base="receive")
-    assert abs(received.start_ns - (EPOCH + 9) * 10**9) < 1000
-
-
-def test_rows_of_several_topics_are_those_of_the_arm_s(tmp_path):
-    names = ["__time", *named("/MTMR/measured_js/{joint}/{word}"), "/force/x"]
-    path = tmp_path / "a.csv"
-    lines = [",".join(names)]
-    for k in range(400):
-        row = [getattr(CLEAN, q)[k, j] for q in FIELDS for j in N]
-        lines.append(",".join(map(repr, map(float, [T[k], *row]))) + ",")
-        lines.append(f"{T[k] + 0.001}" + 21 * "," + ",1.5")
-    path.write_text("\n".join(lines))
-    found = Recording.load(path, arm=ARM)
-    np.testing.assert_array_equal(found.position, CLEAN.position)
-    assert all(note.kind == "columns" for note in found.notes)
+    assert "actual_q_0 as outer_yaw.position" in note
+    assert "target_q_0" in note.rpartition("not read")[2]
 
 
 MINE = ["Zeit", *[f"A{k}" for k in N], *[f"M{k}" for k in N]]
@@ -177,42 +135,32 @@ MAP = {"Zeit": "time[ms]"} | {f"A{k}": f"{JOINT_NAMES[k]}.position[deg]" for k i
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["mapping", "text", "file", "no header"])
-def test_other_names_are_mapped_by_columns(tmp_path, kind):
-    path = written(tmp_path / "a.csv", None if kind == "no header" else MINE, MINE_COLUMNS)
-    given = MAP
-    if kind == "no header":
-        given = {str(k + 1): target for k, target in enumerate(MAP.values())}
-    if kind != "mapping":
-        given = ",".join(f"{name}={target}" for name, target in given.items())
-    if kind == "file":
-        (tmp_path / "map.yaml").write_text("\n".join(f"{n}: {t}" for n, t in MAP.items()))
-        given = tmp_path / "map.yaml"
-    found = Recording.load(path, arm=ARM, columns=given)
-    np.testing.assert_allclose(found.position, CLEAN.position, rtol=1e-12)
-    np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
-    assert found.velocity is None
-
-
-def test_a_joint_s_name_may_hold_what_parts_other_names(tmp_path):
-    path = written(tmp_path / "a.csv", ["t", "A1", "wrist 2.position [deg]"], [T, T, 180.0 * T])
-    found = Recording.load(path, columns={"A1": "wrist-1.position[deg]"})
-    assert found.joints == ("wrist-1", "wrist 2")
-    np.testing.assert_allclose(found.position, np.pi * np.stack([T / 180.0, T], axis=1))
+def test_other_names_are_mapped_by_columns(tmp_path):
+    by_number = {str(k + 1): target for k, target in enumerate(MAP.values())}
+    (tmp_path / "map.yaml").write_text("\n".join(f"{n}: {t}" for n, t in MAP.items()))
+    for names, given in (
+        (MINE, MAP),
+        (MINE, ",".join(f"{name}={target}" for name, target in MAP.items())),
+        (MINE, tmp_path / "map.yaml"),
+        (None, ",".join(f"{name}={target}" for name, target in by_number.items())),
+    ):
+        path = written(tmp_path / "a.csv", names, MINE_COLUMNS)
+        found = Recording.load(path, arm=ARM, columns=given)
+        np.testing.assert_allclose(found.position, CLEAN.position, rtol=1e-12)
+        np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
+        assert found.velocity is None
 
 
 def test_every_verb_takes_columns(tmp_path, capsys):
     path = str(written(tmp_path / "a.csv", MINE, MINE_COLUMNS))
     given = ["--columns", ",".join(f"{name}={target}" for name, target in MAP.items())]
-    model = ["--model", str(Path(__file__).parents[1] / "config/mtmr_28002.yaml")]
-    # Read; that this model is not to be compensated with is the answer.
-    assert run("dvrk_gravity.cli.evaluate", [path, *model, *given]) == 1
     assert run("dvrk_gravity.cli.convert", [path, str(tmp_path / "bag"), *given]) == 0
     assert Recording.load(tmp_path / "bag").joints == JOINT_NAMES
-    capsys.readouterr()
-    for verb, words in (("identify", ["--arm", "mtmr"]), ("diagnose", model), ("evaluate", model)):
-        out = [] if verb == "evaluate" else ["--out", str(tmp_path / "x.yaml")]
-        assert run(f"dvrk_gravity.cli.{verb}", [path, *words, *out]) == 2
+    model, out = ["--model", str(MODEL_FILE)], ["--out", str(tmp_path / "x.yaml")]
+    for verb, words in (
+        ("identify", ["--arm", "mtmr", *out]), ("diagnose", model + out), ("evaluate", model)
+    ):  # fmt: skip
+        assert run(f"dvrk_gravity.cli.{verb}", [path, *words]) == 2
         assert "--columns" in capsys.readouterr().err
 
 
@@ -220,76 +168,42 @@ def row(*cells):
     return ",".join(cells) + "\n"
 
 
+# The file, and tokens of the refusal.
 REFUSED = {
-    "Foxglove's plot": (
-        "elapsed time,receive time,header.stamp,topic,value\n0,1,1,/a.b,2\n",
-        "looks like the data of a Foxglove plot, one value a row",
-    ),
-    "no header": ("0,1,2\n1,2,3\n", "line 1: has no header, expected names of columns; or --col"),
-    "two fields echoed": (
-        "1,5,,a,b,0.1,0.2,0.3,0.4\n",
-        "looks like `ros2 topic echo --csv`, of which two fields",
-    ),
-    "another number of joints": (
-        row("t", "q1", "q2") + "0,1,2\n",
-        "columns such as 'q1' do not name their joints: 2 of them, expected 7 of arm mtmr; or",
-    ),
+    "no header": ("0,1,2\n1,2,3\n", ["line 1", "--columns"]),
+    "another number of joints": (row("t", "q1", "q2") + "0,1,2\n", ["'q1'", "expected 7 of arm"]),
     "a time of another name": (
-        row("Zeit", "outer_yaw.position") + "0,1\n",
-        "no column is known as time, and it may be one of Zeit: --columns NAME=time",
+        row("Zeit", "outer_yaw.position") + "0,1\n", ["Zeit: --columns NAME=time"],
     ),
     "two efforts": (
         row("t", *named("{word}_{k}", ("q", "actual_current", "actual_moment"))) + 22 * "0," + "\n",
-        "columns 'actual_current_0' and 'actual_moment_0' could both be the effort of a joint",
+        ["'actual_current_0'", "'actual_moment_0'"],
     ),
     "a column twice, not the same": (
-        row("time", "time", "outer_yaw.position") + "0,0,1\n1,2,1\n",
-        "line 3: column 'time' appears twice with different values",
+        row("time", "time", "outer_yaw.position") + "0,0,1\n1,2,1\n", ["line 3: column 'time'"],
     ),
     "an unknown unit": (
-        row("time", "outer_yaw.position [counts]") + "0,1\n",
-        "is in counts, expected one of rad, ",
+        row("time", "outer_yaw.position [counts]") + "0,1\n", ["counts", "one of rad, "],
     ),
-    "time in relative ns": (
-        row("time", "outer_yaw.position") + "".join(f"{k * 50_000_000_000},1\n" for k in range(9)),
-        "time is 4e+11, expected seconds; or --columns 'time=time[ms]'",
-    ),
-}
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_would_have_to_be_guessed_is_refused_with_the_way_out(tmp_path, case):
-    content, expected = REFUSED[case]
-    (tmp_path / "a.csv").write_text(content)
-    with pytest.raises(RecordingError) as caught:
-        Recording.load(tmp_path / "a.csv", arm=ARM)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_what_would_have_to_be_guessed_is_refused_with_the_option_that_says_it(tmp_path):
+    for case, (content, tokens) in REFUSED.items():
+        (tmp_path / "a.csv").write_text(content)
+        with pytest.raises(RecordingError) as caught:
+            Recording.load(tmp_path / "a.csv", arm=ARM)
+        assert all(token in str(caught.value) for token in tokens), (case, caught.value)
+        assert "\n" not in str(caught.value), case
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
-        ("q1", "NAME=time,NAME=<joint>.position"),
-        ("q1=elbow", "a target: time, direction or <joint>.position"),
-        ("nothing=time", "no column 'nothing'"),
-        ({"time": "q1"}, "a target"),
-    ],
-)
-def test_columns_that_are_none_are_refused(tmp_path, given, expected):
-    path = written(tmp_path / "a.csv", ["time", *named("{joint}.{word}")], [T, *ALL])
-    with pytest.raises((ConfigError, RecordingError), match=expected):
-        Recording.load(path, columns=given)
-
-
-@pytest.mark.parametrize("bad", ["5,1,x", "5,1", "5,1,2,3", "--- restarted ---", "5;1;2"])
-def test_a_few_rows_that_are_none_are_left_out_and_the_first_is_named(tmp_path, bad):
+def test_a_few_rows_that_are_none_are_left_out_and_the_first_is_named(tmp_path):
     rows = [f"{k},1,{k}" for k in range(9000)]
-    rows[5000] = rows[7000] = bad
-    (tmp_path / "a.csv").write_text("time,outer_yaw.position,outer_yaw.effort\n" + "\n".join(rows))
-    found = Recording.load(tmp_path / "a.csv")
-    assert len(found) == 8998
-    (note,) = found.notes
-    assert (note.kind, note.count) == ("unreadable", 2)
-    assert "the first one: " in note.text
-    assert "line 5002: " in note.text
+    for bad in ("5,1,x", "5,1", "5,1,2,3", "--- restarted ---", "5;1;2"):
+        rows[5000] = rows[7000] = bad
+        text = "time,outer_yaw.position,outer_yaw.effort\n" + "\n".join(rows)
+        (tmp_path / "a.csv").write_text(text)
+        found = Recording.load(tmp_path / "a.csv")
+        (note,) = found.notes
+        assert (len(found), note.kind, note.count) == (8998, "unreadable", 2), bad
+        assert "line 5002: " in note.text, bad

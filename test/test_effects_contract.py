@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -82,152 +83,163 @@ PARAMETERS: Mapping[str, Mapping[str, object]] = {
 }
 
 
-def each(chosen):
-    return pytest.mark.parametrize("effect", chosen, ids=lambda effect: effect.NAME)
-
-
-EVERY = each(effects.terms())
 LINEAR = [effect for effect in effects.terms() if issubclass(effect, LinearTerm)]
-WHOLE_RANGE = Range(ARM.lower, ARM.upper)
+
+
+@dataclass(frozen=True)
+class Case:
+    """An effect, a model with its parameters, of some beside others', and a motion."""
+
+    effect: type[Term]
+    model: TorqueModel
+    term: Term
+    state: State
 
 
 @pytest.fixture(scope="module")
-def chain(tmp_path_factory) -> Arm:
-    return made_up_arm(tmp_path_factory.mktemp("arm"))
+def cases(tmp_path_factory) -> list[Case]:
+    """Every term that there is."""
+    assert set(PARAMETERS) == {effect.NAME for effect in effects.terms()}, "add an entry above"
+    chain = made_up_arm(tmp_path_factory.mktemp("arm"))
+    return [case_of(effect, chain) for effect in effects.terms()]
 
 
-@pytest.fixture
-def model(effect, chain) -> TorqueModel:
-    """The model with a term's parameters; of some terms there are others' in it."""
-    if effect.NAME not in PARAMETERS:
-        pytest.fail(f"{effect.NAME} has no plausible parameters in this file: add an entry")
+def case_of(effect: type[Term], chain: Arm) -> Case:
     arm = ARM if effect.schema(ARM) else chain
-    return TorqueModel.from_parameters({"arm": arm.source, **PARAMETERS[effect.NAME]})
+    model = TorqueModel.from_parameters({"arm": arm.source, **PARAMETERS[effect.NAME]})
+    term = model.term(effect.NAME)
+    assert term is not None, effect.NAME
+    q, qd, qdd = np.random.default_rng(1).normal(size=(3, 40, arm.n))
+    return Case(effect, model, term, State(np.cumsum(0.1 * q, axis=0), qd, qdd))
 
 
-@pytest.fixture
-def term(effect, model) -> Term:
-    found = model.term(effect.NAME)
-    assert found is not None
-    return found
+def linear(cases: list[Case]) -> Iterator[Case]:
+    return (case for case in cases if case.effect in LINEAR)
 
 
-@pytest.fixture
-def state(model) -> State:
-    return motion(model.arm)
+def same(case: Case, got, wanted, atol: float = 1e-12, rtol: float = 1e-7) -> None:
+    np.testing.assert_allclose(got, wanted, rtol=rtol, atol=atol, err_msg=case.effect.NAME)
 
 
-def motion(arm: Arm, count: int = 40) -> State:
-    random = np.random.default_rng(1)
-    q, qd, qdd = random.normal(size=(3, count, arm.n))
-    return State(np.cumsum(0.1 * q, axis=0), qd, qdd)
+def test_it_is_named_and_documented_and_its_parameters_have_units(cases):
+    for case in cases:
+        effect, declared = case.effect, case.effect.schema(case.model.arm)
+        assert effect.__doc__
+        assert effect.NAME.isidentifier()
+        assert declared
+        for entry in declared:
+            assert entry.meaning
+            if entry.kind.startswith("double"):
+                assert entry.unit or entry.name.endswith("ratio"), entry.name
+        assert effect.from_parameters(case.model.arm, {}) is None, "absent, but mentioned nowhere"
 
 
-def test_no_entry_of_this_file_is_of_a_term_that_there_is_not():
-    assert set(PARAMETERS) == {effect.NAME for effect in effects.terms()}
+def test_its_torque_is_finite_and_there(cases):
+    for case in cases:
+        state = case.state
+        directed = State(state.q, direction=np.sign(state.qd))
+        shown = [case.term.torque(motion) for motion in (state, State(state.q), directed)]
+        for torque in shown:
+            assert torque.shape == state.q.shape
+            assert np.isfinite(torque).all()
+        assert max(np.abs(torque).max() for torque in shown) > 1e-3, case.effect.NAME
 
 
-@EVERY
-def test_it_is_named_and_documented_and_its_parameters_have_units(effect, model):
-    assert effect.__doc__
-    assert effect.NAME.isidentifier()
-    declared = effect.schema(model.arm)
-    assert declared
-    for entry in declared:
-        assert entry.meaning
-        if entry.kind.startswith("double"):
-            assert entry.unit or entry.name.endswith("ratio"), entry.name
+def test_a_saved_and_loaded_model_has_the_same_torque(cases, tmp_path):
+    for case in cases:
+        case.model.save(tmp_path / "model.yaml")
+        loaded = TorqueModel.load(tmp_path / "model.yaml")
+        again = loaded.term(case.effect.NAME)
+        same(case, again.torque(case.state), case.term.torque(case.state))
+        same(case, loaded.torque_at(case.state), case.model.torque_at(case.state))
+        assert again.parameters() == case.term.parameters()
 
 
-@EVERY
-def test_it_is_absent_where_nothing_mentions_it(effect, model):
-    assert effect.from_parameters(model.arm, {}) is None
+def test_its_columns_times_its_coefficients_are_its_torque(cases):
+    for case in linear(cases):
+        term, state = case.term, case.state
+        given = term.torque(state)
+        same(case, term.regressor(state) @ term.theta, given, 1e-11)
+        same(case, term.with_theta(term.theta).torque(state), given, 0.0, 0.0)
+        same(case, term.reduced().torque(state), given)
+        theta = np.abs(np.random.default_rng(0).normal(size=len(term.theta)))
+        other = term.with_theta(theta)
+        same(case, other.theta, theta, 0.0, 0.0)
+        same(case, other.torque(state), term.regressor(state) @ theta, 1e-10)
 
 
-@EVERY
-def test_its_torque_is_finite_and_there(term, state):
-    directed = State(state.q, direction=np.sign(state.qd))
-    shown = [term.torque(motion) for motion in (state, State(state.q), directed)]
-    for torque in shown:
-        assert torque.shape == state.q.shape
-        assert np.isfinite(torque).all()
-    assert max(np.abs(torque).max() for torque in shown) > 1e-3
+def test_its_evaluator_of_one_sample_is_its_torque(cases):
+    for case in cases:
+        evaluate = case.term.prepare()
+        rubs = case.term.friction_part(np.ones(case.state.q.shape[1])).any()
+        for q, qd in zip(case.state.q, case.state.qd, strict=True):
+            same(case, evaluate(q, None), case.term.torque(State(q)))
+            if rubs:  # of others a compensator asks for no more than what holds them at rest
+                same(case, evaluate(q, qd), case.term.torque(State(q, qd)))
 
 
-@EVERY
-def test_a_saved_and_loaded_model_has_the_same_torque(effect, model, state, tmp_path):
-    model.save(tmp_path / "model.yaml")
-    loaded = TorqueModel.load(tmp_path / "model.yaml")
-    np.testing.assert_allclose(
-        loaded.term(effect.NAME).torque(state), model.term(effect.NAME).torque(state), atol=1e-12
-    )
-    np.testing.assert_allclose(loaded.torque_at(state), model.torque_at(state), atol=1e-12)
+def test_one_pose_gives_what_many_give(cases):
+    for case in cases:
+        q, qd = case.state.q[:6], case.state.qd[:6]
+        for known in ({}, {"direction": np.sign(qd)}):
+            many = case.term.torque(State(q, **known))
+            for row in range(len(q)):
+                one = State(q[row], **{name: each[row] for name, each in known.items()})
+                same(case, case.term.torque(one), many[row])
 
 
-@each(LINEAR)
-def test_its_columns_times_its_coefficients_are_its_torque(term, state):
-    expected = term.torque(state)
-    np.testing.assert_allclose(term.regressor(state) @ term.theta, expected, atol=1e-11)
-    same = term.with_theta(term.theta)
-    np.testing.assert_array_equal(same.torque(state), expected)
-    np.testing.assert_allclose(term.reduced().torque(state), expected, atol=1e-12)
+def test_its_parts_with_and_without_friction_make_up_the_whole(cases):
+    for case in cases:
+        state, all_of_it = State(case.state.q, case.state.qd), np.ones(case.state.q.shape[1])
+        parts = [part for part in case.term.split(all_of_it) if part is not None]
+        total = sum(part.torque(state) for part in parts)
+        same(case, total, case.term.torque(state))
+        fused = case.term.prepare_parts(all_of_it)
+        assert (fused is None) == (len(parts) == 1)
+        if fused is not None:
+            first, second = fused(state.q[0], state.qd[0])
+            same(case, first, parts[0].torque(State(state.q[0])))
+            same(case, first + second, total[0])
 
 
-@EVERY
-def test_its_evaluator_of_one_sample_is_its_torque(term, state):
-    evaluate = term.prepare()
-    rubs = term.friction_part(np.ones(state.q.shape[1])).any()
-    for q, qd in zip(state.q, state.qd, strict=True):
-        np.testing.assert_allclose(evaluate(q, None), term.torque(State(q)), atol=1e-12)
-        if rubs:  # of others a compensator asks for no more than what holds them at rest
-            np.testing.assert_allclose(evaluate(q, qd), term.torque(State(q, qd)), atol=1e-12)
-
-
-@EVERY
-def test_its_parts_with_and_without_friction_make_up_the_whole(term, state):
-    all_of_it = np.ones(state.q.shape[1])
-    moving = State(state.q, state.qd)
-    parts = [part for part in term.split(all_of_it) if part is not None]
-    total = sum(part.torque(moving) for part in parts)
-    np.testing.assert_allclose(total, term.torque(moving), atol=1e-12)
-    fused = term.prepare_parts(all_of_it)
-    assert (fused is None) == (len(parts) == 1)
-    if fused is not None:
-        first, second = fused(state.q[0], state.qd[0])
-        np.testing.assert_allclose(first, parts[0].torque(State(state.q[0])), atol=1e-12)
-        np.testing.assert_allclose(first + second, total[0], atol=1e-12)
-
-
-@each([effect for effect in effects.terms() if effect.full_speed is not Term.full_speed])
-def test_below_its_full_speed_friction_is_not_whole(effect, term, state):
-    pose = state.q[:1]
-    slow, fast = (
-        sum(
-            sign * (term.torque(State(pose, sign * part * term.full_speed[None])) @ term.full_speed)
-            for sign in (1.0, -1.0)
+def test_below_its_full_speed_friction_is_not_whole(cases):
+    for case in cases:
+        full = case.term.full_speed
+        if full is None:
+            continue
+        slow, fast = (
+            sum(
+                sign * (case.term.torque(State(case.state.q[:1], sign * part * full[None])) @ full)
+                for sign in (1.0, -1.0)
+            )
+            for part in (0.25, 0.5)
         )
-        for part in (0.25, 0.5)
-    )
-    assert fast > slow
+        assert fast > slow, case.effect.NAME
 
 
-@each([effect for effect in effects.terms() if effect.FRICTION])
-def test_its_friction_scales_with_the_part_and_never_drives(effect, term, state):
-    whole = term.torque(state)
-    part = np.full(state.q.shape[1], 0.3)
-    np.testing.assert_allclose(term.scaled(part).torque(state), 0.3 * whole, atol=1e-12)
-    if effect.COMPENSATED:  # what remembers the past may give back what it has stored
-        assert ((whole * state.qd).sum(axis=1) >= -1e-12).all()
+def test_its_friction_scales_with_the_part_and_never_drives(cases):
+    for case in cases:
+        part = np.full(case.state.q.shape[1], 0.3)
+        if not case.effect.FRICTION:
+            if case.effect.NAME != "directional_cable":  # whose console's ratio is scaled
+                with pytest.raises(NotImplementedError, match=f"{case.effect.NAME} is no friction"):
+                    case.term.scaled(part)
+            continue
+        whole = case.term.torque(case.state)
+        same(case, case.term.scaled(part).torque(case.state), 0.3 * whole)
+        if case.effect.COMPENSATED:  # what remembers the past may give back what it has stored
+            assert ((whole * case.state.qd).sum(axis=1) >= -1e-12).all(), case.effect.NAME
 
 
-@each([effect for effect in LINEAR if effect.unknowns(ARM, WHOLE_RANGE)])
-def test_what_a_fit_finds_of_it_is_what_its_columns_make(effect, state):
-    unknowns = effect.unknowns(ARM, WHOLE_RANGE)
-    scale = np.array([column.scale for column in unknowns.columns])
-    coefficients = scale * np.random.default_rng(2).uniform(0.1, 1.0, len(scale))
-    memory = unknowns.term.memory(state)
-    made = unknowns.regressor(state, memory) @ coefficients
-    found = unknowns.found(coefficients)
-    np.testing.assert_allclose(found.torque(state), made, rtol=1e-9, atol=1e-9)
-    assert unknowns.found(np.zeros(len(scale))) is None
-    assert len({column.key for column in unknowns.columns}) == len(scale)
+def test_what_a_fit_finds_of_it_is_what_its_columns_make(cases):
+    for case in linear(cases):
+        unknowns = case.effect.unknowns(ARM, Range(ARM.lower, ARM.upper))
+        if not unknowns:
+            continue
+        scale = np.array([column.scale for column in unknowns.columns])
+        coefficients = scale * np.random.default_rng(2).uniform(0.1, 1.0, len(scale))
+        state = case.state
+        made = unknowns.regressor(state, unknowns.term.memory(state)) @ coefficients
+        same(case, unknowns.found(coefficients).torque(state), made, 1e-9, 1e-9)
+        assert unknowns.found(np.zeros(len(scale))) is None
+        assert len({column.key for column in unknowns.columns}) == len(scale)

@@ -14,7 +14,6 @@ from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import (
     NO_TERM,
     NOT_AS_FOUND,
-    FilteredData,
     MeasuredMotion,
     extended,
     hypotheses,
@@ -31,7 +30,6 @@ from dvrk_gravity.effects import (
     WallHypothesis,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import LowPass
 from dvrk_gravity.simulate import PlantFile
 from testing.world import COARSE, World
 
@@ -68,6 +66,15 @@ def motion() -> MeasuredMotion:
     return load([world.record(1, 2, duration=10.0)], world.model()).motion
 
 
+@lru_cache(maxsize=1)
+def supposed() -> tuple[Hypothesis, ...]:
+    """Return every hypothesis of that motion, and some that only a search would yield."""
+    setting = {"start": 2.0, "end": 4.0}
+    push = PushHypothesis(arm=motion().arm, site=Site.joint(3), joints=(3,), setting=setting)
+    searched = (ripple(2, 25.0), wall(1.0, 0.2), wall(-1.0, 0.1), push)
+    return (*hypotheses(motion()), *searched)
+
+
 def ripple(motor: int, cycles: float) -> Hypothesis:
     return RippleHypothesis(
         arm=motion().arm, site=Site.motor(motor), joints=(motor,),
@@ -82,18 +89,9 @@ def wall(side: float, position: float) -> Hypothesis:
     )  # fmt: skip
 
 
-def everything() -> Iterator[Hypothesis]:
-    yield from hypotheses(motion())
-    yield ripple(2, 25.0)
-    yield wall(1.0, 0.2)
-    yield wall(-1.0, 0.1)
-    setting = {"start": 2.0, "end": 4.0}
-    yield PushHypothesis(arm=motion().arm, site=Site.joint(3), joints=(3,), setting=setting)
-
-
 def first_of(effect: str, place: str | None = None) -> Hypothesis:
     theta = (CARRIED | READ_WRONGLY | NOT_CARRIED)[effect]
-    for hypothesis in everything():
+    for hypothesis in supposed():
         if hypothesis.effect != effect or (
             place is not None and not hypothesis.place.startswith(place)
         ):
@@ -115,10 +113,16 @@ def added(hypothesis: Hypothesis, theta: np.ndarray) -> np.ndarray:
     return hypothesis.regressor(motion()) @ theta
 
 
-def reloaded(found, tmp_path) -> tuple[TorqueModel, tuple[bool, ...]]:
-    model, left_out = extended(motion(), found)
+def reloaded(tmp_path, *found) -> TorqueModel:
+    """Return the model that is extended by findings, once it is loaded again."""
+    model, left_out = extended(motion(), list(found))
+    assert not any(left_out), left_out
     model.save(tmp_path / "extended_model.yaml")
-    return TorqueModel.load(tmp_path / "extended_model.yaml"), tuple(not why for why in left_out)
+    return TorqueModel.load(tmp_path / "extended_model.yaml")
+
+
+def change_by(model: TorqueModel) -> np.ndarray:
+    return motion().torque_at(motion().q, model) - motion().modelled
 
 
 def compared() -> np.ndarray:
@@ -139,121 +143,101 @@ PLACES = {
     "joint_spring": ("sum", "difference"),
     "link_com": ("link", "weight only"),
     "contact": ("above", "below"),
-}
-
-
-@pytest.mark.parametrize(
-    ("effect", "place"),
-    [(effect, place) for effect in CARRIED for place in PLACES.get(effect, (None,))],
-)
-def test_the_reloaded_model_has_the_base_s_torque_and_the_finding_s(effect, place, tmp_path):
-    theta = np.array(CARRIED[effect])
-    hypothesis = at_its_point(first_of(effect, place), theta)
-    model, carried = reloaded([(hypothesis, theta)], tmp_path)
-    assert carried == (True,)
-    rows = compared()
-    wanted = added(hypothesis, theta)[rows]
-    got = (motion().torque_at(motion().q, model) - motion().modelled)[rows]
-    assert np.abs(wanted).max() > 1e-3
-    # A base's tilt is linearised half-way, right to second order; all else is exact.
-    np.testing.assert_allclose(got, wanted, atol=2e-4 if effect == "base_tilt" else 1e-9)
-    Settings.from_parameters(model.parameters())
-
-
-def test_every_effect_that_can_be_supposed_is_tried_here():
-    """A new effect needs an entry; readings and structure without a name have no columns."""
-    supposed = {hypothesis.effect for hypothesis in everything()}
-    assert supposed == set(CARRIED | READ_WRONGLY | NOT_CARRIED)
-    without = {"unknown", "time_scale", "velocity_scale"}
-    assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - without <= supposed
-
-
-READ_AT = {
     "torque_scale": ("joint", "all", "motor"),
     "joint_coupling": ("torque",),
     "encoder_scale": ("joint", "motor"),
 }
 
 
-@pytest.mark.parametrize(
-    ("effect", "place"),
-    [(effect, place) for effect in READ_WRONGLY for place in READ_AT.get(effect, (None,))],
-)
-def test_the_reloaded_model_reads_what_the_finding_says_and_has_the_same_torque(
-    effect, place, tmp_path
-):
-    theta = np.array(READ_WRONGLY[effect])
-    hypothesis = at_its_point(first_of(effect, place), theta)
-    model, carried = reloaded([(hypothesis, theta)], tmp_path)
-    assert carried == (True,)
-    wanted = added(hypothesis, theta)
-    got = motion().read_by(model) - motion().modelled
-    assert np.abs(wanted).max() > 1e-3
-    np.testing.assert_allclose(got, wanted, atol=1e-9)
-    right = model.torque_at(State.of(motion().q, motion().qd, motion().qdd, None, motion().arm.n))
-    np.testing.assert_allclose(right, motion().modelled, atol=1e-12)
+def found(effects_of: dict[str, list[float]]) -> Iterator[tuple[str, Hypothesis, np.ndarray]]:
+    """Yield each effect at each kind of place, where its parameters are."""
+    for effect, theta in effects_of.items():
+        for place in PLACES.get(effect, (None,)):
+            hypothesis = at_its_point(first_of(effect, place), np.array(theta))
+            yield f"{effect} {place or ''}", hypothesis, np.array(theta)
 
 
-@pytest.mark.parametrize("reads_others", [False, True])
-@pytest.mark.parametrize("reading", ["torque_scale", "joint_coupling"])
-@pytest.mark.parametrize("effect", ["torque_offset", "viscous_friction", "elastic_cable"])
-def test_a_torque_beside_a_wrong_reading_of_efforts_is_that_which_acts(
-    reading, effect, reads_others, tmp_path
-):
+def test_the_reloaded_model_has_the_base_s_torque_and_the_finding_s(tmp_path):
+    rows = compared()
+    for name, hypothesis, theta in found(CARRIED):
+        model = reloaded(tmp_path, (hypothesis, theta))
+        wanted, got = added(hypothesis, theta)[rows], change_by(model)[rows]
+        assert np.abs(wanted).max() > 1e-3, name
+        # A base's tilt is linearised half-way, right to second order; all else is exact.
+        atol = 2e-4 if hypothesis.effect == "base_tilt" else 1e-9
+        np.testing.assert_allclose(got, wanted, atol=atol, err_msg=name)
+        Settings.from_parameters(model.parameters())
+
+
+def test_every_effect_that_can_be_supposed_is_tried_here():
+    tried = {hypothesis.effect for hypothesis in supposed()}
+    assert tried == set(CARRIED | READ_WRONGLY | NOT_CARRIED)
+    without = {"unknown", "time_scale", "velocity_scale"}
+    assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - without <= tried
+
+
+def test_the_reloaded_model_reads_what_the_finding_says_and_has_the_same_torque(tmp_path):
+    for name, hypothesis, theta in found(READ_WRONGLY):
+        model = reloaded(tmp_path, (hypothesis, theta))
+        wanted, got = added(hypothesis, theta), motion().read_by(model) - motion().modelled
+        assert np.abs(wanted).max() > 1e-3, name
+        np.testing.assert_allclose(got, wanted, atol=1e-9, err_msg=name)
+        state = State.of(motion().q, motion().qd, motion().qdd, None, motion().arm.n)
+        np.testing.assert_allclose(model.torque_at(state), motion().modelled, atol=1e-12)
+
+
+def test_a_torque_beside_a_wrong_reading_of_efforts_is_that_which_acts(tmp_path):
     """By the reloaded model the arm reads what both findings say, whether of each other's torque
     or not."""
-    theta, part = np.array(CARRIED[effect]), np.array([0.25])
-    cause = first_of(effect)
-    of_efforts = (each for each in everything() if each.effect == reading and each.EFFORT_READING)
-    wrong = next(each for each in of_efforts if each.joints[0] == cause.joints[0])
-    wrong = replace(wrong, reads_others=reads_others)
-    model, carried = reloaded([(cause, theta), (wrong, part)], tmp_path)
-    assert carried == (True, True)
-    acts = added(cause, theta)
-    beside = acts if reads_others else np.zeros_like(acts)
-    read = wrong.regressor(replace(motion(), beside=beside)) @ part
     rows = compared()
-    got = (motion().read_by(model) - motion().modelled)[rows]
-    np.testing.assert_allclose(got, (acts + read)[rows], atol=1e-9)
-
-
-def test_a_torque_at_one_joint_is_not_changed_by_how_another_reads():
-    cause, scale = first_of("torque_offset"), first_of("torque_scale")
-    at_other = replace(scale, site=Site.joint(4), joints=(4,), mixing=np.diag(np.eye(7)[4]))
-    for found in ([cause], [cause, at_other]):
-        model, _ = extended(motion(), [(each, np.array([0.1])) for each in found])
-        assert model.parameters()["torque_offset"][cause.joints[0]] == pytest.approx(0.1)
+    for effect, reading, reads_others in (
+        ("torque_offset", "torque_scale", False),
+        ("viscous_friction", "torque_scale", True),
+        ("elastic_cable", "joint_coupling", True),
+    ):
+        theta, part = np.array(CARRIED[effect]), np.array([0.25])
+        cause = first_of(effect)
+        of_efforts = (each for each in supposed() if each.effect == reading and each.EFFORT_READING)
+        wrong = next(each for each in of_efforts if each.joints[0] == cause.joints[0])
+        wrong = replace(wrong, reads_others=reads_others)
+        model = reloaded(tmp_path, (cause, theta), (wrong, part))
+        acts = added(cause, theta)
+        beside = acts if reads_others else np.zeros_like(acts)
+        read = wrong.regressor(replace(motion(), beside=beside)) @ part
+        got = (motion().read_by(model) - motion().modelled)[rows]
+        np.testing.assert_allclose(got, (acts + read)[rows], atol=1e-9, err_msg=effect)
 
 
 def test_a_motion_that_leaks_is_read_with_its_velocity(tmp_path):
     leak = first_of("joint_coupling", "motion")
-    model, carried = reloaded([(leak, np.array([0.1]))], tmp_path)
-    assert carried == (True,)
+    model = reloaded(tmp_path, (leak, np.array([0.1])))
     target, source = leak.joints
     wanted = np.eye(7)
     wanted[target, source] = 0.1
     np.testing.assert_allclose(model.reading_errors.position, wanted, atol=1e-15)
 
 
-@pytest.mark.parametrize("effect", NOT_CARRIED)
-def test_what_depends_on_time_stays_in_the_findings(effect, tmp_path):
-    theta = np.array(NOT_CARRIED[effect])
-    model, carried = reloaded([(first_of(effect), theta)], tmp_path)
-    assert carried == (False,)
-    # As the same sum in another order.
-    np.testing.assert_allclose(motion().torque_at(motion().q, model), motion().modelled, atol=1e-15)
-
-
-def test_a_push_for_a_while_stays_in_the_findings(tmp_path):
-    _, carried = reloaded([(first_of("contact", "for a while"), np.array([0.1]))], tmp_path)
-    assert carried == (False,)
+def test_what_depends_on_time_stays_in_the_findings():
+    time, joint = motion().time - motion().time[0], np.eye(7)[3]
+    drift = next(
+        each for each in supposed() if each.effect == "thermal_drift" and each.joints == (3,)
+    )
+    push = first_of("contact", "for a while")
+    rise = 1.0 - np.exp(-time / drift.setting["time_constant"])
+    while_pushed = ((motion().time >= 2.0) & (motion().time < 4.0)).astype(float)
+    for hypothesis, theta, wanted in (
+        (drift, [0.02, 0.3], 0.02 * rise + 0.3), (push, [0.1], 0.1 * while_pushed),
+    ):  # fmt: skip
+        np.testing.assert_allclose(added(hypothesis, np.array(theta)), wanted[:, None] * joint)
+        model, why = extended(motion(), [(hypothesis, np.array(theta))])
+        assert why == (NO_TERM,)
+        # As the same sum in another order.
+        np.testing.assert_allclose(change_by(model), 0.0, atol=1e-15)
 
 
 def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_s_zero(tmp_path):
     offset, joint = np.array([0.05]), Site.joint(3)
-    zeros = (
-        hypothesis for hypothesis in hypotheses(motion()) if hypothesis.effect == "joint_offset"
-    )
+    zeros = (hypothesis for hypothesis in supposed() if hypothesis.effect == "joint_offset")
     shift = at_its_point(
         next(hypothesis for hypothesis in zeros if hypothesis.site == joint), offset
     )
@@ -266,23 +250,19 @@ def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_
         (wall(1.0, 0.3), np.array([0.1])),
         (first_of("joint_spring", "difference"), np.array(CARRIED["joint_spring"])),
     ]
-    model, carried = reloaded([(shift, offset), *others], tmp_path)
-    assert all(carried)
+    model = reloaded(tmp_path, (shift, offset), *others)
     wanted = added(shift, offset) + sum(added(*other) for other in others)
-    got = motion().torque_at(motion().q, model) - motion().modelled
+    got = change_by(model)
     inside = np.abs(motion().q[:, 3] - 0.2) < 0.9
     assert inside.sum() > 100
     np.testing.assert_allclose(got[inside], wanted[inside], atol=1e-9)
 
 
 def test_the_simulator_and_a_next_diagnosis_take_an_extended_model(tmp_path):
-    found = [
-        (at_its_point(hypothesis, np.array(theta)), np.array(theta))
-        for effect, theta in CARRIED.items()
-        for hypothesis in [first_of(effect, PLACES.get(effect, (None,))[0])]
-    ]
-    model, carried = reloaded(found, tmp_path)
-    assert all(carried)
+    first_places = {hypothesis.effect: (hypothesis, theta) for _, hypothesis, theta in
+                    reversed(list(found(CARRIED)))}  # fmt: skip
+    several = list(first_places.values())
+    model = reloaded(tmp_path, *several)
     plant = PlantFile.load(tmp_path / "extended_model.yaml").plant()
     plant.reset(np.array([0.1, 0.2, -0.1, 0.3, 1.0, 0.1, 0.5]))
     for _ in range(300):
@@ -297,7 +277,7 @@ def test_the_simulator_and_a_next_diagnosis_take_an_extended_model(tmp_path):
 def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
     """The model's own zero and what is found beside it may be more together."""
     shifted = replace(motion(), model=replace(motion().model, joint_offset=np.full(7, 0.8)))
-    (found,) = [
+    (zero,) = [
         hypothesis
         for hypothesis in hypotheses(shifted)
         if hypothesis.effect == "joint_offset"
@@ -305,36 +285,9 @@ def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
         and hypothesis.site.kind is Kind.JOINT
     ]
     for offset, fits in ((0.1, True), (0.4, False)):
-        model, (why,) = extended(shifted, [(found, np.array([offset]))])
+        model, (why,) = extended(shifted, [(zero, np.array([offset]))])
         assert why == "" if fits else why.startswith("a model file refuses it: joint_offset")
         assert model.joint_offset[1] == pytest.approx(0.9 if fits else 0.8)
-
-
-def test_a_spring_found_beyond_a_constants_range_is_carried_as_it_was_found(tmp_path):
-    """A constant is the same wherever it is held; what is added to it need not end where it did."""
-    where = motion()
-    joint, middle = 4, where.travel[0]
-    held = {
-        "elastic_cable.wrist_pitch": (0.01,),
-        "elastic_cable.valid_lower": tuple((middle - 0.01).tolist()),
-        "elastic_cable.valid_upper": tuple((middle + 0.01).tolist()),
-    }
-    narrow = TorqueModel.from_parameters({**where.model.parameters(), **held}, where.arm)
-    narrowed = replace(where, model=narrow)
-    for theta in ([0.0, 0.03], [0.0, 0.01, 0.02]):
-        cable = next(
-            hypothesis
-            for hypothesis in hypotheses(narrowed)
-            if hypothesis.effect == "elastic_cable"
-            and hypothesis.joints == (joint,)
-            and hypothesis.place == f"degree {len(theta) - 1}"
-        )
-        model, why = extended(narrowed, [(cable, np.array(theta))])
-        assert why == ("",)
-        got = narrowed.torque_at(where.q, model) - narrowed.torque_at(where.q)
-        inside = np.abs(where.q[:, joint] - middle[joint]) < where.travel[1][joint]
-        wanted = cable.regressor(narrowed) @ np.array(theta)
-        np.testing.assert_allclose(got[inside], wanted[inside], atol=1e-9)
 
 
 def test_less_rotor_than_none_ends_at_none():
@@ -347,39 +300,6 @@ def test_less_rotor_than_none_ends_at_none():
     assert known[rotor.site.index] == 0.0
 
 
-def test_what_a_term_of_the_model_cannot_hold_says_so_and_not_that_there_is_no_term():
+def test_what_a_term_of_the_model_cannot_hold_is_not_carried():
     fading = first_of("presliding_hysteresis")
     assert extended(motion(), [(fading, np.array([-0.02]))])[1] == (NOT_AS_FOUND,)
-    drift = first_of("thermal_drift")
-    assert extended(motion(), [(drift, np.array([0.02, 0.0]))])[1] == (NO_TERM,)
-
-
-@pytest.mark.parametrize("band", [5.65, 3.0])
-def test_a_residual_below_a_lower_band_is_as_large_as_if_it_had_been_filtered_so(band):
-    """Exactly so at low frequencies, and of white noise, the worst, to some per cent."""
-    data = FilteredData.of(motion())
-    assert data.band > band
-    noise = np.random.default_rng(1).normal(size=motion().q.shape)
-    slow = np.sin(2.0 * np.pi * np.outer(motion().time, np.arange(1, noise.shape[1] + 1) * 0.3))
-    for values, within in ((noise, 0.05), (slow, 0.003)):
-        further = data.below(data.reduce(values), band)
-        at_once = LowPass(band, motion().rate)(values)
-        sizes = (np.std(each[40:-40]) for each in (further, data.reduce_state(at_once)))
-        assert next(sizes) == pytest.approx(next(sizes), rel=within)
-    kept = data.reduce(noise)
-    assert data.below(kept, data.band) is kept
-    assert data.below(kept, 0.999 * data.band) is kept  # next to nothing lies between
-
-
-@pytest.mark.parametrize(
-    ("positions", "degrees"), [(2, (1,)), (5, (1, 2, 3, 4)), (9, (1, 2, 3, 4, 6))]
-)
-def test_no_curve_is_supposed_that_a_grid_of_poses_leaves_open_between_its_positions(
-    positions, degrees
-):
-    arm = motion().arm
-    grid = np.tile(np.linspace(-1.0, 1.0, positions), 40)[:, None] * np.ones(arm.n)
-    grid += 0.003 * np.random.default_rng(1).normal(size=grid.shape)  # as poses are reached
-    poses = replace(motion(), q=grid)
-    found = [each.degree for each in effects.ElasticCable.hypotheses(poses) if each.site.index == 3]
-    assert tuple(found) == degrees

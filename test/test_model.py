@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from robots import UR5
-from support import CONFIG, MODEL_FILE, examples
+from support import CONFIG, MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES
@@ -25,90 +21,7 @@ from dvrk_gravity.files import yaml_file
 BETA = "beta: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]"
 
 
-def numbers(lower=-50.0, upper=50.0):
-    """Floats, with those among them that are hard to write."""
-    awkward = [x for x in (1e-05, -1e-300, 1.0, -3.0, 0.1, -0.0) if lower <= x <= upper]
-    return st.floats(lower, upper, allow_subnormal=False) | st.sampled_from(awkward)
-
-
-def sevens(elements):
-    return st.lists(elements, min_size=7, max_size=7)
-
-
-@st.composite
-def parameter_sets(draw) -> dict:
-    """Parameters of a model with any of the terms, any joints, any degree."""
-    values: dict = {"arm": draw(st.sampled_from(["mtml", "mtmr"]))}
-    if draw(st.booleans()):
-        length = draw(st.sampled_from([10, 12, 14]))
-        values["beta"] = draw(st.lists(numbers(), min_size=length, max_size=length))
-        values["gravity_enabled"] = draw(st.booleans())
-        values["gravity_vector"] = draw(st.lists(numbers(-20, 20), min_size=3, max_size=3))
-    joints = st.lists(st.sampled_from(JOINT_NAMES), min_size=1, unique=True)
-    if draw(st.booleans()):
-        for joint in draw(joints):
-            length = draw(st.integers(1, 13))
-            values[f"elastic_cable.{joint}"] = draw(
-                st.lists(numbers(), min_size=length, max_size=length)
-            )
-        if draw(st.booleans()):
-            values["elastic_cable.valid_lower"] = draw(sevens(numbers(-3, 0)))
-            values["elastic_cable.valid_upper"] = draw(sevens(numbers(0, 3)))
-    if draw(st.booleans()):
-        length = draw(st.integers(1, 5))
-        for joint in draw(joints):
-            for way in ("positive", "negative"):
-                values[f"directional_cable.{way}.{joint}"] = draw(
-                    st.lists(numbers(), min_size=length, max_size=length)
-                )
-        values["directional_cable.dead_band"] = draw(sevens(numbers(0, 0.1)))
-        values["directional_cable.saturation_velocity"] = draw(sevens(numbers(0.2, 1)))
-        values["directional_cable.ratio"] = draw(sevens(numbers(0, 1)))
-        values["directional_cable.blend"] = draw(st.sampled_from(["linear", "sine"]))
-        values["directional_cable.valid_upper"] = draw(sevens(numbers(0, 3)))
-    for name in ("joint_positive", "joint_negative", "motor_positive", "motor_negative"):
-        if draw(st.booleans()):
-            level = draw(sevens(numbers(0, 2)) | st.just([0.0] * 7))
-            values[f"coulomb_friction.{name}"] = level
-    if draw(st.booleans()):
-        values["coulomb_friction.transition_velocity"] = draw(sevens(numbers(0, 2)))
-    for site in ("joint", "motor"):
-        if draw(st.booleans()):
-            values[f"viscous_friction.{site}"] = draw(sevens(numbers(0, 2)))
-    if draw(st.booleans()):
-        values["slew_limit"] = draw(sevens(numbers(0, 100)))
-        values["resume"] = draw(st.sampled_from(["explicit", "automatic"]))
-        values["enabled"] = draw(st.booleans())
-    return values
-
-
-def same_bits(a, b) -> bool:
-    return np.asarray(a, dtype=float).tobytes() == np.asarray(b, dtype=float).tobytes()
-
-
 MOTION = np.random.default_rng(3).uniform(-2, 2, (4, 20, 7))
-
-
-@settings(max_examples=examples(30))
-@given(parameter_sets())
-def test_a_saved_model_comes_back_bit_by_bit(tmp_path_factory, values):
-    model = TorqueModel.from_parameters(values)
-    file = tmp_path_factory.getbasetemp() / "round_trip.yaml"
-    model.save(file)
-    again = TorqueModel.load(file)
-    before, after = model.parameters(), again.parameters()
-    assert before.keys() == after.keys()
-    for name, value in before.items():
-        if isinstance(value, tuple):
-            assert same_bits(value, after[name]), name
-        else:
-            assert value == after[name], name
-    q, qd, qdd, direction = MOTION
-    with np.errstate(all="ignore"):
-        assert same_bits(model.torque(q, qd, qdd), again.torque(q, qd, qdd))
-        assert same_bits(model.torque(q[0]), again.torque(q[0]))
-        signs = np.sign(direction)
-        assert same_bits(model.torque(q, direction=signs), again.torque(q, direction=signs))
 
 
 def test_friction_in_one_direction_only_stays_so():
@@ -166,16 +79,6 @@ def test_an_arm_s_file_is_looked_for_beside_the_model_s(tmp_path, monkeypatch):
         assert TorqueModel.load(folder / "again.yaml").terms[0].NAME == "gravity"
 
 
-def test_an_arm_s_file_is_looked_for_in_the_working_directory_last(tmp_path, monkeypatch):
-    (tmp_path / "arm.yaml").write_text((CONFIG / "arms" / "mtmr.yaml").read_text())
-    (tmp_path / "models").mkdir()
-    path = tmp_path / "models" / "model.yaml"
-    path.write_text("/**: {ros__parameters: {arm: arm.yaml, " + BETA + "}}")
-    monkeypatch.chdir(tmp_path)
-    TorqueModel.load(path).save(path)
-    assert yaml_file.load(path)["/**"]["ros__parameters"]["arm"] == "../arm.yaml"
-
-
 def test_the_shipped_model_comes_back_whole(tmp_path):
     model = TorqueModel.load(MODEL_FILE)
     assert {term.NAME for term in model.terms} == {"gravity", "directional_cable"}
@@ -204,16 +107,10 @@ def test_torque_is_the_sum_of_the_terms(rich):
     parts = [term.torque(State(q, qd, qdd)) for term in rich.terms]
     assert len(parts) == 5
     np.testing.assert_allclose(rich.torque(q, qd, qdd), np.sum(parts, axis=0), atol=1e-15)
+    np.testing.assert_array_equal(rich.torque([0.1] * 7), rich.torque(np.full(7, 0.1)))
 
 
-def test_a_single_pose_and_a_batch_have_the_same_torque(rich):
-    q, qd, qdd, _ = MOTION
-    batch = rich.torque(q, qd, qdd)
-    single = np.array([rich.torque(*motion) for motion in zip(q, qd, qdd, strict=True)])
-    np.testing.assert_allclose(single, batch, atol=1e-14)
-
-
-@pytest.mark.parametrize("shape", [(7,), (1, 7), (20, 7), (4, 5, 7), (2, 1, 10, 7), (0, 7)])
+@pytest.mark.parametrize("shape", [(7,), (4, 5, 7), (0, 7)])
 def test_any_leading_shape_is_taken(rich, shape):
     count = int(np.prod(shape))
     q, qd = (array.ravel()[:count].reshape(shape) for array in MOTION[:2])
@@ -223,23 +120,12 @@ def test_any_leading_shape_is_taken(rich, shape):
     np.testing.assert_allclose(torque.reshape(-1, 7), np.reshape(rows, (-1, 7)), atol=1e-14)
 
 
-def test_plain_lists_are_taken(rich):
-    np.testing.assert_array_equal(rich.torque([0.1] * 7), rich.torque(np.full(7, 0.1)))
-
-
-def test_arguments_are_not_written_to(rich):
-    q, qd = MOTION[0].copy(), MOTION[1].copy()
-    rich.torque(q, qd)
-    np.testing.assert_array_equal(q, MOTION[0])
-    np.testing.assert_array_equal(qd, MOTION[1])
-
-
-@pytest.mark.parametrize("shape", [(), (6,), (7, 6), (0,)])
-def test_arrays_that_are_not_seven_joints_are_refused(rich, shape):
-    with pytest.raises(ShapeError, match=r"q has shape .*, expected \(…, 7\)"):
-        rich.torque(np.zeros(shape))
-    with pytest.raises(ShapeError, match="qd has shape"):
-        rich.torque(np.zeros((3, 7)), np.zeros(shape))
+def test_arrays_that_are_not_seven_joints_are_refused(rich):
+    for shape in ((), (6,), (7, 6), (0,)):
+        with pytest.raises(ShapeError, match=r"q has shape .*, expected \(…, 7\)"):
+            rich.torque(np.zeros(shape))
+        with pytest.raises(ShapeError, match="qd has shape"):
+            rich.torque(np.zeros((3, 7)), np.zeros(shape))
 
 
 def test_a_model_without_terms_has_no_torque():
@@ -257,82 +143,26 @@ def document(*lines: str) -> str:
 WRONG = {
     "unknown key": (document(BETA, "betta: 1.0"), "betta: got 1.0, expected the name of a param"),
     "beta of nine": (document("beta: [1, 2, 3, 4, 5, 6, 7, 8, 9]"), "beta: got '9 numbers', exp"),
-    "beta of text": (document("beta: many"), "beta: got 'many', expected a list of 10 or 12 or 14"),
     "not finite": (document("beta: [1, 2, 3, 4, 5, 6, 7, 8, 9, .nan]"), "beta[9]: got nan"),
     "limit negative": (document("effort_limit: [1, 1, 1, -1, 1, 1, 1]"), "effort_limit[3]: got -1"),
     "arm unknown": (document("arm: psm1"), "arm: got 'psm1', expected mtml, mtmr, psm, ecm, or"),
-    "arm a number": (document("arm: 5"), "arm: got 5, expected a text"),
-    "group misspelt": (document("elastic_cabel: {}"), "elastic_cabel: got {}"),
     "both spellings": (document("timeout: 0.1", "timeout: 0.2"), "key 'timeout' appears twice"),
-    "tab": ("/**:\n\tros__parameters:\n", "line 2"),
     "alias": (document("effort_limit: &a [1, 1]", "slew_limit: *a"), "anchors and aliases"),
     "no parameters": ("/**:\n  other: 1\n", "`ros__parameters:` under it and nothing else"),
     "null": ("/**:\n  ros__parameters:\n", "/**.ros__parameters: got nothing, expected a mapping"),
-    "two nodes": ("a: {ros__parameters: {}}\nb: {ros__parameters: {}}\n", "one entry, `/**:`"),
     "not JSON": (document("console: {document: '{'}"), "console.document: got '{', expected JSON"),
 }
 
 
-@pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_file_is_told_in_one_line_with_its_name(case, tmp_path):
-    text, told = WRONG[case]
+def test_a_wrong_file_is_told_in_one_line_with_its_name(tmp_path):
     file = tmp_path / "model.yaml"
-    file.write_text(text)
-    with pytest.raises(ConfigError) as caught:
-        TorqueModel.load(file)
-    assert str(caught.value).startswith(f"{file}: ")
-    assert told in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_wrong_arm_s_file_is_named_rather_than_the_model_s(tmp_path):
-    arm = tmp_path / "arm.yaml"
-    arm.write_text("name: 3\n")
-    file = tmp_path / "model.yaml"
-    file.write_text(document(f"arm: {arm}"))
-    with pytest.raises(ConfigError, match=f"^{arm}: "):
-        TorqueModel.load(file)
-
-
-# Reads a parameter file as every ROS node does, and tells what has arrived, floats bit by bit.
-ROS_READER = """
-import json, sys, rclpy
-from rclpy.node import Node
-rclpy.init(args=["--ros-args", "--params-file", sys.argv[1]])
-node = Node("reader", automatically_declare_parameters_from_overrides=True)
-def plain(value):
-    if isinstance(value, (bool, str)):
-        return value
-    return value.hex() if isinstance(value, float) else [x.hex() for x in value]
-print(json.dumps({name: plain(p.value) for name, p in node.get_parameters_by_prefix("").items()}))
-"""
-
-
-def test_ros_reads_the_same_numbers_from_a_model_s_file(tmp_path, domain):
-    pytest.importorskip("rclpy")
-    values = TorqueModel.load(MODEL_FILE).parameters()
-    values["beta"] = (1e-05, 1.0, -2.0, 1e-300, -3e-308, -0.0, 99.0, 0.1, 1e-16, 1.5e-7)
-    values |= {"elastic_cable.elbow_pitch": (1e16, -1e22, 3.0), "timeout": 1.0}
-    values |= {"coulomb_friction.joint_positive": (0.0,) * 7}
-    values |= {"coulomb_friction.joint_negative": (1.0,) * 7, "resume": "automatic"}
-    values["console.document"] = json.dumps({"long": "word and word " * 2000, "é": "'\"\\"})
-    values["friction_compensation.dead_band"] = (5e-324,) * 7  # ROS takes it for a text: written 0
-    file = tmp_path / "model.yaml"
-    TorqueModel.from_parameters(values).save(file)
-    model = TorqueModel.load(file)
-    assert model.node["friction_compensation.dead_band"] == (0.0,) * 7
-    reader = subprocess.run(
-        [sys.executable, "-c", ROS_READER, str(file)], capture_output=True, text=True, timeout=60
-    )
-    assert reader.returncode == 0, reader.stderr
-    read = json.loads(reader.stdout)
-    for name, value in model.parameters().items():
-        if isinstance(value, bool | str):
-            assert read[name] == value
-        elif isinstance(value, float):
-            assert read[name] == value.hex()
-        else:
-            assert read[name] == [x.hex() for x in value], name
+    for case, (text, told) in WRONG.items():
+        file.write_text(text)
+        with pytest.raises(ConfigError) as caught:
+            TorqueModel.load(file)
+        assert str(caught.value).startswith(f"{file}: "), case
+        assert told in str(caught.value), case
+        assert "\n" not in str(caught.value), case
 
 
 def test_what_was_given_as_an_empty_list_is_left_out_of_the_file():

@@ -6,9 +6,9 @@ finite differences of them; MuJoCo is a second oracle.
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.errors import ConfigError, ShapeError
@@ -21,13 +21,8 @@ from dvrk_gravity.newton_euler import (
     rotation_matrix,
 )
 
+
 # Central differences of eighth order: error about h^8, rounding about 1e-16 / h^2.
-STEP = 0.02
-NODES = np.arange(-4, 5)
-FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-
-
 def random_chain(rng, n, loads=2):
     """A chain of bodies that exist: inertias come from eight random point masses."""
     links, joints = [], []
@@ -57,51 +52,9 @@ def random_motion(rng, chain, samples=()):
     return q, qd * moving, qdd * moving
 
 
-def poses(chain, q):
-    """Rotation and origin of every frame in the absolute one, from the document's frames."""
-    rotation, end, found = np.eye(3), np.zeros(3), []
-    for link, joint, value in zip(chain.links, chain.joints, q, strict=True):
-        rotation = rotation @ joint.rotation
-        origin = end
-        if joint.type == JointType.PRISMATIC:
-            origin = end + rotation[:, 2] * value
-        else:
-            c, s = np.cos(value), np.sin(value)
-            rotation = rotation @ [[c, -s, 0], [s, c, 0], [0, 0, 1]]
-        end = origin + link.length * rotation[:, 0]
-        found.append((rotation, origin))
-    return found
-
-
-def ends(chain, q):
-    """Q_0 … Q_n in the absolute frame: where each joint sits, and the tip."""
-    return [np.zeros(3)] + [
-        p + link.length * R[:, 0] for link, (R, p) in zip(chain.links, poses(chain, q), strict=True)
-    ]
-
-
-def second_moment(link):
-    """Integral of s s^T dm over a link in its own frame."""
-    c = link.com
-    about_p = link.inertia + link.mass * ((c @ c) * np.eye(3) - np.outer(c, c))
-    return 0.5 * np.trace(about_p) * np.eye(3) - about_p
-
-
-def axial(product):
-    """Cross product summed over a body, from the integral of r a^T dm."""
-    return np.array(
-        [
-            product[1, 2] - product[2, 1],
-            product[2, 0] - product[0, 2],
-            product[0, 1] - product[1, 0],
-        ]
-    )
-
-
-@pytest.mark.parametrize("n", range(1, 9))
-def test_mujoco_gives_the_same_actuation_with_external_loads(n):
-    rng = np.random.default_rng(n)
-    for _ in range(4):
+def test_mujoco_gives_the_same_actuation_with_external_loads():
+    for seed, n in enumerate([*range(1, 9)] * 2):
+        rng = np.random.default_rng(seed)
         chain = random_chain(rng, n)
         q, qd, qdd = random_motion(rng, chain)
         expected, joint_ids = mujoco_inverse(chain, q, qd, qdd)
@@ -113,7 +66,6 @@ def test_mujoco_gives_the_same_actuation_with_external_loads(n):
 
 
 def mujoco_inverse(chain, q, qd, qdd):
-    mujoco = pytest.importorskip("mujoco")
     spec = mujoco.MjSpec()
     spec.option.gravity = chain.gravity
     body, end = spec.worldbody, np.zeros(3)
@@ -151,116 +103,6 @@ def mujoco_inverse(chain, q, qd, qdd):
         mujoco.mj_applyFT(model, data, np.zeros(3), np.array(moment), data.xpos[k], k, outside)
         tau -= outside
     return tau, moving
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_every_link_is_in_dynamic_equilibrium_under_its_reactions(seed):
-    rng = np.random.default_rng(100 + seed)
-    chain = random_chain(rng, 1 + seed % 8)
-    q, qd, qdd = random_motion(rng, chain)
-    wrenches = inverse_dynamics(chain, q, qd, qdd).wrenches
-    path = [poses(chain, q + qd * t + qdd * t**2 / 2) for t in STEP * NODES]
-    here, sits = poses(chain, q), ends(chain, q)
-    balances, scale = [], 1.0
-    for i, link in enumerate(chain.links):
-        R, p = here[i]
-        Rdd = np.tensordot(SECOND, [sample[i][0] for sample in path], 1) / STEP**2
-        pdd = np.tensordot(SECOND, [sample[i][1] for sample in path], 1) / STEP**2
-        h = link.mass * link.com
-        product = (
-            R @ second_moment(link) @ Rdd.T
-            + np.outer(R @ h, pdd)
-            + np.outer(p, Rdd @ h)
-            + link.mass * np.outer(p, pdd)
-        )
-        force, moment = -(Rdd @ h + link.mass * pdd), -axial(product)
-        force = force + link.mass * chain.gravity
-        moment = moment + np.cross(p + R @ link.com, link.mass * chain.gravity)
-        for sign, j in ((1, i), (-1, i + 1)):
-            if j < chain.n:
-                Fj, Mj = here[j][0] @ wrenches[j, :3], here[j][0] @ wrenches[j, 3:]
-                force = force + sign * Fj
-                moment = moment + sign * (Mj + np.cross(sits[j], Fj))
-                scale = max(scale, np.max(np.abs(Fj)), np.max(np.abs(Mj)))
-        for row in chain.forces[chain.forces[:, 3] == i + 1]:
-            force = force + row[:3]
-            moment = moment + np.cross(p + R @ row[4:], row[:3])
-        for row in chain.moments[chain.moments[:, 3] == i + 1]:
-            moment = moment + row[:3]
-        balances.append([*force, *moment])
-    np.testing.assert_allclose(balances, 0, atol=1e-9 * scale)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_external_loads_do_the_virtual_work_of_their_torques(seed):
-    rng = np.random.default_rng(200 + seed)
-    chain = random_chain(rng, 2 + seed, loads=3)
-    q, qd, qdd = random_motion(rng, chain)
-    free = replace(chain, forces=np.zeros((0, 7)), moments=np.zeros((0, 4)))
-    change = inverse_dynamics(chain, q, qd, qdd).tau - inverse_dynamics(free, q, qd, qdd).tau
-    assert np.max(np.abs(change)) > 0.1
-    here = poses(chain, q)
-    work = np.zeros(chain.n)
-    for j, joint in enumerate(chain.joints):
-        if joint.type == JointType.RIGID:
-            continue
-        path = [poses(chain, q + t * np.eye(chain.n)[j]) for t in STEP * NODES]
-        for *force, number, px, py, pz in chain.forces:
-            points = [s[int(number) - 1][1] + s[int(number) - 1][0] @ [px, py, pz] for s in path]
-            work[j] += force @ (FIRST @ points) / STEP
-        for *moment, number in chain.moments:
-            turns = [s[int(number) - 1][0] for s in path]
-            spin = np.tensordot(FIRST, turns, 1) / STEP @ here[int(number) - 1][0].T
-            work[j] += np.dot(moment, [spin[2, 1], spin[0, 2], spin[1, 0]])
-    np.testing.assert_allclose(change, -work, atol=1e-9 * np.max(np.abs(work)))
-
-
-def test_energy_grows_by_the_work_of_the_actuators_along_a_simulated_motion():
-    rng = np.random.default_rng(5)
-    chain = random_chain(rng, 4, loads=0)
-    kinds = (JointType.REVOLUTE, JointType.PRISMATIC, JointType.RIGID, JointType.REVOLUTE)
-    joints = tuple(replace(j, type=k) for j, k in zip(chain.joints, kinds, strict=True))
-    chain = replace(chain, joints=joints)
-    moving = [0, 1, 3]
-    push = np.array([3.0, -2.0, 1.5])
-
-    def derivative(t, state):
-        q, qd = np.zeros(4), np.zeros(4)
-        q[moving], qd[moving] = state[:3], state[3:6]
-        # Columns of the mass matrix from unit accelerations, then the bias torque.
-        qdd = np.vstack([np.eye(4)[moving], np.zeros((1, 4))])
-        still = np.zeros((4, 4))
-        still[-1] = qd
-        tau = inverse_dynamics(chain, np.tile(q, (4, 1)), still, qdd).tau[:, moving]
-        weight = inverse_dynamics(chain, q, np.zeros(4), np.zeros(4)).tau[moving]
-        actuation = push * np.cos(3 * t)
-        acceleration = np.linalg.solve((tau[:3] - weight).T, actuation - tau[3])
-        return [*state[3:6], *acceleration, actuation @ state[3:6]]
-
-    start = np.concatenate([rng.normal(size=6), [0.0]])
-    # Integrated tightly: what is left is the balance itself.
-    run = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=1e-10, atol=1e-11)
-    energies = [energy(chain, moving, state) for state in run.y.T]
-    gained = np.array(energies) - energies[0]
-    assert np.ptp(run.y[6]) > 1
-    np.testing.assert_allclose(gained, run.y[6], atol=1e-7 * np.ptp(energies))
-
-
-def energy(chain, moving, state):
-    """Kinetic and potential energy, velocities by finite differences of the poses."""
-    q, qd = np.zeros(chain.n), np.zeros(chain.n)
-    q[moving], qd[moving] = state[:3], state[3:6]
-    step = STEP / 4
-    path = [poses(chain, q + qd * t) for t in step * NODES]
-    total = 0.0
-    for i, link in enumerate(chain.links):
-        R, p = poses(chain, q)[i]
-        Rd = np.tensordot(FIRST, [sample[i][0] for sample in path], 1) / step
-        pd = np.tensordot(FIRST, [sample[i][1] for sample in path], 1) / step
-        h = link.mass * link.com
-        total += 0.5 * np.trace(Rd @ second_moment(link) @ Rd.T) + pd @ Rd @ h
-        total += 0.5 * link.mass * pd @ pd - (link.mass * p + R @ h) @ chain.gravity
-    return total
 
 
 def test_order_of_the_rotation_angles():

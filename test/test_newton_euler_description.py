@@ -1,20 +1,14 @@
-"""The description of a mechanism: what is refused, in which words, and what the command prints."""
+"""The description of a mechanism: what is refused, and what the command prints."""
 
 import copy
-import json
-import math
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import yaml
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.newton_euler import JointType, inverse_dynamics, parse, read
+from dvrk_gravity.newton_euler import JointType, parse
 
 GOOD = {
     "title": "Two links",
@@ -57,76 +51,38 @@ def with_value(path, value):
 INERTIA = ("links", 1, "inertia")
 REFUSED = [
     (("links", 1, "mass"), -6, r"link 2: mass: got -6\.0, expected 0 kg or more"),
-    (("links", 0, "mass"), math.nan, r"link 1: mass: got nan, expected a finite number"),
-    (("links", 0, "mass"), 10**400, r"link 1: mass: got 1000.*, expected a finite number"),
-    (("links", 0, "mass"), True, r"link 1: mass: got True, expected a number"),
+    (("links", 0, "mass"), 10**400, r"link 1: mass: got 1000"),
     (("links", 0, "mass"), "1e-3", r"link 1: mass: got '1e-3', expected a number .*1\.0e-3"),
-    (("links", 0, "length"), -1, r"link 1: length: got -1\.0, expected 0 m or more"),
     (("links", 0, "com"), [1, 2], r"link 1: com: got \[1, 2\], expected 3 numbers"),
-    (("links", 0, "com"), 0.5, r"link 1: com: got 0\.5, expected a list"),
-    (("links", 0, "com", 1), math.inf, r"link 1: com\[1\]: got inf, expected a finite"),
-    (("links", 0, "colour"), "red", r"link 1: colour: got 'red', expected one of the keys"),
-    (("links", 0), 3, r"link 1: got 3, expected a mapping"),
-    (("links",), [], r"links: got \[\], expected at least one link"),
-    (("links",), {}, r"links: got \{\}, expected a list"),
+    (("links",), [], r"links: got \[\]"),
     (INERTIA, [[1, 0, 0]], r"link 2: inertia: got .*, expected 3 rows of 3 numbers"),
-    (INERTIA, [[1, 0], [0, 1], [0, 1]], r"link 2: inertia row 1: got .*, expected 3 numbers"),
-    (
-        INERTIA,
-        [[0.3, 0.1, 0], [0, 0.3, 0], [0, 0, 0.3]],
-        r"link 2: inertia: got .*, expected a symmetric matrix",
-    ),
-    (
-        INERTIA,
-        [[-0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.3]],
-        r"link 2: inertia: got .*, expected no negative principal moment \(it has -0\.3 kg",
-    ),
-    (
-        INERTIA,  # symmetric, positive entries, one negative principal moment
-        [[0.3, 0.5, 0], [0.5, 0.3, 0], [0, 0, 0.3]],
-        r"link 2: inertia: got .*, expected no negative principal moment \(it has -0\.2 kg",
-    ),
-    (
-        INERTIA,
-        [[0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.8]],
-        r"link 2: inertia: .*largest \(0\.8 kg·m²\) at most the sum of the other two \(0\.4\)",
-    ),
-    (("links", 1, "accept_impossible_inertia"), 1, r"link 2: accept_imp.*expected true or false"),
-    (("joints", 0, "type"), 3, r"joint 1: type: got 3, expected 0 \(revolute\), 1"),
-    (("joints", 0, "type"), "revolute", r"joint 1: type: got 'revolute', expected 0"),
-    (("joints", 0, "type"), False, r"joint 1: type: got False, expected 0"),
-    (("joints", 1, "rotation"), [90], r"joint 2: rotation: got \[90\], expected 3 numbers"),
+    (INERTIA, [[0.3, 0.1, 0], [0, 0.3, 0], [0, 0, 0.3]], r"link 2: inertia: got .*symmetric"),
+    # Symmetric, positive entries, one negative principal moment.
+    (INERTIA, [[0.3, 0.5, 0], [0.5, 0.3, 0], [0, 0, 0.3]], r"link 2: inertia: got .*-0\.2 kg"),
+    (INERTIA, [[0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.8]], r"link 2: inertia: .*\(0\.8 .*\(0\.4\)"),
+    (("joints", 0, "type"), 3, r"joint 1: type: got 3"),
     (("joints",), [{"type": 0}], r"joints: got '1 joints', expected 2"),
     (("forces", 0, 3), 3, r"forces row 1: link: got 3\.0, expected the number of a link, 1 to 2"),
-    (("forces", 0, 3), 0, r"forces row 1: link: got 0\.0, expected the number"),
-    (("forces", 0, 3), 1.5, r"forces row 1: link: got 1\.5, expected the number"),
     (("forces", 0), [1, 2, 3, 1], r"forces row 1: got \[1, 2, 3, 1\], expected 7 numbers"),
-    (("moments", 0, 3), -1, r"moments row 1: link: got -1\.0, expected the number"),
-    (("moments", 0, 0), None, r"moments row 1\[0\]: got nothing, expected a number"),
+    (("moments", 0, 3), -1, r"moments row 1: link: got -1\.0"),
     (("q",), [1, 2, 3], r"q: got \[1, 2, 3\], expected 2 numbers"),
-    (("qd",), [[0, 0], [0, 0]], r"qd: got 'shape \(2, 2\)', expected as many samples as q"),
-    (("qdd",), [[1, 2], [3]], r"qdd row 2: got \[3\], expected 2 numbers"),
-    (("qdd", 1), math.nan, r"qdd\[1\]: got nan, expected a finite number"),
+    (("qd",), [[0, 0], [0, 0]], r"qd: got 'shape \(2, 2\)'"),
     (("g_flag",), 2, r"g_flag: got 2, expected 0 or 1"),
     (("gravity_direction",), [0, 0, 0], r"gravity_direction: got .*, expected a direction"),
-    (("angle_unit",), "grad", r"angle_unit: got 'grad', expected rad or deg"),
     (("angle_unit",), ["deg"], r"angle_unit: got \['deg'\], expected rad or deg"),
     (("mas",), 1, r"mas: got 1, expected one of the keys links"),
 ]
 
 
-@pytest.mark.parametrize(("path", "value", "message"), REFUSED)
-def test_a_bad_value_is_named_with_its_link_and_field(path, value, message):
-    with pytest.raises(ConfigError, match="^" + message) as caught:
-        parse(with_value(path, value))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("key", ["links", "joints", "q", "qd", "qdd"])
-def test_a_missing_key_is_named(key):
-    document = {name: value for name, value in GOOD.items() if name != key}
-    with pytest.raises(ConfigError, match=f"^{key}: got nothing, expected a value, but the key"):
-        parse(document)
+def test_a_bad_value_is_named_with_its_link_and_field():
+    for path, value, message in REFUSED:
+        with pytest.raises(ConfigError, match="^" + message) as caught:
+            parse(with_value(path, value))
+        assert "\n" not in str(caught.value)
+    for key in ("links", "joints", "q", "qd", "qdd"):
+        document = {name: value for name, value in GOOD.items() if name != key}
+        with pytest.raises(ConfigError, match=f"^{key}: got nothing, expected a value"):
+            parse(document)
 
 
 def test_a_massless_link_has_no_inertia():
@@ -135,12 +91,6 @@ def test_a_massless_link_has_no_inertia():
         parse(document)
     document["links"][1]["inertia"] = [[0, 0, 0]] * 3
     assert parse(document)[0].links[1].mass == 0
-
-
-def test_a_moving_rigid_joint_is_named():
-    mechanism, motion = parse(with_value(("joints", 1, "type"), 2))
-    with pytest.raises(ConfigError, match=r"^qd: joint 2: got 0\.2, expected 0, as the joint"):
-        inverse_dynamics(mechanism, motion.q, motion.qd, motion.qdd)
 
 
 def test_bodies_on_the_edge_of_the_triangle_inequality_are_accepted():
@@ -175,35 +125,9 @@ def test_gravity_flag_and_direction():
     np.testing.assert_allclose(far.gravity, tilted.gravity, rtol=1e-15)
 
 
-def test_the_command_prints_a_row_per_joint_and_writes_what_it_computed(tmp_path, capsys):
-    path, out = tmp_path / "chain.yaml", tmp_path / "loads.json"
-    document = with_value(("q",), [[30, 0.2], [40, 0.3], [50, 0.1]])
-    document |= {"qd": [[0.1, 0.2]] * 3, "qdd": [[0, 0]] * 3}
-    path.write_text(json.dumps(document))
-    assert (
-        run("dvrk_gravity.cli.newton_euler", [str(path), "--json", str(out), "--decimals", "6"])
-        == 0
-    )
-    mechanism, motion = read(path)
-    loads = inverse_dynamics(mechanism, motion.q, motion.qd, motion.qdd)
-    content = json.loads(out.read_text())
-    np.testing.assert_array_equal(content["tau"], loads.tau)
-    np.testing.assert_array_equal(content["reactions"], loads.reactions)
-    assert [joint["tau_unit"] for joint in content["joints"]] == ["N·m", "N"]
-    assert content["reaction_components"] == ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "Two links"
-    rows = [line.split() for line in lines[-6:]]
-    assert [row[:3] for row in rows[2:4]] == [["2", "1", "revolute"], ["2", "2", "prismatic"]]
-    assert [row[4] for row in rows] == ["N·m", "N"] * 3
-    np.testing.assert_allclose([float(row[3]) for row in rows], loads.tau.ravel(), atol=5e-7)
-    shown = [[float(cell) for cell in row[5:]] for row in rows]
-    np.testing.assert_allclose(shown, loads.reactions.reshape(6, 6), atol=5.1e-7)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
+def test_the_command_answers_bad_files_in_one_line(tmp_path, capsys):
+    path, missing = tmp_path / "chain.yaml", tmp_path / "none.yaml"
+    for content, message in (
         (yaml.safe_dump(with_value(("links", 1, "mass"), -6)), "link 2: mass: got -6.0"),
         (yaml.safe_dump(with_value(("joints", 1, "type"), 2)), "qd: joint 2: got 0.2"),
         (yaml.safe_dump(with_value(("qd", 0), 1e200)), "expected values whose loads are finite"),
@@ -212,43 +136,17 @@ def test_the_command_prints_a_row_per_joint_and_writes_what_it_computed(tmp_path
         ("q: [1]\nq: [2]\n", "appears twice"),
         ("", "expected a YAML mapping"),
         ("!!python/object/apply:os.system [echo]", "expected valid YAML"),
-    ],
-)
-def test_the_command_answers_bad_files_in_one_line(tmp_path, content, message, capsys):
-    path = tmp_path / "chain.yaml"
-    path.write_text(content)
-    assert main(["newton-euler", str(path)]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    (line,) = printed.err.splitlines()
-    assert line.startswith(f"dvrk_gravity newton-euler: {path}: ")
-    assert message in line
-
-
-def test_the_command_answers_missing_files_and_folders_in_one_line(tmp_path):
-    for path, extra in (
-        (tmp_path / "none.yaml", []),
-        (tmp_path, []),
-        (good_file(tmp_path), ["--json", str(tmp_path / "no" / "folder.json")]),
     ):
-        done = run_command(path, *extra)
-        assert done.returncode == 2
-        assert len(done.stderr.splitlines()) == 1
-        assert str(tmp_path) in done.stderr
-
-
-def good_file(folder):
-    path = folder / "good.yaml"
+        path.write_text(content)
+        assert main(["newton-euler", str(path)]) == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        (line,) = printed.err.splitlines()
+        assert line.startswith(f"dvrk_gravity newton-euler: {path}: ")
+        assert message in line
     path.write_text(yaml.safe_dump(GOOD))
-    return path
-
-
-def run_command(path, *extra):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    return subprocess.run(
-        [sys.executable, "-m", "dvrk_gravity", "newton-euler", str(path), *extra],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=environment,
-    )
+    nowhere = tmp_path / "no" / "folder.json"
+    for words in ([missing], [tmp_path], [path, "--json", nowhere]):
+        assert main(["newton-euler", *map(str, words)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert str(words[-1]) in line

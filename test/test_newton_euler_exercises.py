@@ -1,21 +1,16 @@
 """The document's exercises, and the MTM as a chain in the document's terms."""
 
-import os
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from support import REPOSITORY
 
-from dvrk_gravity import gravity
+from dvrk_gravity.__main__ import main
 from dvrk_gravity.newton_euler import inverse_dynamics, parse, read
 
-ROOT = Path(__file__).resolve().parents[1]
-EXERCISES = ROOT / "config" / "exercises"
-SCRIPTS = ROOT / "docs" / "newton_euler"
+EXERCISES = REPOSITORY / "config" / "exercises"
 HALF_DECIMAL = 0.005 + 1e-9
 
 # As printed: Fx Fy Fz in N, Mx My Mz in N·m, a row for each joint.
@@ -57,17 +52,16 @@ def test_printed_reactions_to_both_decimals(name):
     np.testing.assert_allclose(solve(name).reactions, PRINTED[name], rtol=0, atol=HALF_DECIMAL)
 
 
-@pytest.mark.parametrize("exercise", SETTINGS)
-def test_both_halves_of_an_exercise_hold_what_is_printed_and_differ_in_gravity_only(exercise):
-    dry = yaml.safe_load((EXERCISES / f"{exercise}_without_gravity.yaml").read_text())
-    wet = yaml.safe_load((EXERCISES / f"{exercise}_with_gravity.yaml").read_text())
-    assert (dry.pop("g_flag"), wet.pop("g_flag")) == (0, 1)
-    assert dry.pop("title") != wet.pop("title")
-    assert dry == wet
-    mass, qd, qdd = SETTINGS[exercise]
-    assert [link["mass"] for link in dry["links"]] == mass
-    assert [link["length"] for link in dry["links"]] == [1, 0.8, 0.35][: len(mass)]
-    assert (dry["qd"], dry["qdd"]) == (qd, qdd)
+def test_both_halves_of_an_exercise_hold_what_is_printed_and_differ_in_gravity_only():
+    for exercise, (mass, qd, qdd) in SETTINGS.items():
+        dry = yaml.safe_load((EXERCISES / f"{exercise}_without_gravity.yaml").read_text())
+        wet = yaml.safe_load((EXERCISES / f"{exercise}_with_gravity.yaml").read_text())
+        assert (dry.pop("g_flag"), wet.pop("g_flag")) == (0, 1)
+        assert dry.pop("title") != wet.pop("title")
+        assert dry == wet
+        assert [link["mass"] for link in dry["links"]] == mass
+        assert [link["length"] for link in dry["links"]] == [1, 0.8, 0.35][: len(mass)]
+        assert (dry["qd"], dry["qdd"]) == (qd, qdd)
 
 
 def test_every_exercise_is_there_and_no_other():
@@ -84,118 +78,9 @@ def test_the_impossible_inertias_of_4_1_need_their_flag(name):
         parse(document)
 
 
-@pytest.fixture
-def scripts(monkeypatch):
-    """Let the page's scripts be imported, and forget their short names afterwards."""
-    monkeypatch.syspath_prepend(SCRIPTS)
-    yield
-    for name in ("page", "printed", "recover", "remarks"):
-        sys.modules.pop(name, None)
-
-
-@pytest.mark.usefixtures("scripts")
-def test_the_recovery_finds_the_lost_angles_from_random_starts():
-    import recover
-
-    for name, unknown, expected in (
-        ("2_1_without_gravity", [1], [40]),
-        ("2_2_with_gravity", [0, 1], [90, 45]),
-    ):
-        problem = recover.planar(name)
-        for found in recover.solve(problem):
-            degrees = np.degrees(found)[unknown] % 360
-            np.testing.assert_allclose(degrees, expected, atol=0.1)
-            assert recover.max_residual(problem, found) < HALF_DECIMAL
-
-
-@pytest.mark.usefixtures("scripts")
-def test_the_scripts_hold_the_printed_numbers():
-    import printed
-
-    assert printed.REACTIONS == PRINTED
-
-
-def test_the_page_is_up_to_date_and_a_stale_page_is_noticed(scripts, tmp_path, capsys):
-    import page
-
-    assert page.main(["--check"]) == 0
-    stale = tmp_path / "stale.md"
-    stale.write_text(page.PAGE.read_text(encoding="utf-8").replace("452.44", "452.45"))
-    assert page.main(["--check"], stale) == 1
-    assert "exercises" in capsys.readouterr().out
-
-
-def test_the_command_prints_the_documents_numbers():
-    command = [sys.executable, "-m", "dvrk_gravity", "newton-euler"]
-    path = EXERCISES / "3_2_with_gravity.yaml"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [*command, str(path)], capture_output=True, text=True, check=True, env=environment
-    )
-    rows = [line.split() for line in done.stdout.splitlines() if re.match(r" +\d", line)]
+def test_the_command_prints_the_documents_numbers(capsys):
+    assert main(["newton-euler", str(EXERCISES / "3_2_with_gravity.yaml")]) == 0
+    shown = capsys.readouterr().out
+    rows = [line.split() for line in shown.splitlines() if re.match(r" +\d", line)]
     numbers = np.array([[float(cell) for cell in row[4:]] for row in rows])
     np.testing.assert_array_equal(numbers, PRINTED["3_2_with_gravity"])
-
-
-# Standard DH of the MTM's serial part, joint angles counted from the document's zero.
-DH = [  # alpha deg, a m, d m, theta offset deg
-    (90, 0, 0, -90),
-    (0, 0.2794, 0, -90),
-    (-90, 0.3645, 0, 90),
-    (90, 0, 0.1506, 0),
-    (-90, 0, 0, 0),
-    (90, 0, 0, -90),
-    (0, 0, 0, 90),
-]
-
-
-def about_x(degrees):
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-
-
-def mtm_document(masses, coms):
-    """The MTM in the document's terms: the d of joint 4 is a rigid link along its axis.
-
-    A frame here is the DH frame before the turn by alpha; ``coms`` are in the distal DH frames.
-    """
-    links, joints, turn = [], [], [0, 0, 0]
-    massless = {"mass": 0, "com": [0, 0, 0], "inertia": [[0] * 3] * 3}
-    for (alpha, a, d, _), mass, com in zip(DH, masses, coms, strict=True):
-        local = about_x(alpha) @ com + [a, 0, d]
-        joints.append({"type": 0, "rotation": turn})
-        links.append({"length": a, "mass": mass, "com": local.tolist(), "inertia": [[0] * 3] * 3})
-        turn = [alpha, 0, 0]
-        if d:
-            joints.append({"type": 2, "rotation": [0, -90, 0]})
-            links.append({"length": d, **massless})
-            turn = [alpha, 90, 0]
-    n = len(joints)
-    zeros = [0] * n
-    return {
-        "angle_unit": "deg",
-        "links": links,
-        "joints": joints,
-        "gravity_direction": [0, 0, -1],
-        "q": zeros,
-        "qd": zeros,
-        "qdd": zeros,
-    }
-
-
-def test_the_mtm_as_a_chain_has_the_closed_forms_gravity_torques():
-    rng = np.random.default_rng(3)
-    masses = rng.uniform(0.05, 1, 7)
-    coms = rng.normal(size=(7, 3)) * 0.1
-    # Link 7's transverse first moments have no column in the ten-column form.
-    coms[6, :2] = 0
-    document = mtm_document(masses.tolist(), coms)
-    mechanism, _ = parse(yaml.safe_load(yaml.safe_dump(document)))
-    assert mechanism.n == 8
-    q = rng.uniform(-3, 3, (50, 7))
-    chain_q = np.insert(q + np.radians([row[3] for row in DH]), 4, 0.0, axis=1)
-    still = np.zeros_like(chain_q)
-    tau = np.delete(inverse_dynamics(mechanism, chain_q, still, still).tau, 4, axis=1)
-    links = {f"link{i + 1}": gravity.LinkMass(masses[i], tuple(coms[i].tolist())) for i in range(7)}
-    expected = gravity.regressor(q) @ gravity.beta_from_links(links)
-    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))

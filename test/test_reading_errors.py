@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 
+import known_ecm
 import numpy as np
 import pytest
-from robots import UR5
-from scipy.interpolate import CubicSpline
 from support import MODEL_FILE
 
-from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.console import convert_model
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import ConfigError, RecordingError
@@ -23,34 +18,38 @@ from dvrk_gravity.identification import evaluate
 from dvrk_gravity.intake import without_known_errors
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording, RecordingFile, limited_efforts
-from dvrk_gravity.report import evaluation_text
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, simulate
-from testing.plain_world import PlainWorld
-from testing.world import COARSE, World
 
-pytestmark = pytest.mark.usefixtures("four_folds")
 Fault = Callable[[Recording], Recording]
 ELBOW, SHOULDER = 2, 1
-LIMIT = 0.42  # N·m, of the shoulder: a fifth of the first recording is beyond
-MASTER = World.draw(3, step=COARSE)
+SHIPPED = TorqueModel.load(MODEL_FILE)
+ARM = SHIPPED.arm
 
 
-@cache
-def masters() -> tuple[TorqueModel, Recording, Recording]:
-    return MASTER.model(), MASTER.record(3, 4, 14.0, 100.0), MASTER.record(5, 6, 14.0, 100.0)
+def unit(value: float, column: int = ELBOW, other: float = 1.0) -> list[float]:
+    return [value if joint == column else other for joint in range(7)]
 
 
-@cache
-def robots() -> tuple[TorqueModel, Recording, Recording]:
-    """A UR5 with the masses of its file, and a model that knows its friction, too."""
-    arm = Arm.load(str(UR5))
-    world = PlainWorld.of(arm, nominal_inertias(arm))
-    known = TorqueModel.stated(arm).parameters() | {
-        "coulomb_friction.joint_positive": tuple(world.coulomb.tolist()),
-        "coulomb_friction.joint_negative": tuple(world.coulomb.tolist()),
-        "viscous_friction.joint": tuple(world.viscous.tolist()),
-    }
-    return TorqueModel.from_parameters(known, arm), world.record(1, 14.0), world.record(2, 14.0)
+def knowing(model: TorqueModel = SHIPPED, **values: object) -> TorqueModel:
+    """Return a model that knows errors of readings, by their names in a file after `reading.`."""
+    named = {f"reading.{name.replace('__', '.')}": value for name, value in values.items()}
+    return TorqueModel.from_parameters(model.parameters() | named, model.arm)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """Return a smooth motion with smooth efforts."""
+    time = np.arange(800) / 100.0
+    angle = np.outer(time, np.linspace(0.7, 2.0, 7))
+    position, velocity = 0.3 * np.sin(angle), 0.3 * np.linspace(0.7, 2.0, 7) * np.cos(angle)
+    effort = np.sin(3.0 * time[:, None] + np.arange(7))
+    return Recording(ARM.joint_names, time, position, velocity, effort)
+
+
+def put_right(model: TorqueModel, recording: Recording) -> Recording:
+    ((right,), (line,)) = without_known_errors([recording], model)
+    assert "reading." in line
+    return right.load() if isinstance(right, RecordingFile) else right
 
 
 def scaled(recording: Recording, name: str, column: int, factor: float) -> Recording:
@@ -65,11 +64,6 @@ def wrong_scale(recording: Recording) -> Recording:
 
 def wrong_sign(recording: Recording) -> Recording:
     return scaled(recording, "effort", ELBOW, -1.0)
-
-
-def late(recording: Recording, delay: float = 0.025) -> Recording:
-    then = np.maximum(recording.time - delay, recording.time[0])
-    return replace(recording, effort=CubicSpline(recording.time, recording.effort)(then))
 
 
 def clipped(limit: float, column: int = ELBOW) -> Fault:
@@ -100,82 +94,34 @@ def leaking(recording: Recording) -> Recording:
     return replace(recording, effort=effort)
 
 
-def several(recording: Recording) -> Recording:
-    return clipped(LIMIT, SHOULDER)(wrong_scale(in_degrees(recording)))
+# --- found, and known then -------------------------------------------------------------------
 
 
-def judged_twice(
-    arm: tuple[TorqueModel, Recording, Recording], fault: Fault, folder
-) -> tuple[set[str], TorqueModel]:
-    """Diagnose a fault, and again with the extended model; return what was found and that model."""
-    model, first, second = arm
-    found = diagnose(fault(first), model)
-    assert all(finding.in_model for finding in found.findings)
-    assert all("extended model" in finding.remedy for finding in found.findings)
-    found.model.save(folder / "extended.yaml")
-    extended = TorqueModel.load(folder / "extended.yaml")
-    again = diagnose(fault(second), extended)
-    assert again.findings == ()
-    floor, rightly = evaluate(model, second), evaluate(extended, fault(second))
-    for name, error in rightly.joints.items():
-        assert error.nrmse < 1.1 * floor.joints[name].nrmse + 0.005
-    return {finding.effect for finding in found.findings}, extended
+def test_several_wrong_readings_are_found_and_other_recordings_read_rightly_then(tmp_path):
+    limit, pitch, yaw = 4.0, 1, 0
 
+    def several(recording: Recording) -> Recording:
+        return clipped(limit, pitch)(scaled(in_degrees(recording), "effort", yaw, 1.3))
 
-def test_several_wrong_readings_of_a_master_arm_are_found_once_and_read_rightly_then(tmp_path):
-    found, model = judged_twice(masters(), several, tmp_path)
+    model, first, second = known_ecm.model(), known_ecm.recorded(1), known_ecm.recorded(2)
+    diagnosis = diagnose(several(first), model)
+    assert all(finding.in_model for finding in diagnosis.findings)
+    found = {finding.effect for finding in diagnosis.findings}
     assert found == {"velocity_scale", "torque_scale", "effort_saturation"}
-    values = model.of_readings()
-    assert values["reading.effort_scale"][ELBOW] == pytest.approx(1.3, rel=0.01)
-    assert values["reading.velocity_scale"] == pytest.approx([np.degrees(1.0)] * 7)
-    assert values["reading.effort_limit"][SHOULDER] == pytest.approx(LIMIT, rel=0.02)
+    diagnosis.model.save(tmp_path / "extended.yaml")
+    extended = TorqueModel.load(tmp_path / "extended.yaml")
+    values = extended.of_readings()
+    assert values["reading.effort_scale"][yaw] == pytest.approx(1.3, rel=0.01)
+    assert values["reading.velocity_scale"] == pytest.approx([np.degrees(1.0)] * 4)
+    assert values["reading.effort_limit"][pitch] == pytest.approx(limit, rel=0.02)
+
+    floor, rightly = evaluate(model, second), evaluate(extended, several(second))
+    for name, error in rightly.joints.items():
+        spread = np.std(second.effort[:, known_ecm.ARM.joint_names.index(name)])
+        assert error.rmse < 1.1 * floor.joints[name].rmse + 0.005 * spread
 
 
-@pytest.mark.parametrize(
-    ("fault", "effect"),
-    [
-        (late, "time_delay"),
-        *(
-            pytest.param(fault, effect, marks=pytest.mark.slow)
-            for fault, effect in (
-                (wrong_sign, "wrong_coordinates"),
-                (far, "encoder_scale"),
-                (slow, "time_scale"),
-                (leaking, "joint_coupling"),
-            )
-        ),
-    ],
-)
-def test_a_wrong_reading_of_a_master_arm_is_not_found_again(fault, effect, tmp_path):
-    assert judged_twice(masters(), fault, tmp_path)[0] == {effect}
-
-
-@pytest.mark.parametrize(
-    ("fault", "effect"),
-    [
-        (wrong_scale, "torque_scale"),
-        pytest.param(late, "time_delay", marks=pytest.mark.slow),
-        pytest.param(far, "encoder_scale", marks=pytest.mark.slow),
-    ],
-)
-def test_a_wrong_reading_of_a_urdf_s_arm_is_not_found_again(fault, effect, tmp_path):
-    assert judged_twice(robots(), fault, tmp_path)[0] == {effect}
-
-
-def knowing(model: TorqueModel, **values: object) -> TorqueModel:
-    """Return a model that knows errors of readings, by their names in a file after `reading.`."""
-    named = {f"reading.{name.replace('__', '.')}": value for name, value in values.items()}
-    return TorqueModel.from_parameters(model.parameters() | named, model.arm)
-
-
-def put_right(model: TorqueModel, recording: Recording) -> Recording:
-    ((right,), (line,)) = without_known_errors([recording], model)
-    assert "reading." in line
-    return right.load() if isinstance(right, RecordingFile) else right
-
-
-def unit(value: float, column: int = ELBOW, other: float = 1.0) -> list[float]:
-    return [value if joint == column else other for joint in range(7)]
+# --- put right -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -189,43 +135,32 @@ def unit(value: float, column: int = ELBOW, other: float = 1.0) -> list[float]:
         (leaking, {"effort_from__shoulder_pitch": [0.0, 1.0, 0.15, 0.0, 0.0, 0.0, 0.0]}),
     ],
 )
-def test_a_recording_is_corrected_as_it_was_distorted(fault, known):
-    model, recording, _ = masters()
-    right = put_right(knowing(model, **known), fault(recording))
+def test_a_recording_is_corrected_as_it_was_distorted(fault, known, recording):
+    right = put_right(knowing(**known), fault(recording))
     for name, values in recording.arrays().items():
         np.testing.assert_allclose(getattr(right, name), values, atol=1e-12, err_msg=name)
 
 
 @pytest.mark.parametrize("delay", [0.025, -0.025])
-def test_efforts_are_laid_over_their_positions_in_memory_as_in_a_file(delay, tmp_path):
-    model, recording, _ = masters()
-    smooth = replace(recording, effort=np.sin(3.0 * recording.time[:, None] + np.arange(7)))
+def test_efforts_are_laid_over_their_positions_in_memory_as_in_a_file(delay, recording, tmp_path):
+    smooth = recording
     shifted = replace(smooth, effort=np.sin(3.0 * (smooth.time[:, None] - delay) + np.arange(7)))
-    known = knowing(model, effort_delay=delay)
+    known = knowing(effort_delay=delay)
     right = put_right(known, shifted)
     assert len(right) in (len(smooth) - 2, len(smooth) - 3)
     wanted = smooth.rows(np.isin(smooth.time, right.time))
     np.testing.assert_allclose(right.effort, wanted.effort, atol=1e-6)
     np.testing.assert_array_equal(right.position, wanted.position)
     shifted.save(tmp_path / "shifted.csv")
-    in_parts = RecordingFile(tmp_path / "shifted.csv", arm=model.arm)
+    in_parts = RecordingFile(tmp_path / "shifted.csv", arm=ARM)
     ((file,), _) = without_known_errors([in_parts.mended(lambda part: part)], known)
     few = file.changed(lambda parts: (piece for part in parts for piece in part.parts(100)))
     np.testing.assert_allclose(few.load().effort, right.effort, atol=1e-9)
 
 
-def test_an_effort_that_stays_the_same_does_so_to_the_last_bit_when_it_is_shifted():
-    model, recording, _ = masters()
-    held = recording.effort.copy()
-    held[300:500, ELBOW] = 0.2
-    right = put_right(knowing(model, effort_delay=0.025), replace(recording, effort=held))
-    assert np.sum(right.effort[:, ELBOW] == 0.2) in (198, 199, 200)
-
-
-def test_samples_at_a_known_limit_are_marked_in_trajectories_and_left_out_of_poses():
-    model, recording, _ = masters()
+def test_samples_at_a_known_limit_are_marked_in_trajectories_and_left_out_of_poses(recording):
     limit = float(np.percentile(np.abs(recording.effort[:, ELBOW]), 90.0))
-    known = knowing(model, effort_limit=unit(limit, other=0.0))
+    known = knowing(effort_limit=unit(limit, other=0.0))
     right = put_right(known, clipped(limit)(recording))
     marked = sum(span.rows[1] - span.rows[0] for span in limited_efforts(right))
     assert 0.08 * len(right) < marked < 0.2 * len(right)
@@ -234,7 +169,7 @@ def test_samples_at_a_known_limit_are_marked_in_trajectories_and_left_out_of_pos
 
 
 def test_a_limit_is_where_the_scaled_reading_stops():
-    known = knowing(masters()[0], effort_scale=unit(2.0), effort_limit=unit(0.5, other=0.0))
+    known = knowing(effort_scale=unit(2.0), effort_limit=unit(0.5, other=0.0))
     assert known.reading_errors.true_limit()[ELBOW] == 0.25
     outer = replace(ReadingErrors.none(7), effort=2.0 * np.eye(7))
     inner = replace(ReadingErrors.none(7), limit=np.full(7, 0.25))
@@ -246,27 +181,12 @@ def test_a_limit_is_where_the_scaled_reading_stops():
     [({"effort_delay": 1.0}, False), ({"effort_limit": unit(1e-6, other=0.0)}, True)],
 )
 def test_a_recording_of_which_nothing_can_be_read_is_refused_by_the_name_of_the_reason(
-    known, still
+    known, still, recording
 ):
-    model, recording, _ = masters()
     few = recording.rows(np.arange(len(recording)) < 50)
     few = replace(few, time=None, velocity=None) if still else few
     with pytest.raises(RecordingError, match=r"nothing is left .* reading\.effort_limit"):
-        without_known_errors([few], knowing(model, **known))
-
-
-def test_a_part_of_a_long_recording_of_which_nothing_can_be_read_is_left_out(tmp_path):
-    model, recording, _ = masters()
-    limit = float(np.percentile(np.abs(recording.effort[:, ELBOW]), 90.0))
-    few = recording.rows(slice(0, 400))
-    poses = replace(clipped(limit)(few), time=None, velocity=None)
-    known = knowing(model, effort_limit=unit(limit, other=0.0))
-    poses.save(tmp_path / "poses.csv")
-    for size in (1, 7):
-        file = RecordingFile(tmp_path / "poses.csv", arm=model.arm)
-        parts = file.changed(lambda all, n=size: (few for part in all for few in part.parts(n)))
-        ((right,), _) = without_known_errors([parts], known)
-        assert len(right.load()) == len(put_right(known, poses)) < 400
+        without_known_errors([few], knowing(**known))
 
 
 def test_a_delay_in_true_time_is_shorter_where_the_clock_was_wrong_as_well():
@@ -277,36 +197,26 @@ def test_a_delay_in_true_time_is_shorter_where_the_clock_was_wrong_as_well():
     assert inner.after(outer).delay == pytest.approx(0.04)
 
 
-def test_a_terminal_shows_that_recordings_were_corrected_and_the_way_out():
-    model, recording, _ = masters()
-    result = evaluate(knowing(model, effort_scale=unit(1.3)), recording)
-    shown = [line for line in evaluation_text(result, model) if "are corrected" in line]
-    assert len(shown) == 1
-    assert "reading.effort_scale; if the arm reads correctly by now, remove" in shown[0]
-
-
-def test_coordinates_that_are_given_go_before_those_that_the_model_states():
-    model, recording, _ = masters()
-    actuator = knowing(model, coordinates="actuator", effort_scale=unit(1.3))
+def test_coordinates_that_are_given_go_before_those_that_the_model_states(recording):
+    actuator = knowing(coordinates="actuator", effort_scale=unit(1.3))
     for coordinates, named in (("joint", False), ("actuator", True), (None, True)):
         _, (line,) = without_known_errors([recording], actuator, coordinates)
         assert "reading.effort_scale" in line
         assert ("reading.coordinates" in line) == named
-    alone = knowing(model, coordinates="actuator")
+    alone = knowing(coordinates="actuator")
     assert without_known_errors([recording], alone, "joint") == ([recording], ())
 
 
-def test_a_recording_without_a_joint_that_leaks_into_another_is_refused():
-    model, recording, _ = masters()
+def test_a_recording_without_a_joint_that_leaks_into_another_is_refused(recording):
     row = [0.0, 1.0, 0.15, 0.0, 0.0, 0.0, 0.0]
-    known = knowing(model, effort_from__shoulder_pitch=row)
-    few = recording.of(model.arm)
+    known = knowing(effort_from__shoulder_pitch=row)
+    few = recording
     keep = [0, 1, 3, 4, 5, 6]
     without = Recording(
         tuple(few.joints[k] for k in keep), few.time, few.position[:, keep],
         effort=few.effort[:, keep],
     )  # fmt: skip
-    with pytest.raises(RecordingError, match="lacks elbow_pitch, of which the effort read at"):
+    with pytest.raises(RecordingError, match="elbow_pitch"):
         without_known_errors([without], known)
 
 
@@ -325,13 +235,12 @@ def test_a_recording_without_a_joint_that_leaks_into_another_is_refused():
 )
 def test_a_reading_from_which_nothing_can_be_made_out_is_refused_in_one_line(name, value, message):
     with pytest.raises(ConfigError, match=message) as caught:
-        knowing(masters()[0], **{name: value})
+        knowing(**{name: value})
     assert "\n" not in str(caught.value)
 
 
 # --- the compensator --------------------------------------------------------------------------
 
-SHIPPED = TorqueModel.load(MODEL_FILE)
 MISLEADING = {
     "effort_scale": unit(1.2),
     "effort_limit": unit(0.4, other=0.0),
@@ -343,25 +252,23 @@ MISLEADING = {
 }
 
 
-@pytest.mark.parametrize("name", MISLEADING)
-def test_the_compensator_refuses_a_reading_that_is_known_to_be_wrong_unless_it_is_accepted(name):
-    wrong = knowing(SHIPPED, **{name: MISLEADING[name]}).parameters()
-    with pytest.raises(ConfigError) as caught:
-        Settings.from_parameters(wrong)
-    line = str(caught.value)
-    assert "\n" not in line
-    assert f"reading.{name.replace('__', '.')}" in line
-    assert "accept_reading_errors: true" in line
-    accepted = Settings.from_parameters(wrong | {"accept_reading_errors": True})
+def test_the_compensator_refuses_a_reading_that_is_known_to_be_wrong_unless_it_is_accepted():
     at_rest, q = Settings.from_parameters(SHIPPED.parameters()), np.full(7, 0.2)
-    np.testing.assert_array_equal(accepted.at_rest(q), at_rest.at_rest(q))
+    for name, value in MISLEADING.items():
+        wrong = knowing(**{name: value}).parameters()
+        with pytest.raises(ConfigError) as caught:
+            Settings.from_parameters(wrong)
+        line = str(caught.value)
+        assert "\n" not in line
+        assert f"reading.{name.replace('__', '.')}" in line
+        assert "accept_reading_errors: true" in line
+        accepted = Settings.from_parameters(wrong | {"accept_reading_errors": True})
+        np.testing.assert_array_equal(accepted.at_rest(q), at_rest.at_rest(q))
 
 
-@pytest.mark.parametrize(
-    "known", [{"effort_delay": 0.02}, {"time_scale": 1.5}, {"coordinates": "joint"}, {}]
-)
-def test_the_compensator_takes_a_reading_that_misleads_no_command(known):
-    Settings.from_parameters(knowing(SHIPPED, **known).parameters())
+def test_the_compensator_takes_a_reading_that_misleads_no_command():
+    for known in ({"effort_delay": 0.02}, {"time_scale": 1.5}, {"coordinates": "joint"}, {}):
+        Settings.from_parameters(knowing(**known).parameters())
 
 
 def test_a_change_in_flight_to_a_wrong_reading_is_refused_as_a_start_is():
@@ -374,18 +281,15 @@ def test_a_change_in_flight_to_a_wrong_reading_is_refused_as_a_start_is():
         Settings.from_parameters(values | {"accept_reading_errors": False}, accepted)
 
 
-# --- who else takes a model -------------------------------------------------------------------
-
-
 def test_a_simulated_arm_reads_as_its_model_says():
     def measured(model: TorqueModel) -> Recording:
-        plant = PlantFile.of(model.arm).plant()
+        plant = PlantFile.of(ARM).plant()
         plant = replace_model(plant, model)
         plant.reset(np.full(7, 0.2))
         return simulate(SimulatedArm(plant), None, 0.05)
 
     known = {"effort_scale": unit(1.3), "encoder_scale": unit(0.9), "effort_delay": 0.01}
-    right, wrong = measured(SHIPPED), measured(knowing(SHIPPED, **known))
+    right, wrong = measured(SHIPPED), measured(knowing(**known))
     np.testing.assert_allclose(wrong.position, right.position * unit(0.9), atol=1e-12)
     np.testing.assert_allclose(wrong.effort[10:], right.effort[:-10] * unit(1.3), atol=1e-12)
 
@@ -393,29 +297,3 @@ def test_a_simulated_arm_reads_as_its_model_says():
 def replace_model(plant, model: TorqueModel):
     plant.model = replace(plant.model, reading_errors=model.reading_errors)
     return plant
-
-
-def test_a_console_file_says_what_wrong_readings_cost():
-    notes = convert_model(knowing(SHIPPED, effort_scale=unit(1.3))).file.notes
-    (note,) = [note for note in notes if "reading.effort_scale" in note]
-    assert "the console takes readings as they are" in note
-    assert "mN·m RMS at elbow_pitch" in note
-    assert not any("reading" in note for note in convert_model(SHIPPED).file.notes)
-
-
-# --- evaluate ---------------------------------------------------------------------------------
-
-
-def test_an_evaluation_says_what_its_numbers_are():
-    model, _, recording = masters()
-    result = evaluate(model, recording)
-    assert result.cutoff == pytest.approx(5.65)
-    assert set(result.units.values()) == {"N·m"}
-    assert result.expected == {}  # a model without uncertainty expects nothing
-    content = json.loads(json.dumps(result.to_json()))
-    elbow = content["joints"]["elbow_pitch"]
-    assert set(elbow) == {"rmse", "nrmse", "r2", "unit", "expected"}
-    assert elbow["expected"] is None
-    assert content["cutoff_hz"] == result.cutoff
-    assert "below 5.65 Hz" in content["metric"]
-    assert "R2: 1 - |e|²/|tau - mean|²" in content["metric"]

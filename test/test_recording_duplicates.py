@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from known_mtm import ARM, truth
+from made_up_arm import random_inertias, write
 from recording_samples import shared_data
 
-from dvrk_gravity import TorqueModel, diagnose, identify
-from dvrk_gravity.identification import Verdict
-from dvrk_gravity.identification.poses import fit as static_fit
-from dvrk_gravity.recording import (
-    DataWarning,
-    Duplicates,
-    Recording,
-    RecordingFile,
-    without_duplicates,
-)
-from testing.world import COARSE, World
-
-pytestmark = pytest.mark.usefixtures("four_folds")
-
-FEW = ["coulomb_friction", "viscous_friction"]
-KNOWN = World.draw(5, step=COARSE)
+from dvrk_gravity import TorqueModel, identify
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.diagnosis import load
+from dvrk_gravity.intake import read_motions
+from dvrk_gravity.recording import Duplicates, Recording, RecordingFile, without_duplicates
 
 
 @pytest.fixture(scope="module")
 def measured() -> Recording:
     """12 s of a simulated motion with noise."""
     return replace(truth(1, 12.0), source="one.csv")
+
+
+@pytest.fixture(scope="module")
+def other() -> Recording:
+    """Another 12 s."""
+    return truth(2, 12.0)
 
 
 def appended(*recordings: Recording) -> Recording:
@@ -41,17 +37,11 @@ def appended(*recordings: Recording) -> Recording:
         assert recording.time is not None
         time.append(recording.time - recording.time[0] + last + 0.01)
         last = time[-1][-1]
-
-    def column(name: str) -> np.ndarray:
-        return np.concatenate([getattr(recording, name) for recording in recordings])
-
-    return replace(
-        recordings[0],
-        time=np.concatenate(time),
-        position=column("position"),
-        velocity=column("velocity"),
-        effort=column("effort"),
-    )
+    columns = {
+        name: np.concatenate([getattr(recording, name) for recording in recordings])
+        for name in ("position", "velocity", "effort")
+    }
+    return replace(recordings[0], time=np.concatenate(time), **columns)
 
 
 def remaining(recordings: list[Recording], size: int) -> list[int]:
@@ -63,8 +53,7 @@ def remaining(recordings: list[Recording], size: int) -> list[int]:
 
 
 @pytest.mark.parametrize("size", [70, 333, 1000, 60_000])
-def test_what_was_read_before_is_left_out_whatever_the_parts(measured, size):
-    other = truth(2, 12.0)
+def test_what_was_read_before_is_left_out_whatever_the_parts(measured, other, size):
     assert remaining([measured, other, measured], size) == [1200, 1200, 0]
     assert remaining([appended(measured, measured)], size) == [1200]
     assert remaining([appended(measured, other, measured)], size) == [2400]
@@ -72,34 +61,23 @@ def test_what_was_read_before_is_left_out_whatever_the_parts(measured, size):
     assert remaining([appended(other.between(0.0, 3.0), measured), measured], size) == [1500, 0]
 
 
-def test_what_is_left_is_what_was_not_read_before_in_order(measured):
-    before, other = Duplicates(), truth(2, 12.0)
+def test_what_is_left_is_what_was_not_read_before_in_order(measured, other):
+    before = Duplicates()
     list(before.fresh(measured.between(2.0, 6.0).parts(500)))
     parts = list(before.fresh(appended(measured, other).parts(500)))
     position = np.concatenate([part.position for part in parts])
     expected = np.concatenate([measured.position[:200], measured.position[600:], other.position])
     np.testing.assert_array_equal(position, expected)
-    assert sum(stop - start for start, stop in before.left_out) == 400
+    assert before.number == 400
 
 
-def test_samples_that_were_left_out_in_reading_are_counted_once_still(measured):
-    given = replace(measured, invalid=3, repeated=5)
-    for size in (70, 1000):
-        parts = list(Duplicates().fresh(given.parts(size)))
-        assert sum(part.invalid for part in parts) == 3
-        assert sum(part.repeated for part in parts) == 5
+def test_less_than_a_second_is_no_repetition(measured, other):
+    for until, left in ((3.9, 1290), (4.1, 1200)):
+        again = appended(other, measured.between(3.0, until))
+        assert remaining([measured, again], 500)[1] == left
 
 
-def test_less_than_a_second_is_no_repetition(measured):
-    assert (
-        remaining([measured, appended(truth(2, 12.0), measured.between(3.0, 3.9))], 500)[1] == 1290
-    )
-    assert (
-        remaining([measured, appended(truth(2, 12.0), measured.between(3.0, 4.1))], 500)[1] == 1200
-    )
-
-
-def test_stale_samples_and_rest_are_not_read_before(measured):
+def test_stale_samples_and_rest_are_no_duplicates(measured):
     """The same where nothing moves, and readings that were renewed every fifth time only."""
 
     def again(rows: np.ndarray) -> Recording:
@@ -114,12 +92,7 @@ def test_stale_samples_and_rest_are_not_read_before(measured):
     assert remaining([stale, stale], 500) == [1200, 0]
 
 
-def test_a_measured_motion_that_repeats_loses_no_sample():
-    measured = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"))
-    assert remaining([measured], 1000) == [len(measured)]
-
-
-def test_a_simulated_motion_that_repeats_with_noise_loses_no_sample(measured):
+def test_a_motion_that_repeats_with_noise_loses_no_sample(measured):
     random = np.random.default_rng(0)
 
     def noisy(values: np.ndarray) -> np.ndarray:
@@ -130,140 +103,95 @@ def test_a_simulated_motion_that_repeats_with_noise_loses_no_sample(measured):
         for _ in range(2)
     ]
     assert remaining([appended(*again)], 500) == [2400]
+    real = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"))
+    assert remaining([real], 1000) == [len(real)]
 
 
-def test_files_are_recognised_under_any_name_and_read_in_parts(measured, tmp_path):
-    first, second = tmp_path / "run.csv", tmp_path / "copy.csv"
-    appended(measured, truth(2, 12.0)).save(first)
+def test_files_are_recognised_under_any_name_and_read_in_parts(measured, other, tmp_path):
+    first, second, more = (tmp_path / f"{name}.csv" for name in ("run", "copy", "more"))
+    appended(measured, other).save(first)
     shutil.copy(first, second)
     kept, lines, warnings = without_duplicates([RecordingFile(first), RecordingFile(second)])
     assert [len(file.load()) for file in kept] == [2400]
-    assert lines == (
-        f"{second}: 2400 of 2400 samples are exact duplicates of earlier samples, and count "
-        "once; it is skipped",
-    )
+    assert len(lines) == 1
+    assert lines[0].startswith(f"{second}: 2400 of 2400 samples")
     assert [(warning.kind, warning.numbers["samples"]) for warning in warnings] == [
         ("duplicate_samples", 2400)
     ]
-    more = tmp_path / "more.csv"
     appended(truth(3, 12.0), measured).save(more)
     kept, lines, _ = without_duplicates([RecordingFile(first), RecordingFile(more)])
     assert [len(file.load()) for file in kept] == [2400, 1200]
     assert len(kept[1].head) == 1200
-    assert "1200 of 2400 samples are exact duplicates" in lines[0]
+    assert "1200 of 2400 samples" in lines[0]
 
 
-def test_identifying_from_the_same_recording_twice_is_identifying_once(measured):
-    once, twice = (identify(given, ARM, "joint", FEW) for given in (measured, [measured] * 2))
-    assert [p.value for p in twice.parameters] == [p.value for p in once.parameters]
-    assert [p.ci95 for p in twice.parameters] == [p.ci95 for p in once.parameters]
-    assert twice.held_out == once.held_out
-    (line,) = [line for line in twice.handling if "earlier samples" in line]
-    assert line.startswith("one.csv: 1200 of 1200 samples are exact duplicates of earlier samples")
-    assert [warning.kind for warning in twice.warnings].count("duplicate_samples") == 1
-    assert not [warning for warning in once.warnings if warning.kind == "duplicate_samples"]
-
-
-def test_a_recording_appended_to_itself_is_identified_as_it_is_once(measured, tmp_path):
-    appended(measured, measured).save(tmp_path / "double.csv")
-    measured.save(tmp_path / "single.csv")
-    once, double = (
-        identify(tmp_path / f"{name}.csv", ARM, "joint", FEW) for name in ("single", "double")
-    )
-    values = [[p.value for p in fit.parameters] for fit in (once, double)]
-    np.testing.assert_allclose(values[1], values[0], rtol=1e-9, atol=1e-12)
-
-
-def test_a_rest_too_short_for_the_filter_is_told_and_left_out(measured):
-    fit = identify([measured, appended(measured, truth(2, 0.3))], ARM, "joint", FEW)
-    (line,) = [line for line in fit.handling if "earlier samples" in line]
-    assert "1200 of 1230 samples" in line
-    assert "the other 0.3 s are too short to be used" in line
-
-
-def test_coordinates_stay_with_their_recordings_where_one_is_skipped(measured):
-    other = truth(2, 12.0)
-    motor = replace(
-        other,
-        position=ARM.actuator_position(other.position),
-        velocity=ARM.actuator_position(other.velocity),
-        effort=ARM.actuator_effort(other.effort),
-    )
-    two = identify([measured, motor], ARM, ["joint", "actuator"], FEW)
-    three = identify([measured, measured, motor], ARM, ["joint", "joint", "actuator"], FEW)
-    assert two.held_out == three.held_out
-
-
-def test_poses_that_repeat_exactly_count_once(monkeypatch):
-    poses = KNOWN.record_poses(1, 2, 40)
-    order = np.random.default_rng(0).permutation(len(poses))
-    shuffled = poses.rows(order)
-    more = KNOWN.record_poses(3, 4, 40)
-    fitted = []
-
-    def fit_static(given, *others):
-        fitted.append(given)
-        return Stub()
-
-    monkeypatch.setattr(static_fit, "fit_static", fit_static)
-    fit = identify([poses, shuffled, more], KNOWN.arm, "joint")
-    ((first, second),) = fitted
-    np.testing.assert_array_equal(first.position, poses.position)
-    np.testing.assert_array_equal(second.position, more.position)
-    assert "40 of 40 samples are exact duplicates" in fit.handling[0]
-    assert [warning.kind for warning in fit.warnings] == ["duplicate_samples", "other_hand"]
+def test_poses_that_repeat_exactly_count_once():
+    random = np.random.default_rng(0)
+    poses, more = (
+        Recording(ARM.joint_names, None, random.normal(size=(40, 7)), None,
+                  random.normal(size=(40, 7)), np.ones((40, 7)))
+        for _ in range(2)
+    )  # fmt: skip
+    shuffled = poses.rows(random.permutation(40))
+    kept, _, warnings = without_duplicates([poses, shuffled, more])
+    assert all(kept[k].position is given.position for k, given in enumerate((poses, more)))
+    assert [warning.numbers["samples"] for warning in warnings] == [40]
     # From the other direction it is another pose.
-    assert poses.direction is not None
     turned = replace(poses, direction=-poses.direction)
-    assert remaining([poses, turned], 60_000) == [len(poses), len(poses)]
+    assert remaining([poses, turned], 60_000) == [40, 40]
     assert remaining([poses.rows([0, 1, 1, 2, 0])], 60_000) == [3]
 
 
-EMPTY = TorqueModel(ARM, ())
-EARNED = Verdict("good", "", "", {})
+def test_a_motion_given_twice_or_appended_to_itself_is_read_once(measured, other):
+    once = read_motions([measured], ARM, "joint")
+    for given in ([measured, measured], [appended(measured, measured)]):
+        again = read_motions(given, ARM, "joint")
+        assert [warning.kind for warning in again.warnings].count("duplicate_samples") == 1
+        assert len(again.parts) == len(once.parts) == 1
+        np.testing.assert_allclose(again.parts[0].effort, once.parts[0].effort, atol=1e-9)
+        np.testing.assert_allclose(again.parts[0].state.q, once.parts[0].state.q, atol=1e-9)
+    assert not [warning for warning in once.warnings if warning.kind == "duplicate_samples"]
+    # The rest is too short for the filter.
+    rest = read_motions([measured, appended(measured, other.between(0.0, 0.3))], ARM, "joint")
+    assert len(rest.parts) == 1
+    assert any("1200 of 1230 samples" in line for line in rest.handling)
 
 
-@dataclass(frozen=True)
-class Stub:
-    """What identification says beside a fit."""
-
-    model: TorqueModel = EMPTY
-    handling: tuple[str, ...] = ()
-    warnings: tuple[DataWarning, ...] = (DataWarning("other_hand", None, {}, "known already"),)
-    verdict: Verdict = EARNED
-
-
-@pytest.fixture(scope="module")
-def motion() -> Recording:
-    """10 s of an arm whose model is known."""
-    return KNOWN.record(3, 4, 10.0, 100.0)
-
-
-def test_diagnosing_the_same_twice_or_appended_to_itself_is_diagnosing_once(motion):
-    once = diagnose(motion, KNOWN.model())
-    late = replace(motion, time=motion.time + motion.time[-1] + 0.01)
-    double = replace(
-        motion,
-        time=np.concatenate([motion.time, late.time]),
-        position=np.tile(motion.position, (2, 1)),
-        velocity=np.tile(motion.velocity, (2, 1)),
-        effort=np.tile(motion.effort, (2, 1)),
-    )
-    for given in ([motion, motion], double):
-        again = diagnose(given, KNOWN.model())
-        assert again.verdict == once.verdict
-        assert again.floor_from == once.floor_from
-        assert again.after == pytest.approx(once.after, rel=1e-9)
-        assert again.floor == pytest.approx(once.floor, rel=1e-9)
+def test_a_diagnosis_reads_a_recording_once(measured):
+    model = TorqueModel.from_parameters({"arm": "mtmr", "beta": (0.1,) * 10})
+    once = load([measured], model)
+    for given in ([measured, measured], [appended(measured, measured)]):
+        again = load(given, model)
+        assert len(again.motion.q) == len(once.motion.q)
         assert [warning.kind for warning in again.warnings].count("duplicate_samples") == 1
 
 
-def test_what_is_left_out_of_what_was_left_out_is_the_same_of_a_file_as_in_memory(
-    measured, tmp_path
-):
-    measured.save(tmp_path / "run.csv")
-    in_memory, file = Recording.load(tmp_path / "run.csv"), RecordingFile(tmp_path / "run.csv")
-    for spans in ([(0, 100)], [(50, 60), (200, 300)]):
-        in_memory, file = in_memory.without(spans), file.without(spans)
-    np.testing.assert_array_equal(file.load().time, in_memory.time)
-    np.testing.assert_array_equal(file.head.position, in_memory.position)
+def test_coordinates_stay_with_their_recordings_where_one_is_skipped(tmp_path):
+    coupled = [[1, 0, 0, 0], [0.3, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    arm = Arm.load(write(tmp_path, {"actuator_to_joint": coupled}))
+    tree = build_tree(arm, random_inertias(arm, 0), arm.gravity)
+    time = np.arange(0.0, 15.0, 0.01)
+    lower, upper = arm.range
+    recordings = []
+    for seed in range(2):
+        random = np.random.default_rng(seed)
+        rate, phase = 2.0 * np.pi * random.uniform(0.1, 0.5, 4), random.uniform(0.0, 6.0, 4)
+        angle, size = np.outer(time, rate) + phase, 0.35 * (upper - lower)
+        q, qd = 0.5 * (lower + upper) + size * np.sin(angle), size * rate * np.cos(angle)
+        qdd = -size * rate**2 * np.sin(angle)
+        effort = np.array([tree.inverse_dynamics(*each) for each in zip(q, qd, qdd, strict=True)])
+        effort += 0.01 * random.normal(size=effort.shape) + 0.1 * np.sign(qd)
+        recordings.append(Recording(arm.joint_names, time, q, qd, effort, source=f"{seed}.csv"))
+    one, two = recordings
+    motor = replace(
+        two,
+        position=arm.actuator_position(two.position),
+        velocity=arm.actuator_position(two.velocity),
+        effort=arm.actuator_effort(two.effort),
+    )
+    terms = ["coulomb_friction"]
+    few = identify([one, motor], arm, ["joint", "actuator"], terms)
+    more = identify([one, one, motor], arm, ["joint", "joint", "actuator"], terms)
+    assert few.held_out == more.held_out
+    assert [p.value for p in few.parameters] == [p.value for p in more.parameters]
+    assert [w.kind for w in more.warnings].count("duplicate_samples") == 1

@@ -1,18 +1,27 @@
-"""What a plant makes of effects that it has never heard of, from their torque alone."""
+"""What a plant makes of effects: of the package's, and of any, from their torque alone."""
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from support import REPOSITORY
+from scipy.optimize import brentq
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import SLOWEST, CoulombFriction, PlantPart, State, Term, secant_damping
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.effects import (
+    SLOWEST,
+    CoulombFriction,
+    PlantPart,
+    PreslidingHysteresis,
+    State,
+    StribeckFriction,
+    Term,
+    ViscousFriction,
+    secant_damping,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 
@@ -22,6 +31,17 @@ N = len(ARM.joints)
 ZERO = np.zeros(N)
 ROLL = N - 1
 POSE = np.array([0.1, 0.2, -0.1, 0.3, 1.0, 0.1, 0.5])
+OFFSET = np.radians([1.0, -2.0, 3.0, -4.0, 5.0, -6.0, 7.0])
+PAYLOAD = {
+    "payload.mass": 0.05,
+    "payload.first_moment": [0.001, -0.0005, 0.002],
+    "payload.link": "link6",
+}
+PRESLIDING = {
+    "presliding_hysteresis.displacement": [0.02, 0.0005],
+    "presliding_hysteresis.joint.wrist_roll": [0.002, 0.001],
+    "presliding_hysteresis.motor.elbow_pitch": [0.03, 0.02],
+}
 
 
 class Outside(Term):
@@ -82,25 +102,13 @@ def energy(plant: Plant) -> float:
     return float(0.5 * plant.v @ plant.mass_matrix() @ plant.v)
 
 
-@pytest.mark.parametrize("scale", [1.0, 0.25])
-def test_a_drag_that_is_known_by_its_torque_alone_gives_the_speed_that_balances_it(scale):
-    coefficient, effort = 1e-3, 4e-3
+def test_a_drag_that_is_known_by_its_torque_alone_gives_the_speed_that_balances_it():
+    scale, coefficient, effort = 0.25, 1e-3, 4e-3
     plant = moving(OutsideFriction(partial(drag, coefficient, ROLL)), friction_scale=scale)
     for _ in range(2500):
         plant.step(joint_vector(ROLL, effort))
         plant.q = ZERO  # it may turn for ever
     assert plant.v[ROLL] == pytest.approx(np.sqrt(effort / (scale * coefficient)), rel=1e-6)
-
-
-def test_a_drag_slows_down_as_its_formula_says():
-    coefficient, fast = 1e-3, 2.0
-    plant = moving(OutsideFriction(partial(drag, coefficient, ROLL)))
-    plant.reset(ZERO, joint_vector(ROLL, fast))
-    for _ in range(500):
-        plant.step(ZERO)
-    mass = inertia(ROLL)
-    expected = fast / (1.0 + coefficient * fast * plant.time / mass)
-    assert plant.v[ROLL] == pytest.approx(expected, rel=2e-3)
 
 
 def test_a_friction_far_beyond_what_an_explicit_step_bears_takes_energy_from_every_step():
@@ -160,14 +168,6 @@ def test_a_ramp_of_friction_creeps_under_an_effort_below_its_level_and_gives_way
     assert plant.v[ROLL] == pytest.approx(accelerating, rel=0.1)
 
 
-def test_a_friction_that_jumps_with_the_sign_sticks_as_a_creep_that_nobody_sees():
-    plant = moving(OutsideFriction(lambda q, qd: joint_vector(ROLL, 0.002) * np.sign(qd)))
-    plant.reset(ZERO, joint_vector(ROLL, 0.5))
-    for _ in range(2000):
-        plant.step(joint_vector(ROLL, 0.0015))
-    assert abs(plant.v[ROLL]) < 2 * SLOWEST
-
-
 def test_secant_damping_is_the_friction_and_has_no_negative_eigenvalue():
     random = np.random.default_rng(0)
     root = random.normal(size=(N, N))
@@ -187,21 +187,6 @@ def test_a_friction_that_gives_energy_is_taken_as_it_is():
     assert not damping.any()
 
 
-def test_a_belt_s_spring_is_a_torque_that_the_plant_has_to_bear():
-    plant = moving(
-        Outside(
-            lambda q, qd: 0.3 * np.sin(q[0] - q[1]) * (joint_vector(0, 1.0) - joint_vector(1, 1.0))
-        )
-    )
-    plant.reset(POSE)
-    expected = 0.3 * np.sin(POSE[0] - POSE[1])
-    np.testing.assert_allclose(
-        plant.smooth_torque(), joint_vector(0, expected) - joint_vector(1, expected)
-    )
-    plant.step(plant.smooth_torque())
-    assert not np.abs(plant.v).max() > 1e-12
-
-
 def test_what_is_in_the_effort_sensor_is_read_and_not_felt():
     plain, off = (
         SimulatedArm(moving(*terms))
@@ -218,50 +203,114 @@ def test_what_is_in_the_effort_sensor_is_read_and_not_felt():
     np.testing.assert_allclose(read.effort - plain.measure().effort, misread, atol=1e-15)
 
 
-def test_two_plants_of_one_model_do_not_share_friction_s_memory():
-    model = TorqueModel.from_parameters(
-        {
-            "presliding_hysteresis.displacement": [0.02],
-            "presliding_hysteresis.joint.wrist_roll": [0.002],
-        }
+@pytest.mark.parametrize("site", ["joint", "motor"])
+def test_the_plant_breaks_away_at_the_level_and_runs_where_the_sum_of_friction_is_the_effort(site):
+    level, coulomb, viscous, velocity = 0.004, 0.003, 0.001, 0.8
+    rock = np.r_[np.full(6, 9.0), 0.0]
+    levels = {"joint": ZERO, "motor": ZERO} | {site: joint_vector(6, level)}
+    plant = moving(
+        CoulombFriction(
+            ARM, rock + joint_vector(6, coulomb), rock + joint_vector(6, coulomb), ZERO, ZERO, ZERO
+        ),
+        ViscousFriction(ARM, joint_vector(6, viscous), ZERO),
+        StribeckFriction(
+            ARM,
+            *(levels[kind] for kind in ("joint", "motor")),
+            joint_vector(6, velocity),
+            joint_vector(6, velocity),
+            ZERO,
+        ),
     )
-    first, second = (Plant(model, TRUTH.links, TRUTH.rotor_inertia) for _ in range(2))
-    for _ in range(100):
-        first.step(joint_vector(ROLL, 0.001))
-    second.step(joint_vector(ROLL, 0.001))
-    alone = Plant(model, TRUTH.links, TRUTH.rotor_inertia)
-    alone.step(joint_vector(ROLL, 0.001))
-    np.testing.assert_array_equal(second.v, alone.v)
+    for sign in (1.0, -1.0):
+        plant.reset(ZERO)
+        for _ in range(50):
+            plant.step(joint_vector(6, 0.0069 * sign))
+        assert not plant.v.any()
+        for _ in range(4000):
+            plant.step(joint_vector(6, 0.0071 * sign))
+            plant.q[6] = 0.0  # it may turn for ever
+        # Beyond the hump of level exp(-(v / velocity)^2), viscous friction balances the effort.
+        speed = brentq(
+            lambda v: coulomb + viscous * v + level * np.exp(-((v / velocity) ** 2)) - 0.0071, 2, 9
+        )
+        assert plant.v[6] * sign == pytest.approx(speed, rel=1e-4)
 
 
-def effects_imported_by(path: Path) -> set[str]:
-    return {
-        alias.name
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ImportFrom)
-        and (node.module or "").startswith("dvrk_gravity.effects")
-        for alias in node.names
-    }
+def test_a_simulated_arm_reads_its_offsets_and_is_not_pushed_by_them():
+    bias = np.array([0.01, -0.02, 0.03, 0.004, 0.005, 0.006, 0.007])
+    values = TRUTH.model.parameters()
+    model = TorqueModel.from_parameters(
+        values | {"joint_offset": OFFSET.tolist(), "torque_offset": bias.tolist()}
+    )
+    arms = [SimulatedArm(Plant(m, TRUTH.links, TRUTH.rotor_inertia)) for m in (TRUTH.model, model)]
+    for arm in arms:
+        arm.plant.reset(POSE)
+        arm.hold()
+    np.testing.assert_allclose(arms[1].target, POSE + OFFSET)
+    for _ in range(300):
+        for arm in arms:
+            arm.step()
+    plain, off = (arm.measure() for arm in arms)
+    np.testing.assert_allclose(off.position - plain.position, OFFSET, atol=1e-9)
+    np.testing.assert_allclose(off.effort - plain.effort, bias, atol=1e-9)
+    arms[0].move_jp(POSE + 0.1)
+    arms[1].move_jp(POSE + 0.1 + OFFSET)
+    for _ in range(2000):
+        for arm in arms:
+            arm.step()
+    np.testing.assert_allclose(arms[1].plant.q, arms[0].plant.q, atol=1e-9)
 
 
-def test_the_simulator_names_no_effect():
-    """But for inertia: a model's prediction of it becomes the bodies that the plant moves."""
-    paths = (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
-    known = {path.name: effects_imported_by(path) for path in paths}
-    bodies = known.pop("model_plant.py")
-    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale", "assumed_rotors"}
-    assert set().union(*known.values()) == {
-        "PlantPart",
-        "assumed_inertias",
-        "assumed_rotors",
-        "terms",
-    }
+def test_the_plant_carries_a_payload_as_it_would_a_heavier_link():
+    loaded = Plant(
+        TorqueModel.from_parameters(TRUTH.model.parameters() | PAYLOAD),
+        TRUTH.links,
+        TRUTH.rotor_inertia,
+    )
+    body = pin.Inertia(0.05, np.array([0.02, -0.01, 0.04]), np.zeros((3, 3)))
+    heavier = Plant(
+        TRUTH.model, {**TRUTH.links, "link6": TRUTH.links["link6"] + body}, TRUTH.rotor_inertia
+    )
+    for plant in (loaded, heavier):
+        plant.reset(POSE)
+    np.testing.assert_allclose(loaded.mass_matrix(), heavier.mass_matrix(), atol=1e-15)
+    weight = build_tree(ARM, {"link6": body}, ARM.gravity).gravity(POSE)
+    np.testing.assert_allclose(loaded.smooth_torque() - heavier.smooth_torque(), weight, atol=1e-12)
 
 
-def test_what_hides_effects_has_its_physics_from_none_of_them():
-    """Only a world's model, which a diagnosis is given, consists of them."""
-    paths = (REPOSITORY / "testing").glob("*.py")
-    known = {path.name: effects_imported_by(path) for path in paths}
-    assert {"CoulombFriction", "LinkInertia"} < known.pop("world.py")
-    assert {"hide.py", "physics.py"} < set(known)
-    assert set().union(*known.values()) == {"PlantPart"}
+def test_the_plant_holds_a_push_by_presliding_and_yields_as_the_spring_that_it_is():
+    level, displacement, effort = 0.003, 0.02, 0.001
+    term = PreslidingHysteresis(
+        ARM, np.array([displacement]), joint_vector(6, level)[None], np.zeros((1, 7))
+    )
+    rock = np.r_[np.full(6, 9.0), 0.0]
+    plant = moving(
+        CoulombFriction(ARM, rock, rock, ZERO, ZERO, ZERO),
+        ViscousFriction(ARM, joint_vector(6, 0.01), ZERO),  # the way goes one way
+        term,
+    )
+    for _ in range(3000):
+        plant.step(joint_vector(6, effort))
+    # Dahl from rest: F = level (1 - exp(-x / displacement)).
+    expected = -displacement * np.log(1.0 - effort / level)
+    assert plant.q[6] == pytest.approx(expected, rel=2e-3)
+    for _ in range(3000):
+        plant.step(joint_vector(6, 1.5 * level))
+    assert plant.v[6] == pytest.approx(0.5 * level / 0.01, rel=1e-3)
+
+
+def test_the_plant_s_presliding_is_the_term_s_along_the_same_way():
+    term = TorqueModel.from_parameters(PRESLIDING).term("presliding_hysteresis")
+    assert isinstance(term, PreslidingHysteresis)
+    time = np.arange(3000) * 1e-3
+    q = 0.2 * np.sin(np.outer(time, np.linspace(5.0, 9.0, 7)))
+    state = State(q, np.gradient(q, 1e-3, axis=0))
+    expected = term.torque(state)
+    plant_s = term.plant().memory
+    assert plant_s is not None
+    torque = [plant_s.torque(ZERO)[0]]
+    for way in np.diff(q, axis=0):
+        plant_s.go(way)
+        torque.append(plant_s.torque(ZERO)[0])
+    # One starts relaxed, the other sliding: forgotten after the first half second.
+    np.testing.assert_allclose(np.array(torque)[500:], expected[500:], atol=1e-9)

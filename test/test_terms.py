@@ -1,4 +1,4 @@
-"""Each physical term: what it claims about torque, and that it dissipates where it should."""
+"""Each physical term as a formula: what it claims about torque, and that friction dissipates."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,
     ElasticCable,
-    Gravity,
+    PreslidingHysteresis,
     State,
+    StribeckFriction,
+    Term,
     ViscousFriction,
 )
 from dvrk_gravity.errors import ConfigError, ShapeError
@@ -29,42 +31,37 @@ RATIOS = arrays(float, 7, elements=st.floats(0, 1))
 
 
 def only(joint: int, value: float) -> np.ndarray:
-    array = np.zeros(7)
-    array[joint] = value
-    return array
+    return np.eye(7)[joint] * value
 
 
-def built(term, **values):
-    """The term from parameters named without its own name in front."""
-    given_values = {f"{term.NAME}.{name.replace('__', '.')}": v for name, v in values.items()}
-    return term.from_parameters(ARM, {k: _tuple(v) for k, v in given_values.items()})
+def built(term: type[Term], **values) -> Term:
+    """Return the term from parameters named without its own name in front."""
+    named = {f"{term.NAME}.{name.replace('__', '.')}": v for name, v in values.items()}
+    return term_of(**named)
 
 
-def _tuple(value):
-    return value if isinstance(value, str) else tuple(np.asarray(value, dtype=float).tolist())
+def term_of(**values) -> Term:
+    """Return the only term of a model with these parameters."""
+    listed = {k: v if isinstance(v, str) else np.ravel(v).tolist() for k, v in values.items()}
+    (term,) = TorqueModel.from_parameters({"arm": "mtmr", **listed}).terms
+    return term
 
 
 def torque(term, q=None, qd=None, direction=None) -> np.ndarray:
     return term.torque(State.of(np.zeros(7) if q is None else q, qd, direction=direction))
 
 
-# --- states ----------------------------------------------------------------------------------
+def test_arrays_whose_shape_is_not_that_of_the_positions_are_refused():
+    for shape in [(), (6,), (8,), (7, 3), (2, 0)]:
+        with pytest.raises(ShapeError, match=r"^q has shape"):
+            State.of(np.zeros(shape), joints=7)
+    for name in ("qd", "qdd", "direction"):
+        for shape in [(7,), (5, 6), (4, 7), (1, 7), ()]:
+            with pytest.raises(ShapeError, match=rf"^{name} has shape .*, expected \(5, 7\)"):
+                State.of(np.zeros((5, 7)), **{name: np.zeros(shape)})
 
 
-@pytest.mark.parametrize("shape", [(), (6,), (8,), (7, 3), (2, 0)])
-def test_positions_that_are_not_seven_joints_are_refused(shape):
-    with pytest.raises(ShapeError, match=r"^q has shape"):
-        State.of(np.zeros(shape), joints=7)
-
-
-@pytest.mark.parametrize("name", ["qd", "qdd", "direction"])
-@pytest.mark.parametrize("shape", [(7,), (5, 6), (4, 7), (1, 7), ()])
-def test_arrays_whose_shape_is_not_that_of_the_positions_are_refused(name, shape):
-    with pytest.raises(ShapeError, match=rf"^{name} has shape .*, expected \(5, 7\), as q"):
-        State.of(np.zeros((5, 7)), **{name: np.zeros(shape)})
-
-
-# --- elastic cable ---------------------------------------------------------------------------
+# --- cables ----------------------------------------------------------------------------------
 
 
 def test_elastic_torque_is_the_polynomial_of_its_own_joint_only():
@@ -90,25 +87,6 @@ def test_outside_the_fitted_range_the_torque_is_that_of_the_edge(term):
     assert torque(cable, only(ELBOW, 0.2))[ELBOW] == pytest.approx(
         np.polyval(coefficients[::-1], 0.2)
     )
-
-
-def test_a_range_upside_down_is_refused_with_the_joint_s_name():
-    with pytest.raises(ConfigError, match=r"valid_lower of wrist_platform: got 0\.5,"):
-        built(
-            ElasticCable,
-            wrist_platform=[1.0, 2.0],
-            valid_lower=only(PLATFORM, 0.5),
-            valid_upper=only(PLATFORM, 0.4),
-        )
-
-
-@pytest.mark.parametrize("term", [ElasticCable, DirectionalCable, CoulombFriction,
-                                  ViscousFriction, Gravity])  # fmt: skip
-def test_a_term_that_nothing_mentions_is_absent(term):
-    assert term.from_parameters(ARM, {}) is None
-
-
-# --- directional cable -----------------------------------------------------------------------
 
 
 def cable(**values) -> DirectionalCable:
@@ -157,21 +135,9 @@ def test_a_pose_s_direction_overrides_the_velocity_and_the_ratio():
         np.testing.assert_allclose(torque(term, qd=qd, direction=direction), 3.0 + direction)
 
 
-def test_without_motion_the_two_sets_are_averaged():
-    np.testing.assert_allclose(torque(cable()), 3.0)
-
-
 def test_the_arm_itself_has_the_whole_difference_whatever_the_console_applies():
     model = TorqueModel(ARM, (cable(ratio=[0.3] * 7),)).physical()
     np.testing.assert_allclose(model.torque(np.zeros(7), np.full(7, 2.0)), 4.0)
-
-
-def test_sets_of_different_degree_are_refused():
-    sets = {f"positive.{JOINT_NAMES[0]}": [1.0, 2.0], f"negative.{JOINT_NAMES[0]}": [1.0]}
-    with pytest.raises(ConfigError, match="got '1 coefficients', expected as many coefficients"):
-        built(DirectionalCable, **sets)
-    with pytest.raises(ConfigError, match="got nothing, expected as many coefficients"):
-        built(DirectionalCable, **{f"positive.{JOINT_NAMES[0]}": [1.0, 2.0]})
 
 
 def test_a_blend_that_cannot_rise_is_refused_with_the_joint_s_name():
@@ -181,20 +147,13 @@ def test_a_blend_that_cannot_rise_is_refused_with_the_joint_s_name():
         cable(ratio=only(ELBOW, 1.5))
 
 
-# --- Coulomb friction ------------------------------------------------------------------------
+# --- friction --------------------------------------------------------------------------------
 
 
 def test_joint_friction_acts_along_its_joint_s_motion_with_a_level_for_each_direction():
     term = built(CoulombFriction, joint_positive=[0.3] * 7, joint_negative=[0.1] * 7)
     np.testing.assert_allclose(torque(term, qd=np.full(7, 0.5)), 0.3)
     np.testing.assert_allclose(torque(term, qd=np.full(7, -0.5)), -0.1)
-
-
-def test_a_direction_that_is_not_given_has_the_other_s_level():
-    for name in ("joint_positive", "joint_negative"):
-        term = built(CoulombFriction, **{name: [0.2] * 7})
-        np.testing.assert_allclose(torque(term, qd=np.full(7, 9.0)), 0.2)
-        np.testing.assert_allclose(torque(term, qd=np.full(7, -9.0)), -0.2)
 
 
 def test_the_elbow_motor_s_friction_follows_q2_plus_q3_and_loads_both_joints():
@@ -212,12 +171,6 @@ def test_friction_rises_linearly_up_to_the_transition_velocity():
     term = built(CoulombFriction, joint_positive=[0.4] * 7, transition_velocity=[0.1] * 7)
     for speed, part in ((0.0, 0.0), (0.025, 0.25), (-0.05, -0.5), (0.1, 1.0), (3.0, 1.0)):
         np.testing.assert_allclose(torque(term, qd=np.full(7, speed)), 0.4 * part)
-
-
-def test_a_transition_velocity_of_zero_makes_it_a_sign_function():
-    term = built(CoulombFriction, joint_positive=[0.4] * 7, transition_velocity=[0.0] * 7)
-    for speed, sign in ((0.0, 0), (1e-6, 1), (-1e-6, -1)):
-        np.testing.assert_allclose(torque(term, qd=np.full(7, speed)), 0.4 * sign)
 
 
 @pytest.mark.parametrize("transition", [0.0, 0.02, 5.0])
@@ -240,9 +193,6 @@ def test_coulomb_friction_never_gives_power_back(up, down, motor_up, motor_down,
     assert qd @ torque(term, qd=qd) >= -1e-12
 
 
-# --- viscous friction ------------------------------------------------------------------------
-
-
 @given(LEVELS, LEVELS, VELOCITIES)
 def test_viscous_friction_is_linear_and_never_gives_power_back(joint, motor, qd):
     term = ViscousFriction(ARM, joint, motor)
@@ -254,14 +204,60 @@ def test_viscous_friction_is_linear_and_never_gives_power_back(joint, motor, qd)
     assert qd @ friction == pytest.approx(power, abs=1e-9)
 
 
-def test_the_elbow_motor_s_viscosity_couples_shoulder_and_elbow():
-    term = built(ViscousFriction, motor=only(ELBOW, 2.0))
+def stribeck(site: str, joint: int, level: float, velocity: float) -> Term:
+    values = {site: only(joint, level), f"{site}_velocity": only(joint, velocity)}
+    return built(StribeckFriction, **values)
+
+
+def test_stribeck_friction_falls_with_the_square_of_the_speed():
+    term = stribeck("joint", PLATFORM, 0.04, 0.2)
+    for speed in (0.02, -0.1, 0.25, 1.0):
+        expected = 0.04 * np.exp(-((speed / 0.2) ** 2)) * np.sign(speed)
+        np.testing.assert_allclose(
+            torque(term, qd=only(PLATFORM, speed)), only(PLATFORM, expected), atol=1e-15
+        )
+    for way in (1.0, -1.0):
+        assert torque(term, direction=only(PLATFORM, way))[PLATFORM] == way * 0.04
+    of_motor = stribeck("motor", ELBOW, 0.04, 0.2)
+    turning = torque(of_motor, qd=only(SHOULDER, 0.05) + only(ELBOW, 0.05))
+    np.testing.assert_allclose(turning, 0.04 * np.exp(-0.25) * (only(SHOULDER, 1) + only(ELBOW, 1)))
+    assert not torque(of_motor, qd=only(SHOULDER, 0.5) - only(ELBOW, 0.5)).any()
+
+
+def presliding(displacement: float, level: float) -> PreslidingHysteresis:
+    joint = only(PLATFORM, level)[None]
+    return PreslidingHysteresis(ARM, np.array([displacement]), joint, np.zeros((1, 7)))
+
+
+def test_presliding_builds_up_over_its_displacement():
+    level, displacement = 0.02, 0.03
+    way = np.linspace(0.0, 0.3, 400)
+    there_and_back = np.concatenate([way, way[-2::-1]])
+    q = there_and_back[:, None] * only(PLATFORM, 1.0)
+    motion = State(q, np.gradient(q, 0.005, axis=0))
+    friction = presliding(displacement, level).torque(motion)[:, PLATFORM]
+    assert friction[399] == pytest.approx(level)
+    back = 0.3 - there_and_back[399:]
+    # Dahl 1968, solved: from +level towards -level.
+    expected = level * (2.0 * np.exp(-back / displacement) - 1.0)
+    np.testing.assert_allclose(friction[399:], expected, atol=1e-9)
+
+
+def test_presliding_is_full_where_a_pose_was_approached_and_relaxed_at_rest():
+    term = presliding(0.02, 0.01)
+    direction = np.array([[1.0] * 7, [-1.0] * 7])
     np.testing.assert_allclose(
-        torque(term, qd=only(SHOULDER, 1.0)), only(SHOULDER, 2.0) + only(ELBOW, 2.0)
+        torque(term, np.zeros((2, 7)), direction=direction), direction * only(PLATFORM, 0.01)
     )
+    assert not torque(term).any()
+    q = np.linspace(0.0, 0.001, 50)[:, None] * np.ones(7)
+    for first, slides in ((0.1, 1.0), (-0.1, -1.0), (0.0, 0.0), (1e-16, 0.0), (-1e-16, 0.0)):
+        qd = np.full_like(q, 0.1)
+        qd[0] = first
+        assert term.torque(State(q, qd))[0, PLATFORM] == pytest.approx(0.01 * slides, abs=1e-15)
 
 
-# --- all of them -----------------------------------------------------------------------------
+# --- what the compensator takes of it --------------------------------------------------------
 
 
 def all_terms() -> TorqueModel:
@@ -272,19 +268,8 @@ def all_terms() -> TorqueModel:
     values |= {f"directional_cable.negative.{joint}": [0.1, 0.2] for joint in JOINT_NAMES}
     values |= {"coulomb_friction.joint_positive": seven, "coulomb_friction.motor_positive": seven}
     values |= {"viscous_friction.joint": seven, "viscous_friction.motor": seven}
+    values |= {"stribeck_friction.joint": seven, "stribeck_friction.joint_velocity": [0.5] * 7}
     return TorqueModel.from_parameters(values)
-
-
-def test_without_velocity_friction_is_nothing_and_the_rest_goes_on():
-    model, q = all_terms(), np.full(7, 0.2)
-    for name in ("coulomb_friction", "viscous_friction"):
-        np.testing.assert_array_equal(model.term(name).torque(State(q)), np.zeros(7))
-    rest = sum(
-        model.term(name).torque(State(q))
-        for name in ("gravity", "elastic_cable", "directional_cable")
-    )
-    np.testing.assert_allclose(model.torque(q), rest)
-    assert np.abs(rest).min() > 0
 
 
 def test_the_gravity_flag_leaves_out_gravity_and_nothing_else():
@@ -296,21 +281,6 @@ def test_the_gravity_flag_leaves_out_gravity_and_nothing_else():
     np.testing.assert_allclose(without.torque(q, qd), model.torque(q, qd) - weight, atol=1e-14)
     batch = np.tile(q, (3, 1))
     np.testing.assert_array_equal(without.term("gravity").torque(State(batch)), np.zeros((3, 7)))
-
-
-def test_gravity_s_direction_is_that_of_the_parameter():
-    model, q = all_terms(), np.full(7, 0.2)
-    for factor in (2.0, 0.0, -1.0):
-        vector = (0.0, 0.0, -9.81 * factor)
-        turned = TorqueModel.from_parameters(model.parameters() | {"gravity_vector": vector})
-        np.testing.assert_allclose(
-            turned.term("gravity").torque(State(q)),
-            factor * model.term("gravity").torque(State(q)),
-            atol=1e-14,
-        )
-
-
-# --- what the compensator takes of it --------------------------------------------------------
 
 
 def compensated(ratio, dead_band=(0.0,) * 7) -> Settings:
@@ -345,16 +315,6 @@ def test_compensation_never_pushes_with_more_power_than_friction_takes(ratio, qd
     assert -1e-10 <= qd @ pushed <= qd @ friction + 1e-10
 
 
-def test_the_ratio_scales_friction_only_joint_by_joint():
-    ratio = np.zeros(7)
-    ratio[[0, 5]] = 1.0, 0.5
-    q, qd = np.full(7, 0.2), np.full(7, 0.4)
-    whole = FULL.torque(q, qd) - NONE.torque(q, qd)
-    part = compensated(ratio).torque(q, qd) - NONE.torque(q, qd)
-    np.testing.assert_allclose(part, ratio * whole, atol=1e-14)
-    assert np.abs(NONE.torque(q, qd)).min() > 0.01
-
-
 def test_below_the_dead_band_no_friction_is_compensated():
     banded = compensated(np.ones(7), (0.3,) * 7)
     q = np.full(7, 0.2)
@@ -365,6 +325,17 @@ def test_below_the_dead_band_no_friction_is_compensated():
     np.testing.assert_allclose(banded.torque(q, qd), FULL.torque(q, qd), atol=1e-14)
 
 
-def test_only_friction_can_be_scaled():
-    with pytest.raises(NotImplementedError, match="gravity is no friction"):
-        all_terms().term("gravity").scaled(np.ones(7))
+def test_the_compensator_applies_neither_inertia_nor_what_needs_a_past():
+    values = {
+        "arm": "mtmr",
+        "beta": [0.1] * 10,
+        "link_inertia.link2": [1.0] * 10,
+        "rotor_inertia.motor": [0.1] * 7,
+        "presliding_hysteresis.displacement": [0.1],
+        "presliding_hysteresis.joint.wrist_platform": [0.02],
+    }
+    plain = Settings.from_parameters({"arm": "mtmr", "beta": [0.1] * 10})
+    q, qd = np.random.default_rng(8).normal(size=(2, 7))
+    np.testing.assert_array_equal(
+        Settings.from_parameters(values).torque(q, qd), plain.torque(q, qd)
+    )

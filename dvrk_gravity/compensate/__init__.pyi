@@ -1,3 +1,4 @@
+from .command_watch import CommandWatch as CommandWatch
 from .following import LAG as LAG
 from .following import Following as Following
 from .following import MotionError as MotionError

@@ -70,7 +70,7 @@ def _parsed(text: str) -> Any:
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
             raise yaml.YAMLError(f"nested deeper than {DEEPEST} levels")
-    return yaml.load(text, Loader=_Loader)
+    return yaml.load(text, Loader=_Loader)  # noqa: S506  # derived from the safe one
 
 
 def load(path: str | Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty, Float64, String
 
+from dvrk_gravity.compensate import CommandWatch
 from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
@@ -43,8 +44,7 @@ class Watchdog(PromptNode):
         values |= check_all(table, given, BY_EFFECTS)
         timeout = values["watchdog_timeout"]
         assert isinstance(timeout, float)  # check_all returns it so
-        self._timeout = timeout
-        self._last: float | None = None  # time of the last command; None: the arm is held
+        self._watch = CommandWatch(timeout)
         topic = CommandTopic.of(values)
         self._hold = Hold(self, Presence(self, any_subscriber=topic.as_array).listens)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -55,27 +55,22 @@ class Watchdog(PromptNode):
         )
         self.create_subscription(Empty, HOLD, self._on_hold, 10)
         self.create_publisher(Float64, TIMEOUT_TOPIC, latched).publish(Float64(data=timeout))
-        self.create_timer(self._timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
-        self._report(f"watching {topic.name}: hold after {self._timeout:g} s without a command")
+        self.create_timer(timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
+        self._report(f"watching {topic.name}: hold after {timeout:g} s without a command")
 
     def _on_command(self, data: bytes, info: object) -> None:
-        if self._last is None:
+        if self._watch.note_command(time.monotonic()):
             self._hold.drop()
             self._report("the arm is commanded")
-        self._last = time.monotonic()
 
     def _on_hold(self, _: Empty) -> None:
-        if not self._hold.echo() and self._last is not None:
-            self._last = None
+        if not self._hold.echo() and self._watch.note_hold():
             self._report("the arm holds: its commands ended with a hold")
 
     def _on_watch(self) -> None:
         self._hold.look()
-        if self._last is None:
-            return
-        silence = time.monotonic() - self._last
-        if silence > self._timeout:
-            self._last = None
+        silence = self._watch.check(time.monotonic())
+        if silence:
             self._hold.send()
             text = f"hold sent: no command for {silence:.3f} s and no hold before"
             self._state.publish(String(data=text))
@@ -92,7 +87,7 @@ class Watchdog(PromptNode):
 
         A compensator that is asked to end at the same time holds it itself.
         """
-        runtime.outlive(self, lambda: self._last is not None, _OUTLIVES)
-        if self._last is not None:
+        runtime.outlive(self, lambda: self._watch.commanded, _OUTLIVES)
+        if self._watch.commanded:
             self._hold.send()
         return self._hold.settle()

@@ -146,7 +146,7 @@ class FakeArm:
         stamp = stamp_of(message)
         self.measured.publish(message)
         self.send()
-        self.client.wait(lambda: self.stamp in self.answers, "an answer to a good message", 5.0)
+        self.client.wait(lambda: self.stamp in self.answers, "an answer to a good message", 15.0)
         return self.answers.get(stamp)
 
     @property

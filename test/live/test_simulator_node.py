@@ -1,0 +1,151 @@
+"""The simulator node over DDS: a process of its own, judged by its topics and exit status."""
+
+from __future__ import annotations
+
+import numpy as np
+from made_up_arm import write
+from robots import UR5
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Empty, Float64MultiArray
+
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.ros import Client, NodeProcess
+from dvrk_gravity.simulate import PlantFile
+
+POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
+STATES = ("measured_js", "setpoint_js", "gravity_compensation/setpoint_js")
+
+
+def simulator(*parameters: str, **options) -> NodeProcess:
+    arguments = [word for parameter in parameters for word in ("-p", parameter)]
+    return NodeProcess("simulator", *arguments, **options)
+
+
+class User(Client):
+    """A user of the arm, who sees ``seen`` by topic and publishes by ``send``."""
+
+    def __init__(self, **commands: type) -> None:
+        super().__init__()
+        self.seen: dict[str, list[JointState]] = {topic: [] for topic in STATES}
+        for topic, kept in self.seen.items():
+            self.node.create_subscription(JointState, topic, kept.append, 100)
+        made = {name: self.node.create_publisher(kind, name, 10) for name, kind in commands.items()}
+        self.send = {name: topic.publish for name, topic in made.items()}
+        self.topics = made.values()
+
+    def connect(self) -> None:
+        self.wait(lambda: self.connected(*self.topics) and all(self.seen.values()), "the arm")
+
+    def fresh(self, topic: str, count: int = 1) -> JointState:
+        """Return a message that comes after some others."""
+        goal = len(self.seen[topic]) + count
+        self.wait(lambda: len(self.seen[topic]) >= goal, f"{count} of {topic}")
+        return self.seen[topic][-1]
+
+    @property
+    def position(self) -> np.ndarray:
+        return np.array(self.seen["measured_js"][-1].position)
+
+    def speed(self, count: int = 100) -> float:
+        """Return the largest of the last so many samples, rad/s."""
+        return float(np.abs([m.velocity for m in self.seen["measured_js"][-count:]]).max())
+
+
+def test_it_publishes_and_obeys_as_an_mtm_does(domain):
+    commands = dict.fromkeys(("servo_jf", "servo_jp", "simulator/push_jf"), JointState)
+    commands |= {"hold": Empty, "free": Empty, "use_gravity_compensation": Bool}
+    measured, setpoint, own = STATES
+    with simulator(f"initial_position:={POSE.tolist()}"), User(**commands) as user:
+        user.connect()
+        send = user.send
+        assert tuple(user.fresh(measured, 300).name) == JOINT_NAMES
+        # Stamps count simulated time: a reader that is late may lose messages, never fractions.
+        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in user.seen[measured]]
+        steps, beside = np.divmod(np.diff(stamps[-300:]), 1_000_000)
+        assert not beside.any()
+        assert (steps > 0).all()
+        assert np.median(steps) == 1
+        assert np.abs(user.position - POSE).max() < 0.02
+        weight = np.array(user.seen[own][-1].effort)
+        assert np.abs(weight[1:3]).min() > 0.1
+        # An effort adds to the arm's own compensation, and lasts; what is no effort is ignored.
+        send["servo_jf"](JointState(effort=(0.1 * weight).tolist()))
+        user.wait(lambda: not user.seen[setpoint][-1].position, "effort mode")
+        ratio = np.array(user.fresh(setpoint).effort)[1:3] / weight[1:3]
+        np.testing.assert_allclose(ratio, 1.1, atol=0.1)
+        send["use_gravity_compensation"](Bool(data=False))
+        send["servo_jf"](JointState(name=["whatever"], effort=weight.tolist()))
+        user.wait(lambda: not any(user.seen[own][-1].effort), "its own compensation off")
+        user.wait(lambda: np.allclose(user.seen[setpoint][-1].effort, weight), "the effort")
+        for wrong in ([0.0] * 6, [float("nan")] * 7):
+            send["servo_jf"](JointState(effort=wrong))
+        user.fresh(measured, 300)
+        np.testing.assert_allclose(user.fresh(setpoint).effort, weight)
+        # Free, it falls; hold catches it.
+        before = user.position
+        send["free"](Empty())
+        user.wait(lambda: np.abs(user.position - before).max() > 0.15, "falling")
+        send["hold"](Empty())
+        user.wait(lambda: user.speed() < 0.1, "rest")
+        rest = user.position
+        user.fresh(measured, 300)
+        assert np.abs(user.position - rest)[:4].max() < 0.005
+        # It goes where it is sent, and setpoint_js says where.
+        goal = rest + 0.01
+        send["servo_jp"](JointState(position=goal.tolist()))
+        user.wait(
+            lambda: np.allclose(user.seen[setpoint][-1].position or [9.0], goal, atol=1e-9), "there"
+        )
+        user.wait(lambda: user.position[0] - rest[0] > 0.008, "the arm there")
+        # Free on its own compensation, a push moves it, and ends.
+        send["use_gravity_compensation"](Bool(data=True))
+        user.wait(lambda: any(user.seen[own][-1].effort), "its own compensation on")
+        send["free"](Empty())
+        begin = user.position[0]
+
+        def pushed() -> bool:
+            send["simulator/push_jf"](JointState(effort=[0.4] + [0.0] * 6))
+            return user.position[0] - begin > 0.05
+
+        user.wait(pushed, "moving")
+        user.wait(lambda: user.speed(20) < 0.05, "coming to rest by itself")
+
+
+def test_another_arm_obeys_an_array_and_reads_its_efforts_in_amperes(tmp_path, domain):
+    gains = np.array([2.0, 4.0, 5.0, 10.0])
+    path = write(tmp_path, {"drive_gains": gains.tolist()})
+    start = [0.1, 0.2, 0.1, 0.3]
+    given = (f"arm:={path}", "output:=array", f"initial_position:={start}")
+    with (
+        simulator(*given, "builtin_gravity_compensation:=false"),
+        User(commands=Float64MultiArray) as user,
+    ):
+        user.connect()
+        made_up = Arm.load(str(path))
+        first = user.seen["measured_js"][-1]
+        assert tuple(first.name) == made_up.joint_names
+        np.testing.assert_allclose(first.position, start, atol=1e-3)
+        plant = PlantFile.of(made_up).plant()
+        plant.reset(np.array(first.position))
+        np.testing.assert_allclose(first.effort, plant.smooth_torque() / gains, atol=1e-3)
+        # No effort: the insertion slides by its weight.
+        user.send["commands"](Float64MultiArray(data=[0.0] * 4))
+        user.wait(lambda: abs(user.position[2] - start[2]) > 0.01, "sliding")
+
+
+def test_a_wrong_parameter_is_one_line_and_status_2(domain):
+    wrong = {
+        "friction_scale:=-1.0": "friction_scale: got -1.0",
+        "friction_scal:=1.0": "friction_scale?",
+        "initial_position:=[0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]": "shoulder_pitch",
+        "arm:=nothing": "arm: got 'nothing'",
+        f"plant:={UR5}": "mtmr",
+    }
+    started = [
+        (simulator(*(("arm:=mtmr", given) if "plant" in given else (given,))), token)
+        for given, token in wrong.items()
+    ]
+    for process, token in started:
+        assert process.wait(30.0) == 2
+        assert token in process.output
+        assert len(process.lines) == 1

@@ -1,0 +1,170 @@
+"""A load: at a place that is stated or anywhere likely, with its mass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import known_ecm
+import numpy as np
+import pytest
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.diagnosis import build, diagnose, load
+from dvrk_gravity.diagnosis.inference import load_posterior
+from dvrk_gravity.effects import (
+    Payload,
+    PayloadHypothesis,
+    Site,
+    State,
+    mass_directions,
+    place_of,
+    place_terms,
+    point_mass_directions,
+)
+from dvrk_gravity.errors import ConfigError
+
+PSM = Arm.load("psm")
+LINK2 = PSM.body_names.index("link2")
+
+
+def carried(link: str, mass: float, place: tuple[float, float, float]):
+    """Return the torque of a point mass on a link of the small arm."""
+    kilogram = Payload(known_ecm.ARM, link, 1.0, np.array(place), known_ecm.ARM.gravity)
+    return lambda q, qd, qdd: mass * kilogram.torque(State(q, qd, qdd))
+
+
+# --- where it is -----------------------------------------------------------------------------
+
+
+def test_a_place_is_named_by_link_or_joint():
+    for joint, link in (("pitch", "link2"), ("insertion", "link3")):
+        by_joint, by_link = (place_of(PSM, f"{name}:0.024,0.535,0") for name in (joint, link))
+        assert by_joint[0] == by_link[0] == PSM.body_names.index(link)
+        np.testing.assert_allclose(by_joint[1], (0.024, 0.535, 0.0))
+
+
+def test_without_coordinates_it_is_where_the_next_link_is_attached():
+    for arm in map(Arm.load, ("psm", "mtmr", "ecm")):
+        body, end = place_of(arm, arm.joint_names[0])
+        following = arm.bodies[place_of(arm, arm.joint_names[1])[0]]
+        frame = arm.bodies[body].frame
+        np.testing.assert_allclose(frame.act(end), following.placement.translation, atol=1e-12)
+        np.testing.assert_allclose(place_of(arm, arm.joint_names[-1])[1], 0.0)
+
+
+@pytest.mark.parametrize(
+    "text", ["gripper", "pitch:1,2", "pitch:a,0,0", "pitch:0,3.5,0", "pitch:nan,0,0", ":0,0,0"]
+)
+def test_a_place_that_is_none_is_refused_in_one_line(text):
+    with pytest.raises(ConfigError, match=r"^--payload-at") as refused:
+        place_of(PSM, text)
+    said = str(refused.value)
+    assert "\n" not in said
+    if text.split(":")[0] not in PSM.joint_names:
+        assert {"link2", "insertion"} <= set(said.replace(",", "").split())
+    assert place_of(PSM, "pitch:0,3,0")[1].tolist() == [0.0, 3.0, 0.0]
+
+
+def test_a_load_that_the_recording_cannot_show_is_refused():
+    recording, model = known_ecm.recorded(1, 9.0), known_ecm.model()
+    for at, joints in (("link1:0,0,0", 4), ("link2", 3)):
+        kept = slice(0, joints)
+        few = replace(
+            recording, joints=recording.joints[kept], position=recording.position[:, kept],
+            velocity=recording.velocity[:, kept], effort=recording.effort[:, kept],
+        )  # fmt: skip
+        with pytest.raises(ConfigError, match=rf"--payload-at: got '{at}'"):
+            build(few, model, {"roll": 0.0} if joints < 4 else {}, payload_at=at)
+
+
+# --- what it weighs --------------------------------------------------------------------------
+
+
+def test_a_point_mass_is_quadratic_in_its_place():
+    place = np.array([0.02, -0.3, 0.1])
+    for body in range(len(PSM.bodies)):
+        whole = point_mass_directions(PSM, body) @ place_terms(place[None])[0]
+        linear = mass_directions(PSM, body, place) @ [1.0, *place]
+        np.testing.assert_allclose(whole, linear, atol=1e-12)
+
+
+def test_intervals_of_mass_hold_the_mass_whatever_its_place():
+    """Weight and inertia about one axis: moments are seen well, the inertia to a tenth."""
+    random = np.random.default_rng(0)
+    columns = np.zeros((4, 10))
+    columns[0, 1] = columns[1, 2] = 1.0 / 0.001  # moments m x, m y, to 1 g·m
+    columns[2, [4, 5]] = 1.0 / 0.002  # m (x² + y²), to 2 g·m²
+    held, trials = 0, 40
+    for _ in range(trials):
+        mass, place = random.uniform(0.05, 0.3), 0.4 * random.normal(size=3)
+        seen = columns @ place_terms(place[None])[0] * mass + random.normal(size=4)
+        form = load_posterior._Form(columns.T @ columns, columns.T @ seen, 5.0)
+        places, _ = load_posterior._tempered(form, 0.4, random)
+        low, high = np.percentile(form.draw(places, random), [2.5, 97.5])
+        held += bool(low <= mass <= high)
+    assert held >= 0.9 * trials
+
+
+def test_a_load_is_near_its_link_and_not_too_heavy():
+    """A PSM's link 2 is half a metre long, its plausible extent; twice that is likely."""
+    free = PayloadHypothesis(arm=PSM, site=Site.link(LINK2), setting=dict.fromkeys("xyz", 0.0))
+    for mass, place, likely, possible in (
+        (0.105, 0.535, True, True), (0.2, 0.99, True, True), (0.1, 1.5, False, True),
+        (0.1, 1.99, False, True), (0.1, 2.01, False, False), (0.0004, 30.0, False, False),
+        (4.9, 0.1, True, True), (500.0, 0.1, True, False), (-0.1, 0.1, True, False),
+    ):  # fmt: skip
+        theta = mass * np.array([1.0, 0.0, place, 0.0])
+        assert (free.likely(theta), free.plausible(theta)) == (likely, possible), (mass, place)
+    assert not free.likely(np.array([0.0, 0.0, 0.01, 0.0]))
+    removed = replace(free, against_reference=True)
+    assert removed.plausible(np.array([-0.1, 0.0, -0.01, 0.0])), "a reference may have had more"
+
+
+def test_a_load_that_fits_best_far_away_is_tried_where_it_is_likely():
+    free = PayloadHypothesis(arm=PSM, site=Site.link(LINK2), setting=dict.fromkeys("xyz", 0.0))
+    assert free.confined(0.2 * np.array([1.0, 0.0, 0.8, 0.0])) is None
+    there = free.confined(0.004 * np.array([1.0, 0.0, 5.0, 0.0]))
+    assert there.setting == pytest.approx({"x": 0.0, "y": 1.0, "z": 0.0})
+    assert there.likely(np.array([0.004]))
+    assert there.parameters(np.array([0.1]))["first_moment_y"] == pytest.approx(0.1)
+    assert type(there.unconfined) is PayloadHypothesis
+    # One that fits as less than nothing, where its weight points.
+    taken_off = np.array([-0.1, 0.0, 0.05, 0.0])
+    assert free.confined(taken_off).setting["y"] == pytest.approx(1.0)
+    assert replace(free, against_reference=True).confined(taken_off) is None
+
+
+def test_a_second_load_becomes_part_of_the_link_that_carries_it():
+    motion = load([known_ecm.recorded(1, 9.0)], known_ecm.model()).motion
+    free = PayloadHypothesis(
+        arm=motion.arm, site=Site.link(motion.arm.body_names.index("link3")),
+        setting={"x": 0.01, "y": 0.02, "z": 0.05},
+    )  # fmt: skip
+    theta = 0.3 * np.array([1.0, 0.01, 0.02, 0.05])
+    values = dict(motion.model.parameters())
+    for expected in (0.3, 0.6):
+        values = free.merge(values, theta, motion)
+        model = known_ecm.TorqueModel.from_parameters(values)
+        added = motion.torque_at(motion.q, model) - motion.modelled
+        wanted = free.regressor(motion) @ theta * expected / 0.3
+        np.testing.assert_allclose(added, wanted, atol=1e-9)
+    assert values["payload.mass"] == 0.3
+
+
+# --- found -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.5])
+def test_a_stated_load_is_a_finding_only_where_the_recording_shows_it(mass):
+    place = (0.03, 0.15, 0.0)
+    recording = known_ecm.recorded(5, 10.0, carried("link2", mass, place))
+    at = "link2:" + ",".join(map(str, place))
+    found = diagnose(recording, known_ecm.model(), payload_at=at)
+    known = [each for each in found.known if each.effect == "payload"]
+    (shown,) = [*known, *found.findings]
+    assert shown.effect == "payload"
+    assert len(known) == (mass == 0.0)
+    weighed = shown.parameters["mass"]
+    assert weighed.low - 0.03 <= mass <= weighed.high + 0.03
+    assert weighed.value == pytest.approx(mass, abs=0.05)
+    assert (found.verdict == "nothing_to_explain") == (mass == 0.0)
