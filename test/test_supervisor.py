@@ -203,10 +203,10 @@ def test_a_torque_that_is_not_finite_is_an_error_that_names_the_joint():
     loop = SupervisorInLoop(**cable, **AT_ONCE)
     near, far = Q.copy(), Q.copy()
     near[6], far[6] = 0.0, 3.0
-    assert loop.first(position=near) is not None
-    assert np.isfinite(loop.send(after=0.09, position=Q)).all()
-    assert loop.send(after=0.09, position=far - 0.6 * np.eye(7)[6]) is not None
-    assert loop.send(after=0.09, position=far) is None
+    assert loop.first(position=near, velocity=[]) is not None
+    assert np.isfinite(loop.send(after=0.09, position=Q, velocity=[])).all()
+    assert loop.send(after=0.09, position=far - 0.6 * np.eye(7)[6], velocity=[]) is not None
+    assert loop.send(after=0.09, position=far, velocity=[]) is None
     assert (loop.status, loop.holds) == (Status.FAULT, 1)
     assert "wrist_roll" in loop.reason
     assert loop.send() is None

@@ -181,11 +181,36 @@ def test_a_velocity_that_contradicts_the_positions_drives_no_joint():
     loop.first()
     at_rest = loop.send()
     wrong = [0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 1e6]
-    loop.run(0.5, velocity=wrong)
+    loop.run(0.05, velocity=wrong)
     np.testing.assert_allclose(loop.send(velocity=wrong), at_rest, atol=1e-9)
     assert loop.supervisor.doubtful.tolist() == [False, True, False, False, False, False, True]
     loop.run(0.5)
     assert not loop.supervisor.doubtful.any()
+
+
+def test_positions_and_velocities_of_two_motions_end_in_a_hold():
+    for velocity, drift in ((0.5, 0.0), (-0.5, 0.0), (0.0, 0.06), (0.0, -0.06)):
+        loop = SupervisorInLoop(**AT_ONCE)
+        loop.first()
+        speed, position = velocity * np.eye(7)[1], Q.copy()
+        answered = 0
+        while loop.status is not Status.FAULT and answered < 1000:
+            position[1] += 0.002 * drift
+            answered += loop.send(position=position.copy(), velocity=speed) is not None
+        assert (loop.status, loop.holds) == (Status.FAULT, 1)
+        assert ARM.joint_names[1] in loop.reason
+        assert 0.1 < 0.002 * answered < 1.0
+
+
+def test_a_velocity_that_lags_or_is_half_as_large_again_is_no_contradiction():
+    for factor, lag in ((1.4, 0.0), (0.7, 0.0), (1.0, 0.05)):
+        loop = SupervisorInLoop(**AT_ONCE)
+        loop.first()
+        for k in range(2000):
+            time = 0.002 * k
+            position = Q + 0.2 * (1.0 - np.cos(3.0 * time)) * np.eye(7)[1]
+            speed = factor * 0.6 * np.sin(3.0 * max(time - lag, 0.0)) * np.eye(7)[1]
+            assert loop.send(position=position, velocity=speed) is not None, (factor, lag)
 
 
 def test_reported_and_observed_velocity_may_differ_by_half_of_the_larger():

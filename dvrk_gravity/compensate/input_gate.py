@@ -29,6 +29,8 @@ SLACK, SHARE = 0.5, 0.5
 # MTM's wrist_yaw, which repeats old velocities for 0.2 s, reaches 0.85 of that, all other joints of
 # real recordings 0.6.
 SLOW, TRUSTED, ASTRAY, LATE, RECENT = 0.02, 0.7, 0.02, 0.12, 0.2
+# But no sooner than in this time, s: a single wrong velocity is no fault.
+SOONEST = 0.2
 
 
 class Admitted(NamedTuple):
@@ -240,7 +242,8 @@ class MotionCheck:
         most = ASTRAY * self._scale + LATE * self._fastest
         apart = sample.position - anchor.position - way
         allowed = np.maximum(SLOW * self._scale, TRUSTED * speed) * step
-        astray = np.maximum(self._astray + np.stack([apart, -apart]) - allowed, 0.0)
+        counted = np.minimum(np.stack([apart, -apart]) - allowed, most * (step / SOONEST))
+        astray = np.maximum(self._astray + counted, 0.0)
         self._astray = np.minimum(astray, 2.0 * most)
         over = (astray > most).any(axis=0)
         if not over.any():
