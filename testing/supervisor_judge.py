@@ -300,7 +300,8 @@ def random_sequence(rng: np.random.Generator, length: int) -> list[tuple[Any, ..
         event: tuple[Any, ...]
         if draw < 0.98:
             event = ("message", choice([0.001, 0.002, 0.004]), "clock", choice(NAMES[:2]),
-                     choice(POSITIONS[:3]), choice([VELOCITIES[0], ()]), choice(EFFORTS))  # fmt: skip
+                     choice(POSITIONS[:3]), choice([VELOCITIES[0], ()]),
+                     choice(EFFORTS))  # fmt: skip
         elif draw < 0.985:
             event = ("message", choice(GAPS), choice(STAMPS), choice(NAMES), choice(POSITIONS),
                      choice(VELOCITIES), choice(EFFORTS))  # fmt: skip
