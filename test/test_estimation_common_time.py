@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-import time as clock_of_day
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from recording_samples import shared_data
 
-from dvrk_gravity.diagnosis import FilteredData, load
 from dvrk_gravity.estimation import (
     BlockSettings,
     CommonTime,
     FoldSettings,
     find_common_time,
-    find_period,
     make_blocks,
     make_folds,
 )
-from dvrk_gravity.identification import Problem, how_validated
-from dvrk_gravity.identification.trajectories import problem
-from dvrk_gravity.intake import read_motions
-from dvrk_gravity.model import start_columns
-from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import Coordinates, Recording
-from dvrk_gravity.simulate import SimulatedArm, record_motion
-from testing.world import COARSE, World
 
 RATE, PERIOD = 45.0, 11.67
-MOTION = "mtm_dynamic_30s_200hz.csv"
 
 
 def moving(time: np.ndarray, period: float | None = PERIOD, seed: int = 0) -> np.ndarray:
@@ -133,12 +117,6 @@ def test_motions_that_coincide_with_nothing_keep_their_own_blocks():
         np.testing.assert_array_equal(alone.label, (time[rows] / length * 12).astype(int))
 
 
-def test_a_period_is_told_the_better_the_more_often_it_is_seen():
-    time = np.arange(0.0, 600.0, 1.0 / 40.0)
-    assert find_period(moving(time), 40.0) == pytest.approx(PERIOD, abs=6e-4)
-    assert find_period(moving(time[:1200]), 40.0) == pytest.approx(PERIOD, abs=0.013)
-
-
 def test_arms_that_rest_in_one_place_before_and_after_are_not_of_one_motion():
     time = np.arange(0.0, 30.0, 1.0 / RATE)
     window = np.clip((time - 7.0) / 2.0, 0.0, 1.0) * np.clip((23.0 - time) / 2.0, 0.0, 1.0)
@@ -162,95 +140,3 @@ def test_blocks_of_motions_that_share_nothing_follow_each_other_as_samples_do():
     blocks = make_blocks(find_common_time(time, part, q, RATE), RATE)
     whole = make_blocks(CommonTime.single_clock(np.arange(len(time)) / RATE), RATE)
     np.testing.assert_array_equal(blocks.label, whole.label)
-
-
-@pytest.mark.parametrize(
-    ("duration", "rate", "count", "most"), [(30.0, 200.0, 2, 0.2), (600.0, 40.0, 3, 1.0)]
-)
-def test_finding_a_common_time_is_quick(duration, rate, count, most):
-    time = np.arange(0.0, duration, 1.0 / rate)
-    part = np.arange(len(time)) * count // len(time)
-    q = moving(time, None)
-    begin = clock_of_day.process_time()
-    find_common_time(time, part, q, rate)
-    assert clock_of_day.process_time() - begin < most
-
-
-KNOWN = World.draw(5, step=COARSE)
-
-
-@pytest.fixture(scope="module")
-def periodic() -> Recording:
-    """30 s of an arm that repeats a motion of 11.67 s."""
-    drawn = Multisine.draw(KNOWN.arm, 3)
-    motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
-    return record_motion(
-        SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4, dt=COARSE), motion, 30.0, 200.0
-    )
-
-
-def halves(recording: Recording) -> list[Recording]:
-    """Return the halves as two recordings, each of its own time."""
-    found = []
-    for number, half in enumerate(recording.blocks(2)):
-        assert half.time is not None
-        found.append(replace(half, time=half.time - half.time[0], source=f"half {number}"))
-    return found
-
-
-def posed(recordings: list[Recording], coordinates: Coordinates) -> Problem:
-    return problem.pose(read_motions(recordings, KNOWN.arm, coordinates).parts, KNOWN.arm)
-
-
-def mean_error(asked: Problem, columns: Sequence[int]) -> float:
-    """Return the held-out |e|/|tau| of a fit of some columns."""
-    errors = asked.selection.score(columns).sum(axis=0)
-    power = np.sum([test.power for test in asked.selection.sums.test], axis=0)
-    return float(np.exp(0.5 * np.mean(np.log(errors / power))))
-
-
-@pytest.mark.slow
-def test_halves_of_a_simulated_motion_do_not_look_better_than_the_whole(periodic):
-    whole, both = (posed(given, "joint") for given in ([periodic], halves(periodic)))
-    few = start_columns(whole.design.columns)
-    assert mean_error(both, few) == pytest.approx(mean_error(whole, few), rel=0.05)
-    assert "repeats every 11.6" in how_validated(both.folds)
-    assert "held out of all of them" in how_validated(both.folds)
-    assert "held out of all of them" not in how_validated(whole.folds)
-
-
-def richest_error(recordings: list[Recording]) -> float:
-    """Return the error of a fit of all columns: to what it has seen it bends most."""
-    asked = posed(recordings, "actuator")
-    return mean_error(asked, range(len(asked.design.columns.columns)))
-
-
-def test_halves_of_the_measured_motion_look_no_better_than_the_whole(monkeypatch):
-    measured = Recording.load(shared_data(MOTION), coordinates="actuator")
-    whole = richest_error([measured])
-    assert richest_error(halves(measured)) > 0.95 * whole
-    # Were what the halves have in common not known, they would.
-    folds = problem.make_folds
-
-    def apart(time, part, q, rate, clock):
-        return folds(time, part, np.random.default_rng(0).normal(size=q.shape), rate, clock=clock)
-
-    monkeypatch.setattr(problem, "make_folds", apart)
-    assert richest_error(halves(measured)) < 0.8 * whole
-
-
-def test_a_diagnosis_of_halves_knows_the_period_and_the_noise_of_the_whole(periodic):
-    whole, both = (
-        FilteredData.of(load(given, KNOWN.model()).motion) for given in
-        ([periodic], halves(periodic))
-    )  # fmt: skip
-    assert find_period(periodic.position, 200.0) == pytest.approx(PERIOD, abs=0.02)
-    assert both.repetition is not None
-    assert both.repetition.period == pytest.approx(PERIOD, abs=0.02)
-    unknown = np.full(7, np.nan)
-    np.testing.assert_allclose(both.noise_rms(unknown), whole.noise_rms(unknown), rtol=0.2)
-    # Phases of both: held out together or not at all.
-    second = both.recording == 1  # whose clock began anew, and was taken to go on later
-    truth = both.time + (15.0 + both.time[0] - both.time[second][0]) * second
-    apart = truth[both.held_out][:, None] - truth[both.fold >= 0]
-    assert PERIOD * np.abs(around(apart / PERIOD)).min() > 1.0 / 41.0

@@ -1,0 +1,170 @@
+"""What estimation promises, counted in many repeated draws: p-values, intervals, selection."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drawn_noise import band, coloured, fit_without
+from scipy import stats
+from scipy.signal import lfilter
+
+from dvrk_gravity.estimation import (
+    NormalEquations,
+    SearchSettings,
+    Trial,
+    autocorrelated_scores,
+    evidence,
+    fit,
+    omitted_columns,
+    sandwich,
+    select,
+    sequential,
+)
+
+
+def test_paired_p_values_are_uniform_where_there_is_no_gain():
+    random = np.random.default_rng(0)
+    found = np.array([evidence.paired(random.normal(size=25)) for _ in range(600)])
+    for p_values in found.T:
+        assert stats.kstest(p_values, "uniform").pvalue > 0.001
+        for level in (0.01, 0.05, 0.3):
+            low, high = band(level, len(p_values))
+            assert low <= np.mean(p_values <= level) <= high
+
+
+def test_likelihood_ratio_p_values_are_uniform_in_the_sample_and_no_smaller_out_of_it():
+    random = np.random.default_rng(1)
+    inside, outside = [], []
+    for _ in range(1500):
+        x, y, new = random.normal(size=(3, 400))
+        theta = x @ y / (x @ x)
+        inside.append(
+            evidence.likelihood_ratio(0.5 * (y @ y - (y - theta * x) @ (y - theta * x)), 1)
+        )
+        blind = 0.5 * (new @ new - (new - theta * x) @ (new - theta * x))
+        outside.append(evidence.likelihood_ratio(blind, 1))
+    assert stats.kstest(inside, "uniform").pvalue > 0.001
+    assert np.mean(np.array(outside) <= 0.05) <= band(0.05, 1500)[1]
+
+
+def test_the_best_of_many_in_units_of_one_estimated_variance_is_told_no_more_often_than_is_said():
+    """And never less often than by each alone times the trials, which is stricter than it says."""
+    random, freedom, trials = np.random.default_rng(4), 20, 300
+    estimated = (random.normal(size=(3000, freedom)) ** 2).mean(axis=1)
+    best = 0.5 * (random.normal(size=(3000, trials)) ** 2).max(axis=1) / estimated
+
+    told = np.array([evidence.variance_ratio(gain, 1, freedom, trials) for gain in best])
+    apart = np.array([evidence.variance_ratio(gain, 1, freedom) for gain in best]) * trials
+
+    for level in (0.01, 0.05, 0.2):
+        assert 0.5 * level < np.mean(told <= level) <= band(level, len(told))[1]
+    assert np.all(told <= apart * (1.0 + 1e-6))
+    assert np.mean(apart <= 0.2) < 0.7 * np.mean(told <= 0.2)
+
+
+@pytest.mark.parametrize("amplitude", [0.2, 1.0])
+def test_intervals_hold_their_share_where_a_model_lacks_columns(amplitude):
+    """What the scores show of the omitted ones is no random error: its square is its moment.
+
+    So more than 95 % may be held, and intervals be no wider than errors are.
+    """
+    random = np.random.default_rng(21)
+    bare, full, squares = [], [], []
+    for _ in range(200):
+        without, with_them, _, _, both = fit_without(amplitude, random)
+        bare += without
+        full += with_them
+        squares.append(both)
+    assert np.mean(bare) < 0.75
+    assert np.mean(full) >= band(0.95, len(full))[0]
+    error, moment = np.mean(squares, axis=(0, 2))
+    assert moment == pytest.approx(error, rel=0.1)
+
+
+def test_a_torque_that_the_fit_reproduces_is_missing_nowhere():
+    """Of a cable that looks like weight the weight has the bias, their sum hardly any."""
+    random, held, moments = np.random.default_rng(24), [], []
+    time, both = np.arange(1000) / 50.0, np.array([1.0] * 2 + [0.0] * 8)
+    for _ in range(100):
+        waves = [np.sin(k * 0.37 * time + 0.3 * k) for k in range(1, 11)]
+        x = np.stack(waves, axis=1)[:, None]
+        x[:, 0, 1] = x[:, 0, 0] + 0.2 * x[:, 0, 1]
+        truth = np.concatenate([[1.0], random.normal(size=9)])
+        whole = NormalEquations.of(x, x @ truth + random.normal(size=(1000, 1)))
+        inside, outside = np.arange(1), np.arange(1, 10)
+        gram, side = whole.combined(np.ones(1))
+        solution = fit(whole.select(inside), np.ones(1), np.full(1, 1e3))
+        score = side - gram[:, inside] @ solution.theta
+        added = omitted_columns(solution, gram, score, gram, inside, outside, np.full(10, 1e3))
+        off = both @ (np.append(solution.theta, np.zeros(9)) - truth)
+        total = added.copy()
+        total[0, 0] += sandwich(solution, gram[:1, :1]).total[0, 0]
+        moments.append((both @ total @ both, total[0, 0]))
+        held.append(off**2 < 1.96**2 * both @ total @ both)
+    of_both, of_weight = np.mean(moments, axis=0)
+    assert of_both < 0.1 * of_weight
+    assert np.mean(held) >= 0.9
+
+
+@pytest.mark.parametrize("a", [0.0, 0.9])
+def test_intervals_hold_their_share_in_white_and_in_coloured_noise(a):
+    """White-noise formulas would hold it in about half the cases where a is 0.9."""
+    random = np.random.default_rng(11)
+    time = np.arange(1500) / 50.0
+    x = np.stack([np.ones_like(time), np.sin(0.9 * time), np.cos(2.3 * time)], axis=1)[:, None]
+    truth, part = np.array([1.0, -2.0, 0.5]), np.zeros(1500, dtype=np.int64)
+    hits = []
+    for _ in range(300):
+        y = x @ truth + coloured(random, (1500, 1), a)
+        solution = fit(NormalEquations.of(x, y), np.ones(1), np.full(3, 1e3))
+        residual = y - x @ solution.theta
+        meat = autocorrelated_scores(
+            x, residual, residual, part, 50.0, np.ones(1), np.ones(y.shape, dtype=bool)
+        )
+        spread = sandwich(solution, meat)
+        for k, unit in enumerate(np.eye(3)):
+            low, high = spread.interval(solution.theta[k], unit)
+            hits.append(low <= truth[k] <= high)
+    # 30 s hold some 40 independent samples where a is 0.9: a per cent or two is lost.
+    assert band(0.935, len(hits))[0] <= np.mean(hits) <= band(0.95, len(hits))[1]
+
+
+class Column:
+    """One column, taken or not by its gain on held-out blocks beside three standard errors."""
+
+    def __init__(self, x: np.ndarray, y: np.ndarray) -> None:
+        label = sequential(len(y), 10)
+        parts = [
+            NormalEquations.of(x[label == k, None, None], y[label == k, None]) for k in range(10)
+        ]
+        whole = NormalEquations.total(parts)
+        gains = [
+            test.error(np.zeros(1))[0]
+            - test.error(fit(whole - test, np.ones(1), np.full(1, 1e3)).theta)[0]
+            for test in parts
+        ]
+        self.gain, self.error = np.sum(gains), np.std(gains, ddof=1) * np.sqrt(10)
+
+    def moves(self, state):
+        return [0] if not state else []
+
+    def attempt(self, state, moves):
+        return [Trial(move, self.gain, self.gain > 3.0 * self.error) for move in moves]
+
+    def choose(self, trials):
+        return next((trial for trial in trials if trial.passes), None)
+
+    def take(self, state, trial):
+        return state | {trial.move}
+
+
+@pytest.mark.parametrize("a", [0.0, 0.8])
+def test_selection_finds_nothing_in_pure_noise_white_or_coloured(a):
+    """Three standard errors of the blocks' gains, one column: Student's 0.7 %, held-out or less."""
+    random = np.random.default_rng(9)
+    found = 0
+    for _ in range(200):
+        noise = random.normal(size=(500, 2))
+        x, y = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], noise, axis=0).T
+        found += len(select(Column(x, y), frozenset(), SearchSettings(20))[0])
+    assert found <= 5  # 0.7 % of 200 is 1.5; five or more of that are seen once in fifty
