@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 import known_mtm
 import known_poses
+import numpy as np
 import pinocchio as pin
 from made_up_arm import made_up_arm, random_inertias
 from robots import UR5
@@ -83,14 +84,25 @@ def chain() -> Identified:
     return identified(world_of(arm, random_inertias(arm, 3)))
 
 
+@cache
+def ur5_motion(
+    masses: tuple[float, float] = (1.0, 1.0), load: float = 0.0, file: str = str(UR5)
+) -> Recording:
+    """Return a motion of an arm whose links weigh other parts of what its file says."""
+    arm = Arm.load(file)
+    links = nominal_inertias(arm)
+    part = np.random.default_rng(3).uniform(*masses, len(links))
+    drawn = {
+        body: pin.Inertia(factor * link.mass, link.lever, factor * link.inertia)
+        for (body, link), factor in zip(links.items(), part, strict=True)
+    }
+    world = PlainWorld.of(arm, drawn)
+    if load:
+        world = world.with_payload(arm.body_names[-1], load, (0.02, 0.05, 0.08))
+    return world.record(1, 10.0)
+
+
 def move(plant: PlantFile, seed: int, duration: float) -> Recording:
     """Return what a shipped plant shows of a random motion."""
     arm = SimulatedArm(plant.plant(), plant.sensors, seed, dt=COARSE)
     return record_motion(arm, Multisine.draw(plant.model.arm, seed), duration)
-
-
-@cache
-def psm() -> tuple[PlantFile, Fit]:
-    """The shipped plant of a patient-side arm, and what is identified of it."""
-    plant = PlantFile.load("psm")
-    return plant, identify(move(plant, 1, 20.0), plant.model.arm, "joint")

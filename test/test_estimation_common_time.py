@@ -51,12 +51,6 @@ def around(phase: np.ndarray) -> np.ndarray:
         ((20.0, 33.0), (3.0, 18.0)),
         ((0.0, 30.0), (2.0, 8.0), (7.77, 15.0)),
     ],
-    ids=[
-        "halves",
-        "halves of another beginning",
-        "the later first",
-        "short ones beside a long one",
-    ],
 )
 def test_phases_of_recordings_of_one_periodic_motion_agree(spans):
     time, part, q, truth = recordings(*spans)

@@ -363,28 +363,6 @@ def test_a_jackknife_leaves_out_one_block_at_a_time():
     np.testing.assert_allclose(clustered_scores(scores), [[10.0, -1.0], [-1.0, 5.0]])
 
 
-@pytest.mark.parametrize("a", [0.0, 0.9])
-def test_intervals_hold_their_share_in_white_and_in_coloured_noise(a):
-    """White-noise formulas would hold it in about half the cases where a is 0.9."""
-    random = np.random.default_rng(11)
-    time = np.arange(1500) / 50.0
-    x = np.stack([np.ones_like(time), np.sin(0.9 * time), np.cos(2.3 * time)], axis=1)[:, None]
-    truth, part = np.array([1.0, -2.0, 0.5]), np.zeros(1500, dtype=np.int64)
-    hits = []
-    for _ in range(60):
-        y = x @ truth + coloured(random, (1500, 1), a)
-        solution = fit(NormalEquations.of(x, y), np.ones(1), np.full(3, 1e3))
-        residual = y - x @ solution.theta
-        meat = autocorrelated_scores(
-            x, residual, residual, part, 50.0, np.ones(1), np.ones(y.shape, dtype=bool)
-        )
-        spread = sandwich(solution, meat)
-        for k, unit in enumerate(np.eye(3)):
-            low, high = spread.interval(solution.theta[k], unit)
-            hits.append(low <= truth[k] <= high)
-    assert band(0.93, len(hits))[0] <= np.mean(hits) <= band(0.95, len(hits))[1]
-
-
 def test_intervals_hold_their_share_where_a_model_lacks_columns():
     """What the scores show of the omitted ones is no random error: its square is its moment."""
     random = np.random.default_rng(21)
