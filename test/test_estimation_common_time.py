@@ -9,9 +9,13 @@ from dvrk_gravity.estimation import (
     BlockSettings,
     CommonTime,
     FoldSettings,
+    Track,
     find_common_time,
+    find_repetition,
     make_blocks,
     make_folds,
+    same_motion,
+    same_path,
 )
 
 RATE, PERIOD = 45.0, 11.67
@@ -20,7 +24,7 @@ RATE, PERIOD = 45.0, 11.67
 def moving(time: np.ndarray, period: float | None = PERIOD, seed: int = 0) -> np.ndarray:
     """Return positions of seven joints, with a little noise; without a period they never repeat."""
     random = np.random.default_rng(seed)
-    q = 1e-3 * random.normal(size=(len(time), 7))
+    q = 1e-3 * random.normal(size=(len(time), 7)) + np.arange(7.0)
     for _ in range(4):
         rate = random.uniform(0.1, 0.6, 7)
         if period is not None:
@@ -134,3 +138,56 @@ def test_blocks_of_motions_that_share_nothing_follow_each_other_as_samples_do():
     blocks = make_blocks(find_common_time(time, part, q, RATE), RATE)
     whole = make_blocks(CommonTime.single_clock(np.arange(len(time)) / RATE), RATE)
     np.testing.assert_array_equal(blocks.label, whole.label)
+
+
+# --- the same motion in two recordings ---------------------------------------------------
+
+
+def test_values_between_samples_are_interpolated_and_there_are_none_beyond():
+    track = Track([np.array([0.0, 1.0]), np.array([3.0, 4.0])], [])
+    values = [np.array([[0.0, 4.0], [2.0, 8.0]]), np.array([[5.0, 5.0], [6.0, 7.0]])]
+    found = track.at(np.array([0.25, 2.0, 3.5, 4.0, 4.1]), values)
+    none = [np.nan, np.nan]
+    np.testing.assert_allclose(found, [[0.5, 5.0], none, [5.5, 6.0], [6.0, 7.0], none])
+
+
+def test_states_of_one_recording_are_found_on_the_clock_of_another():
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    q, later = moving(time, None), slice(135, None)  # 3 s
+    (when,) = same_motion(Track([time], [q]), Track([time[later] + 47.0], [q[later]]), RATE)
+    np.testing.assert_allclose(when[135:-2], time[135:-2] + 47.0, atol=0.01)
+    assert np.isnan(when[:134]).all()
+    lifted = q + 0.03 * q.std(axis=0)  # beyond what counts as the same state
+    (when,) = same_motion(Track([time], [lifted]), Track([time + 47.0], [q]), RATE)
+    assert np.isnan(when).all()
+    # Of a motion that repeats any period serves.
+    first, second = np.arange(0.0, 15.0, 1.0 / RATE), np.arange(30.0, 45.0, 1.0 / RATE)
+    tracks = (Track([t - t[0]], [moving(t)]) for t in (first, second))
+    (when,) = same_motion(*tracks, RATE)
+    assert np.isfinite(when).mean() > 0.9
+    assert np.nanmax(np.abs(around((when + 30.0 - first) / PERIOD))) < 5e-3
+
+
+def test_a_path_is_followed_at_another_pace_but_not_backwards():
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    q = moving(time, None)
+    track, last = Track([time], [q]), int(RATE)
+    (there,) = same_path(track, Track([2.0 * time], [q]))
+    assert there[:-last].all()
+    assert not there[-last:].any()  # whether it goes on is not seen
+    for other in (Track([5.0 * time], [q]), Track([time], [q[::-1]])):
+        (there,) = same_path(track, other)
+        assert not there.any()
+
+
+def test_a_repeated_motion_has_its_period_copies_and_times_that_go_on():
+    time, part, q, truth = recordings((0.0, 15.0), (15.0, 30.0))
+    seen = find_common_time(time, part, q, RATE)
+    found, times = find_repetition(seen, part, q, RATE)
+    assert found.period == pytest.approx(PERIOD, abs=0.03)
+    assert found.copies == pytest.approx(30.0 / PERIOD, rel=0.01)
+    assert (np.diff(times) > 0.0).all()
+    off = around((times - truth) / PERIOD)
+    np.testing.assert_allclose(around(off - off[0]), 0.0, atol=2e-3)
+    time, part, q, _ = recordings((0.0, 20.0), period=None)
+    assert find_repetition(find_common_time(time, part, q, RATE), part, q, RATE) is None

@@ -62,6 +62,9 @@ def test_further_columns_give_the_fit_of_all_columns_at_once(first):
     rows = np.vstack([design, np.sqrt(prior)])
     expected = np.linalg.lstsq(rows, np.append(y.ravel(), np.zeros(5)))[0]
     np.testing.assert_allclose(whole.coefficients(y.ravel()), expected, atol=1e-10)
+    residual = y.ravel() - design @ expected
+    np.testing.assert_allclose(whole.residual(y.ravel()), residual, atol=1e-10)
+    np.testing.assert_allclose(whole.inverse, np.linalg.inv(rows.T @ rows), atol=1e-10)
 
 
 def test_what_is_left_out_is_subtracted():

@@ -124,9 +124,10 @@ def refused(tmp_path, capsys, *words: str) -> str:
     return line
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
+def test_where_joints_stood_must_be_said_in_full(tmp_path, capsys):
+    path, out = tmp_path / "some.csv", tmp_path / "model.yaml"
+    only(truth(8, 6.0), [0, 1, 2, 3, 4, 5]).save(path)
+    for options, says in (
         ([], "some.csv: has no wrist_roll: expected all joints, or `--at wrist_roll="),
         (["--at", "elbow_pitch=0"], "elbow_pitch"),
         (["--at", "elbow=0"], "'elbow=0', expected JOINT=ANGLE"),
@@ -135,12 +136,12 @@ def refused(tmp_path, capsys, *words: str) -> str:
         (["--at", "wrist_roll=0,wrist_roll=0"], "wrist_roll once"),
         (["--at", "wrist_roll=0", "--coordinates", "motor"], "--coordinates: got 'motor'"),
         (["--at", "others=0deg"], "expected a recording of all joints"),
-    ],
-)
-def test_where_joints_stood_must_be_said_in_full(options, says, tmp_path, capsys):
-    path = tmp_path / "some.csv"
-    only(truth(8, 6.0), [0, 1, 2, 3, 4, 5]).save(path)
-    assert says in refused(tmp_path, capsys, str(path), *options)
+    ):
+        words = (str(path), *options, "--arm", "mtmr", "--out", str(out))
+        assert command_line.run("dvrk_gravity.cli.identify", words) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert says in line
+        assert not out.exists()
 
 
 def test_a_joint_alone_does_not_determine_gravity():

@@ -170,27 +170,24 @@ def test_identify_with_a_known_load_writes_a_model_of_the_arm_without_it(lab, tm
     assert max(error.nrmse for error in bare.values()) < 0.15
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["currents.csv", "--drive-gains", "1,2,3"], "--drive-gains: got '3 numbers', expected 6"),
-        (["currents.csv", "--drive-gains", "1,2,3,4,5,-6"], "wrist_3_joint: got -6.0"),
-        (["currents.csv", "--drive-gains", ".012,.014,.011,.009,.0105,.0085"], "0.001 times"),
-        (["currents.csv", "loaded.csv", "--known-payload", "0.002"], "expected N·m/A"),
-        (["loaded.csv", "currents.csv", "--known-payload", "2"], "with that load last"),
-        (["currents.csv", "--known-payload", "2"], "one recording is too few"),
-        (["currents.csv", "loaded.csv", "--known-payload", "-2"], "more than 0 kg"),
-        (["currents.csv", "--payload-link", "tool0"], "expected --known-payload"),
-        (["currents.csv", "loaded.csv", "--known-payload", "2", "--drive-gains", "1,2,3,4,5,6"],
-         "no drive gains"),
-    ],
-)  # fmt: skip
-def test_what_determines_no_gain_is_refused_in_a_line(lab, tmp_path, capsys, words, says):
-    files = [lab.folder / word if word.endswith(".csv") else word for word in words]
-    assert run("identify", *files, "--arm", UR5, "--out", tmp_path / "m.yaml") == 2
-    error = capsys.readouterr().err
-    assert says in error
-    assert error.count("\n") == 1
+def test_what_determines_no_gain_is_refused_in_a_line(lab, tmp_path, capsys):
+    bare, loaded = lab.folder / "currents.csv", lab.folder / "loaded.csv"
+    wrong = ".012,.014,.011,.009,.0105,.0085"
+    for words, says in (
+        ((bare, "--drive-gains", "1,2,3"), "--drive-gains: got '3 numbers', expected 6"),
+        ((bare, "--drive-gains", "1,2,3,4,5,-6"), "wrist_3_joint: got -6.0"),
+        ((bare, "--drive-gains", wrong), "0.001 times"),
+        ((bare, loaded, "--known-payload", "0.002"), "expected N·m/A"),
+        ((loaded, bare, "--known-payload", "2"), "with that load last"),
+        ((bare, "--known-payload", "2"), "one recording is too few"),
+        ((bare, loaded, "--known-payload", "-2"), "more than 0 kg"),
+        ((bare, "--payload-link", "tool0"), "expected --known-payload"),
+        ((bare, loaded, "--known-payload", "2", "--drive-gains", wrong), "no drive gains"),
+    ):
+        assert run("identify", *words, "--arm", UR5, "--out", tmp_path / "m.yaml") == 2
+        error = capsys.readouterr().err
+        assert says in error
+        assert error.count("\n") == 1
 
 
 # --- a unit that nobody states -----------------------------------------------------------

@@ -5,56 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from drawn_noise import band, coloured
-from scipy import stats
 
 from dvrk_gravity.estimation import (
     NormalEquations,
     autocorrelated_scores,
-    evidence,
     fit,
     omitted_columns,
     sandwich,
 )
-
-
-def test_paired_p_values_are_uniform_where_there_is_no_gain():
-    random = np.random.default_rng(0)
-    found = np.array([evidence.paired(random.normal(size=25)) for _ in range(600)])
-    for p_values in found.T:
-        assert stats.kstest(p_values, "uniform").pvalue > 0.001
-        for level in (0.01, 0.05, 0.3):
-            low, high = band(level, len(p_values))
-            assert low <= np.mean(p_values <= level) <= high
-
-
-def test_likelihood_ratio_p_values_are_uniform_in_the_sample_and_no_smaller_out_of_it():
-    random = np.random.default_rng(1)
-    inside, outside = [], []
-    for _ in range(1500):
-        x, y, new = random.normal(size=(3, 400))
-        theta = x @ y / (x @ x)
-        inside.append(
-            evidence.likelihood_ratio(0.5 * (y @ y - (y - theta * x) @ (y - theta * x)), 1)
-        )
-        blind = 0.5 * (new @ new - (new - theta * x) @ (new - theta * x))
-        outside.append(evidence.likelihood_ratio(blind, 1))
-    assert stats.kstest(inside, "uniform").pvalue > 0.001
-    assert np.mean(np.array(outside) <= 0.05) <= band(0.05, 1500)[1]
-
-
-def test_the_best_of_many_in_units_of_one_estimated_variance_is_told_no_more_often_than_is_said():
-    """And never less often than by each alone times the trials, which is stricter than it says."""
-    random, freedom, trials = np.random.default_rng(4), 20, 300
-    estimated = (random.normal(size=(3000, freedom)) ** 2).mean(axis=1)
-    best = 0.5 * (random.normal(size=(3000, trials)) ** 2).max(axis=1) / estimated
-
-    told = np.array([evidence.variance_ratio(gain, 1, freedom, trials) for gain in best])
-    apart = np.array([evidence.variance_ratio(gain, 1, freedom) for gain in best]) * trials
-
-    for level in (0.01, 0.05, 0.2):
-        assert 0.5 * level < np.mean(told <= level) <= band(level, len(told))[1]
-    assert np.all(told <= apart * (1.0 + 1e-6))
-    assert np.mean(apart <= 0.2) < 0.7 * np.mean(told <= 0.2)
 
 
 def test_a_torque_that_the_fit_reproduces_is_missing_nowhere():
