@@ -175,6 +175,9 @@ def test_a_path_is_followed_at_another_pace_but_not_backwards():
     (there,) = same_path(track, Track([2.0 * time], [q]))
     assert there[:-last].all()
     assert not there[-last:].any()  # whether it goes on is not seen
+    for lifted, near in ((0.03, True), (0.1, False)):  # of the spread, RMS over the joints
+        (there,) = same_path(Track([time], [q + lifted * q.std(axis=0)]), Track([time], [q]))
+        assert (there[:-last].mean() > 0.9) == near
     for other in (Track([5.0 * time], [q]), Track([time], [q[::-1]])):
         (there,) = same_path(track, other)
         assert not there.any()

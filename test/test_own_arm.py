@@ -214,6 +214,27 @@ def test_without_gains_a_model_is_in_its_recording_s_unit_until_one_is_stated(
     assert TorqueModel.load(stated).arm.effort_units == ("N·m",) * 6
 
 
+def test_a_unit_is_doubted_from_a_factor_of_four_on_and_gains_are_refused_from_thirty(lab):
+    arm = Arm.load(UR5)
+    with_gains = arm.with_drive_gains(GAINS)
+
+    def scaled(factor: float) -> Recording:
+        return replace(lab.bare, effort=factor * lab.bare.effort, arm=None)
+
+    for factor, unit in ((0.22, "a.u."), (0.28, "N·m"), (3.6, "N·m"), (4.4, "a.u.")):
+        found, lines = in_their_unit(arm, [scaled(factor)])
+        assert (found.effort_units, bool(lines)) == ((unit,) * 6, unit == "a.u."), factor
+        if lines:
+            assert found.effort_size == pytest.approx(factor, rel=0.1)
+    for factor, doubted in ((0.04, True), (0.28, False), (3.6, False), (4.4, True), (27.0, True)):
+        _, lines = in_their_unit(with_gains, [in_amperes(scaled(factor))])
+        assert any(line.startswith("warning: ") for line in lines) == doubted, factor
+    for factor in (0.03, 34.0):
+        with pytest.raises(ConfigError, match="drive gains"):
+            in_their_unit(with_gains, [in_amperes(scaled(factor))])
+    assert in_their_unit(arm.with_effort_unit("N·m"), [scaled(9.0)])[1] == ()
+
+
 def test_an_effort_against_what_nominal_masses_need_is_warned_of(lab):
     arm, effort = Arm.load(UR5), lab.bare.effort.copy()
     assert in_their_unit(arm, [lab.bare])[1] == ()
