@@ -102,26 +102,15 @@ def test_coordinates_that_are_given_wrongly_are_warned_of_and_each_may_have_its_
     warnings = identify([motor], ARM, "joint", FEW, physical=False).warnings
     (warning,) = [each for each in warnings if each.kind == "coordinates"]
     assert "run.csv" in str(warning)
-    both = read_motions([motor, joint], ARM, ["actuator", "joint"])
+    both = identify([motor, joint], ARM, ["actuator", "joint"], FEW, physical=False)
     assert "coordinates" not in [each.kind for each in both.warnings]
-    for part, recording in zip(both.parts, (motor, joint), strict=True):
-        alone = read_motions([recording], ARM, "joint" if recording is joint else "actuator")
-        np.testing.assert_array_equal(part.state.q, alone.parts[0].state.q)
+    other = evaluate(both.model, [truth(3, 8.0)], "joint").joints
+    assert min(other[name].r2 for name in JOINT_NAMES[:4]) > 0.9
     with pytest.raises(ConfigError, match="one for all recordings, or 2"):
         identify([motor, joint], ARM, ["actuator", "joint", "joint"], FEW)
 
 
 # --- joints that are not recorded, on the command line ------------------------------------
-
-
-def refused(tmp_path, capsys, *words: str) -> str:
-    """Return the one line with which `identify` refuses."""
-    out = tmp_path / "model.yaml"
-    words = (*words, "--arm", "mtmr", "--out", str(out))
-    assert command_line.run("dvrk_gravity.cli.identify", words) == 2
-    assert not out.exists()
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    return line
 
 
 def test_where_joints_stood_must_be_said_in_full(tmp_path, capsys):
