@@ -286,6 +286,7 @@ def test_a_bad_recording_gives_one_line_and_no_model(tmp_path, capsys):
         assert "bad.csv" in line
         assert says in line
         assert not out.exists(), says
+        path.unlink()
 
 
 def test_an_unknown_term_is_named(tmp_path, capsys):
