@@ -3,8 +3,8 @@
     PYTHONPATH=. python benchmark/startup.py [--repeats N] [--json FILE]
 
 From the start of the process to the first command, the arm publishing at 200 Hz all the while.
-Judged is the processor time of that, and of every help, by an import of numpy in turn with them: the
-least of some. The time on the clock has 0.4 s in which the compensator listens for others that
+Judged is the processor time of that, and of every help, by an import of numpy in turn with them:
+the least of some. The time on the clock has 0.4 s in which the compensator listens for others that
 command the arm and measures the effort that holds it; and DDS repeats what a busy machine lost of
 its first greetings only 3 s later, which a bare relay's start shows, too.
 """
