@@ -74,33 +74,32 @@ class PromptExecutor(SingleThreadedExecutor):
         super().__init__()
         self.add_node(node)
         self._node = node
+        # Of the prompt subscription, and of all entities, by their numbers.
+        self._prompt_set = _rclpy.WaitSet(1, 1, 0, 0, 0, 0, self._context.handle)
         self._wait_sets: dict[tuple[int, ...], Any] = {}
         self._next_look = self._next_events = 0.0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for work, and do some of the prompt subscription and of the rest."""
-        timeout = 0.1 if timeout_sec is None else timeout_sec
+        timeout = LOOK if timeout_sec is None else min(timeout_sec, LOOK)
         prompt = self._node.prompt
-        ready = self._wait(min(timeout, LOOK), everything=prompt is None)
-        if prompt is not None and prompt.handle.pointer in ready:
-            ready.remove(prompt.handle.pointer)
+        ready: list[int] = []
+        if prompt is None:
+            ready = self._wait(timeout)
+        elif self._wait_for_prompt(prompt, timeout):
             taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
             if taken is not None:
                 prompt.callback(*taken)
         for timer in list(self._node.timers):
-            if timer.handle.pointer in ready:
-                ready.remove(timer.handle.pointer)
-                if timer.handle.is_timer_ready():
-                    timer.handle.call_timer()
-                    timer.callback()
+            if timer.handle.is_timer_ready():
+                timer.handle.call_timer()
+                timer.callback()
         now = time.monotonic()
         if prompt is not None and now > self._next_look:
             self._next_look = now + LOOK  # after the answer, when none is due
-            served = {prompt.handle.pointer, *(item.handle.pointer for item in self._node.timers)}
-            ready = [
-                pointer for pointer in self._wait(0.0, everything=True) if pointer not in served
-            ]
-        self._take_others(ready)
+            ready = [pointer for pointer in self._wait(0.0) if pointer != prompt.handle.pointer]
+        if ready:
+            self._take_others(ready)
         if ready or now > self._next_events:
             self._next_events = now + 1.0
             super().spin_once(0.0)
@@ -117,16 +116,28 @@ class PromptExecutor(SingleThreadedExecutor):
                     break
                 subscription.callback(taken[0])
 
-    def _wait(self, timeout: float, everything: bool) -> list[int]:
-        """Return the handles ready within ``timeout`` seconds: of all entities, or prompt ones."""
-        node, prompt = self._node, self._node.prompt
+    def _wait_for_prompt(self, prompt: Subscription, timeout: float) -> bool:
+        """Wait for a message, a timer or a call of ``wake``; return whether a message is there."""
+        # In the wait set, timers would cost as much as the message.
+        due = [timer.handle.time_until_next_call() for timer in self._node.timers]
+        ends = [int(timeout * 1e9), *(each for each in due if each is not None)]  # None: cancelled
+        wait_set = self._prompt_set
+        wait_set.clear_entities()
+        wait_set.add_subscription(prompt.handle)
+        wait_set.add_guard_condition(self._guard.handle)
+        wait_set.wait(max(0, min(ends)))
+        return bool(wait_set.get_ready_entities("subscription"))
+
+    def _wait(self, timeout: float) -> list[int]:
+        """Return the handles of the entities but timers that are ready within ``timeout`` seconds."""
+        node = self._node
         # A destroyed one leaves these lists at once, so that no handle here is dead.
         entities = (
-            [item.handle for item in (node.subscriptions if everything else (prompt,)) if item],
+            [item.handle for item in node.subscriptions],
             [*(item.handle for item in node.guards), self._guard.handle],
             [item.handle for item in node.timers],
-            [item.handle for item in node.clients] if everything else [],
-            [item.handle for item in node.services] if everything else [],
+            [item.handle for item in node.clients],
+            [item.handle for item in node.services],
         )
         counts = tuple(map(len, entities))
         wait_set = self._wait_sets.get(counts)
@@ -141,6 +152,11 @@ class PromptExecutor(SingleThreadedExecutor):
         wait_set.wait(int(timeout * 1e9))
         if not self._context.ok():
             raise ExternalShutdownException
-        ready = [pointer for kind in _KINDS for pointer in wait_set.get_ready_entities(kind)]
+        ready = [
+            pointer
+            for kind in _KINDS
+            if kind != "timer"
+            for pointer in wait_set.get_ready_entities(kind)
+        ]
         # Being woken is no work: rclpy's check of every entity would cost a message or two.
         return [pointer for pointer in ready if pointer != self._guard.handle.pointer]
