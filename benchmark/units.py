@@ -100,8 +100,12 @@ def in_turn(ways: Mapping[str, Way], repeats: int) -> dict[str, NDArray[np.float
 
 
 def ratio(times: NDArray[np.float64], units: NDArray[np.float64]) -> float:
-    """Return the median ratio of (repeats,) times to those of the unit in the same turns."""
-    return float(np.median(times / units))
+    """Return the ratio of (repeats,) times to those of the unit in the same turns.
+
+    It is the lower quartile: a turn in which another process empties the caches slows a long way
+    through the code more than a short loop.
+    """
+    return float(np.percentile(times / units, 25.0))
 
 
 def in_additions(
