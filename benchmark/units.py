@@ -54,12 +54,12 @@ class Target:
 def judge(targets: Sequence[Target]) -> bool:
     """Print a line for each target; return whether all are met."""
     width = max(len(target.name) for target in targets)
-    print(f"\n{'target':<{width}}{'figure':>9}{'at most':>9}")
+    print(f"\n{'target':<{width}}{'figure':>10}{'at most':>10}")
     for target in targets:
         verdict = "met" if target.met else "MISSED"
         here = f" ({target.here})" if target.here else ""
         print(
-            f"{target.name:<{width}}{target.value:>9.4g}{target.most:>9.4g} {target.unit}{here}: "
+            f"{target.name:<{width}}{target.value:>10.4g}{target.most:>10.4g} {target.unit}{here}: "
             f"{verdict}"
         )
     return all(target.met for target in targets)
