@@ -10,6 +10,7 @@ from math import nan
 import numpy as np
 import pytest
 from finished_calibration import BRIEF, RELEASED, Finished, finished_calibration
+from rival_causes import contest, offset_or_spring, twins
 
 from dvrk_gravity.calibration import (
     certify,
@@ -19,6 +20,7 @@ from dvrk_gravity.calibration import (
     shown_drift,
 )
 from dvrk_gravity.identification import POOR, identify
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits
 from dvrk_gravity.recording import Recording
 
@@ -169,9 +171,10 @@ def further(finished, tmp_path):
     """Return what plans the first further motion, of other findings and with less friction."""
     folder = finished.before("plan further_1", tmp_path / "again")
 
-    def plan(part: float = 1.0, following: str | None = None, pairs=(), settings=BRIEF):
+    def plan(part: float = 1.0, following: str | None = None, unseparated=None, settings=BRIEF):
+        left = {"model": "model_0.yaml", **(unseparated or {"pairs": []})}
         for name, change in (
-            ("diagnosis_0.json", {"next": following, "unseparated": {"pairs": list(pairs)}}),
+            ("diagnosis_0.json", {"next": following, "unseparated": left}),
             ("model_0.json", {"held": {"part": part, "least": "pitch"}}),
         ):
             content = json.loads((finished.folder / name).read_text())
@@ -196,11 +199,27 @@ def test_a_joint_that_friction_may_not_hold_is_measured_further_while_time_is_le
 
 def test_no_search_is_begun_for_causes_that_no_motion_separates(further):
     pair = {"between": [{"effect": "payload"}, {"effect": "link_com"}]}
-    outcome = further(1.0, None, [pair])
+    outcome = further(1.0, None, {"pairs": [pair]})
     assert outcome.said
     assert outcome.paths == ()
     # No want, of which time would be none.
     assert further(1.0, settings=replace(BRIEF, longest=1.0)).said == ""
+
+
+@pytest.mark.parametrize("separable", [True, False])
+def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
+    finished, further, separable
+):
+    model = TorqueModel.load(finished.folder / "model_0.yaml")
+    of = offset_or_spring(model, 1e-2) if separable else contest(model, twins(model))
+    asked, more = ("plan --separate", of.to_dict()), replace(BRIEF, search=20, further=20.0)
+    outcome = further(1.0, *asked, more)
+    assert "pitch" in outcome.said
+    assert bool(outcome.paths) == separable
+    if separable:
+        assert Plan.load(outcome.paths[0]).duration == more.further
+    else:  # another motion is planned where friction may not hold the arm
+        assert further(0.5, *asked).paths
 
 
 def test_an_arm_is_recorded_along_the_motion_that_was_held_out(finished):
