@@ -22,7 +22,6 @@ from dvrk_gravity.calibration import (
 from dvrk_gravity.identification import POOR, identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits
-from dvrk_gravity.recording import Recording
 
 
 @pytest.fixture(scope="session")
@@ -220,13 +219,3 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
         assert Plan.load(outcome.paths[0]).duration == more.further
     else:  # another motion is planned where friction may not hold the arm
         assert further(0.5, *asked).paths
-
-
-def test_an_arm_is_recorded_along_the_motion_that_was_held_out(finished):
-    plan = Plan.load(finished.folder / "second.yaml")
-    recording = Recording.load(finished.folder / "second")
-    path = plan.at(np.linspace(0.0, plan.duration, 50))[0]
-    away = np.abs(recording.position[:, None] - path[None]).max(axis=2).min(axis=0)
-    assert away.max() < 0.02
-    motion = Plan.load(finished.folder / "motion.yaml")
-    assert not np.allclose(motion.at(3.0)[0], plan.at(3.0)[0])

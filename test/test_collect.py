@@ -21,7 +21,6 @@ from dvrk_gravity.collecting import MotionStoppedError
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError, DvrkGravityError, RecordingError
 from dvrk_gravity.files.lock import alone_in
-from dvrk_gravity.planning import PosePath
 from dvrk_gravity.recording import BagReader, Recording
 
 
@@ -141,18 +140,6 @@ def test_stopped_twice_it_still_records_the_whole_motion_and_later_parts_come_la
         received = [each for _, each, _ in bag.raw(driver.topic)]
     assert np.diff(received).min() >= 0
     assert received[0] >= now - 10**11
-
-
-def test_slow_poses_are_collected_too(tmp_path: Path) -> None:
-    plan = plan_of("ecm")
-    poses = plan.motion.middle + 0.1 * plan.arm.scale * np.array([[0.0], [1.0]])
-    path = PosePath(poses, 0.02 * plan.arm.scale, 0.3, 0.9, plan.limits)
-    stop = once("motion, recorded", 3.0, MotionError("a hand"))
-    driver, plan = PathDriver(plan.arm, poses[1], stop), replace(plan, motion=path)
-    with pytest.raises(MotionStoppedError):
-        go(driver, tmp_path / "bag", plan)
-    found = go(driver, tmp_path / "bag", plan, resume=True)
-    assert abs(found.samples - path.duration / STEP) <= 3
 
 
 def test_what_is_taken_up_again_is_one_smooth_way_from_rest(tmp_path: Path) -> None:

@@ -93,16 +93,6 @@ def test_limits_that_are_tightened_in_an_approach_are_kept_after_it(
     assert driver.phases[1:] == ["approach"]
 
 
-def test_limits_that_change_and_are_kept_are_approached_anew(tmp_path: Path) -> None:
-    plan = plan_of("ecm")
-    driver = at_beginning(plan, away=0.2)
-    weak = replace(plan.limits, effort=0.5 * plan.limits.effort)
-    go(driver, tmp_path / "bag", plan, rehearse=False,
-       limits=lambda: weak if driver.commanded else plan.limits)  # fmt: skip
-    assert driver.phases[1:] == ["approach", "approach", "motion, recorded"]
-    assert driver.holds == 2
-
-
 def test_limits_that_were_raised_since_the_plan_was_made_raise_nothing(tmp_path: Path) -> None:
     plan = plan_of("ecm")
     raised = replace(
@@ -251,19 +241,6 @@ def test_an_endless_joint_goes_the_short_way_to_limits_about_its_back_or_is_not_
         kept.connect()
 
 
-def test_the_turns_of_an_endless_joint_are_counted_to_its_limits_and_its_widest_are_read_again(
-    tmp_path: Path, endless: Arm
-) -> None:
-    limits = replace(PlanLimits.of(endless), lower=np.array([-6.0]), upper=np.array([6.0]))
-    assert limits.turns(endless, np.array([5.0])) == 0.0  # within: where it is
-    assert limits.turns(endless, np.array([7.0])) == 2.0 * np.pi
-    (tmp_path / "limits.yaml").write_text("joints: {turn: {position: [-1.0e+9, 1.0e+9]}}")
-    wide = load_limits(tmp_path / "limits.yaml", endless)
-    save_limits(tmp_path / "again.yaml", wide, endless, "the same")
-    again = load_limits(tmp_path / "again.yaml", endless)
-    np.testing.assert_allclose([again.lower, again.upper], [wide.lower, wide.upper])
-
-
 @pytest.mark.parametrize(
     ("shown", "taught"),
     [
@@ -305,14 +282,3 @@ def test_a_taught_room_is_what_was_shown_less_a_margin(tmp_path: Path) -> None:
     assert (high <= ways.max(axis=0)).all()
     np.testing.assert_allclose(low[:7], shown.min(axis=0) + margin, atol=1e-6)
     assert [each.name for each in limits.combinations] == ["shoulder_pitch + elbow_pitch"]
-
-
-def test_a_joint_that_was_not_moved_keeps_about_where_it_is() -> None:
-    arm = Arm.load("ecm")
-    room = TaughtLimits(arm)
-    middle = 0.5 * (arm.lower + arm.upper)
-    room.show(middle)
-    limits = room.limits(np.radians(5.0))
-    assert (limits.lower < middle).all()
-    assert (middle < limits.upper).all()
-    assert (limits.upper - limits.lower <= 1.01 * np.radians(1.0) * arm.scale).all()

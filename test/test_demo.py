@@ -12,8 +12,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report import shown_position
-from dvrk_gravity.ros import BEARABLE, MODEL, Phase, Stage
+from dvrk_gravity.ros import BEARABLE, MODEL, Stage
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 
@@ -86,15 +85,3 @@ def test_what_the_compensator_or_the_simulator_refuses_is_refused_before_anythin
     for scale in ("-0.1", "1e9", "nan"):
         assert main(["demo", f"--friction-scale={scale}"]) == 2
         assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_distances_are_shown_in_the_joints_own_units(tmp_path):
-    arm = made_up_arm(tmp_path)
-    assert [unit for _, unit in shown_position(arm)] == ["deg", "deg", "mm", "deg"]
-    position = np.zeros((3, 4))
-    position[1] = [0.1, 0.0, 0.02, 0.0]
-    phase = Phase("", np.arange(3.0), position)
-    shown = [
-        factor * way for (factor, _), way in zip(shown_position(arm), phase.drift, strict=True)
-    ]
-    assert shown == pytest.approx([np.degrees(0.1), 0.0, 20.0, 0.0])

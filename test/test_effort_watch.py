@@ -78,16 +78,6 @@ def test_an_effort_beyond_its_band_for_a_tenth_of_a_second_stops_the_arm(
         watch(sample(plan, 0.7, beyond), 0.7)
 
 
-def test_after_a_pause_efforts_are_compared_with_where_the_path_is_then() -> None:
-    plan = plan_of("ecm")
-    spring = TorqueModel.from_parameters({"elastic_cable.pitch": (0.0, 500.0)}, ECM)
-    watch = EffortWatch(plan.at, ECM, np.full(ECM.n, 1e3), spring)
-    for time in (0.0, 0.9, 3.7):
-        effort = spring.torque_at(State(*(each[None] for each in plan.at(time))))[0]
-        for later in (0.0, 0.11):
-            watch(sample(plan, time + later, effort), time + later)
-
-
 def test_efforts_that_are_missing_stop_an_arm_with_a_model_and_without_one() -> None:
     plan = plan_of("ecm")
     for model in (weightless(), None):

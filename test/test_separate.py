@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,18 +14,13 @@ from dvrk_gravity import effects
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import (
-    Alternative,
     Contest,
-    Diagnosis,
-    Files,
-    Finding,
-    Gain,
     RivalCause,
     RivalCauses,
     diagnosed_again,
     load_unseparated,
 )
-from dvrk_gravity.effects import Estimate, State
+from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.planning import (
@@ -80,21 +74,6 @@ def test_the_expected_evidence_is_half_the_distance_from_all_that_the_other_expl
     way += way.T
     sides = [expects(gram + sign * 1e-6 * way)[0] for sign in (1, -1)]
     assert np.sum(slope * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-5)
-
-
-def test_the_evidence_of_a_curve_far_beyond_where_it_was_fitted_is_not_lost_in_rounding():
-    """Its columns are 1e7 times the noise there, and all but a part of them cancels."""
-    u, random = np.linspace(-14.0, 14.0, 200), np.random.default_rng(0)
-    columns = np.column_stack([np.sin(0.01 * u), *(u**k for k in range(7))])
-    first, second = np.zeros((8, 7)), np.zeros((8, 7))
-    second[1:] = 0.005 * np.linalg.qr(random.normal(size=(7, 7)))[0]
-    apart = np.array([30.0, *second[1:] @ random.normal(size=7)])
-    gram = columns.T @ columns
-    value, _ = Sense(*(Prediction.of(gram, each) for each in (first, second)), apart).further(gram)
-    design = np.vstack([columns @ second, np.eye(7)])
-    target = np.concatenate([columns @ apart, np.zeros(7)])
-    left = target - design @ np.linalg.lstsq(design, target)[0]
-    assert value == pytest.approx(0.5 * left @ left, rel=1e-3)
 
 
 def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(unclear):
@@ -156,11 +135,6 @@ def test_a_wide_spread_of_the_other_rival_is_no_evidence_against_it():
     assert wide.chance(gram) <= near.chance(gram)
 
 
-def test_there_is_no_chance_to_separate_equal_torques():
-    gram, same = np.eye(2), Prediction.of(np.eye(2), np.eye(2))
-    assert Sense(same, same, np.zeros(2)).chance(gram) == pytest.approx(0.0, abs=0.01)
-
-
 def promised(contest: Contest, *either: bool, evidence: float = 0.0) -> tuple[float, float]:
     """Return the evidence and the chance of a wider motion, with that for a spring before it."""
     first, second = (contest.pairs[0].first, contest.pairs[0].second)
@@ -197,14 +171,6 @@ def test_that_a_simpler_cause_is_contained_in_another_at_its_place_need_not_be_s
     assert RivalCauses.of(unclear.model, spring, offset).either == (True, False)
     elsewhere = cause(passed(unclear.model), "torque_offset", 0, 1.0, 0.1)
     assert RivalCauses.of(unclear.model, elsewhere, spring).either == (True, True)
-
-
-def test_a_rejected_form_may_explain_but_is_not_to_be_shown(unclear):
-    offset, spring = unclear.pairs[0].first, unclear.pairs[0].second
-    elsewhere = cause(passed(unclear.model), "torque_offset", 0, 1.0, 0.1)
-    rejected = replace(spring, rejected=True)
-    assert RivalCauses.of(unclear.model, rejected, elsewhere).either == (False, True)
-    assert contest(unclear.model, (offset, rejected)).pairs == ()
 
 
 # --- the plan
@@ -317,16 +283,6 @@ def test_a_push_that_happened_once_is_not_expected_again(model):
     assert not push.rival().columns(motion).any()
 
 
-def test_friction_of_a_joint_without_a_measured_speed_is_finite(model):
-    motion = passed(model)
-    still = replace(motion, qd=np.zeros_like(motion.qd))
-    columns = [
-        each.regressor(still) for each in effects.named("stribeck_friction").hypotheses(still)
-    ]
-    assert columns
-    assert all(np.isfinite(each).all() for each in columns)
-
-
 # --- its files
 
 
@@ -397,41 +353,6 @@ def test_the_further_recording_is_diagnosed_together_with_the_first(unclear, tmp
         command = diagnosed_again(written(unclear, out, recordings=first), "further", poses)
         assert words.replace("{}", str(tmp_path)) in command
         assert command.endswith(f" --out {out}/both")
-
-
-def found(contest: Contest) -> Diagnosis:
-    pair, names = contest.pairs[0], contest.model.arm.joint_names
-    finding = Finding(
-        "torque_offset", ("pitch",), "joint", {"offset": Estimate(1.0, 0.5, 1.5, "N·m")},
-        Gain(0.4, 0.3, 0.5, 1e-9), (Alternative("elastic_cable", ("pitch",), "as well"),),
-        (), "pitch has an offset", None, "", rivals=(pair.first, pair.second),
-    )  # fmt: skip
-    level = dict.fromkeys(names, 0.1)
-    return Diagnosis(
-        "ambiguous", (finding,), (), level, level, level, level, "nothing", 100, 30, (), (), (),
-        contest.model, band=8.0, contest=contest,
-        files=Files.of(
-            Path("out dir/findings.json"), Path("models/model.yaml"), [Path("bags/run 1")]
-        ),
-    )  # fmt: skip
-
-
-def test_a_diagnosis_names_the_command_that_plans_what_separates_if_anything_does(model, unclear):
-    diagnosis = found(unclear)
-    command = "dvrk_gravity plan --separate 'out dir/findings.json' --out 'out dir/separate.yaml'"
-    content = json.loads(diagnosis.to_json())
-    assert content["next"] == content["findings"][0]["next"] == command
-    assert content["unseparated"]["model"] == "../models/model.yaml"
-    assert content["unseparated"]["recordings"] == ["../bags/run 1"]
-    assert " --poses " in found(replace(unclear, poses=True)).separated_by
-    assert json.loads(replace(diagnosis, contest=None).to_json())["next"] is None
-    same = twins(model)
-    assert found(contest(model, same)).separated_by == ""
-    assert contest(model, same).inseparable(same)
-    assert unclear.inseparable((unclear.pairs[0].first, unclear.pairs[0].second)) == ""
-    motion = passed(model)  # of a change since a reference recording none is planned
-    beside = replace(motion, reference=np.zeros_like(motion.q))
-    assert Contest.of(beside, [diagnosis.findings[0].rivals], unclear.noise).pairs == ()
 
 
 def test_the_verb_plans_what_separates_and_ends_with_status_1_where_nothing_does(

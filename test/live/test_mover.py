@@ -154,27 +154,6 @@ def replaced(arm: DrivenArm) -> None:
     arm.node.destroy_publisher(first)
 
 
-def disabled(arm: DrivenArm) -> None:
-    from diagnostic_msgs.msg import KeyValue
-
-    said = arm.node.create_publisher(KeyValue, "operating_state", 1)
-    arm.node.create_timer(0.1, lambda: said.publish(KeyValue(key="DISABLED", value="homed")))
-
-
-@pytest.fixture
-def operating_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    """crtk_msgs is not everywhere: any message with two texts serves in its stead."""
-    from diagnostic_msgs.msg import KeyValue
-
-    for name, value in (
-        ("state", property(lambda message: message.key)),
-        ("is_homed", property(lambda message: message.value == "homed")),
-        ("is_busy", False),
-    ):
-        monkeypatch.setattr(KeyValue, name, value, raising=False)
-    monkeypatch.setattr("dvrk_gravity.ros.presence.OperatingState", KeyValue)
-
-
 @pytest.mark.parametrize(
     ("fault", "says"),
     [
@@ -183,12 +162,11 @@ def operating_state(monkeypatch: pytest.MonkeyPatch) -> None:
         (DrivenArm.measure_elsewhere, "several nodes "),
         (replaced, "another node than before"),
         (lambda arm: setattr(arm, "ahead", 5.0), r"clock has stepped [45]"),
-        (disabled, "DISABLED"),
     ],
-    ids=["silent", "rival", "two arms", "another arm", "clock", "disabled"],
+    ids=["silent", "rival", "two arms", "another arm", "clock"],
 )
 def test_what_goes_wrong_on_the_way_holds_the_arm(
-    driven: DrivenArm, operating_state: None, fault: Callable[[DrivenArm], None], says: str
+    driven: DrivenArm, fault: Callable[[DrivenArm], None], says: str
 ) -> None:
     driven.soon(lambda: fault(driven))
     with mover() as moving:
