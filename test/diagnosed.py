@@ -130,7 +130,8 @@ def poses(count: int = 60, seed: int = 0) -> Array:
 def of_poses(q: Array, effort: Array, seed: int = 1, **changes: object) -> Recording:
     """Return a recording of static poses, with a tenth of the noise of a motion."""
     noise = 0.1 * NOISE * np.random.default_rng(seed).normal(size=q.shape)
-    return Recording(ARM.joint_names, None, q, effort=effort + noise, arm=ARM, **changes)
+    fields = {"joints": ARM.joint_names, "time": None, "position": q, "effort": effort + noise}
+    return Recording(**({"arm": ARM, **fields} | changes))
 
 
 def only(diagnosis: Diagnosis) -> Finding:

@@ -211,6 +211,7 @@ def test_a_hidden_effect_is_named_with_its_joint_its_size_and_the_gain(effect):
     assert (effect, names) in claims(diagnosis), diagnosis
     first = diagnosis.findings[0]
     assert first.effect == effect or diagnosis.verdict == "ambiguous", diagnosis
+    assert first.certain
     for name, truth in case.parameters.items():
         assert holds(first, name, truth), (name, truth, first.parameters[name])
     # What is wrong with a whole recording is mended before errors are compared.
