@@ -13,7 +13,6 @@ from diagnosed import (
     YAW,
     another,
     claims,
-    clean,
     holds,
     identified,
     lab,
@@ -88,18 +87,6 @@ def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path
     assert set(evaluation.expected) == set(evaluation.joints)
     for joint, expected in evaluation.expected.items():
         assert evaluation.joints[joint].rmse < expected.high, joint
-
-
-def test_more_than_a_model_expects_of_itself_is_told_though_nothing_is_named():
-    diagnosis = clean(3)
-    joint = next(iter(diagnosis.after))
-    left = {**diagnosis.after, joint: 3.0 * diagnosis.expected[joint]}
-
-    more = replace(diagnosis, after=left, known=()).sentence
-
-    assert joint in more
-    assert "3 times" in more
-    assert "3 times" not in diagnosis.sentence
 
 
 def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error():
@@ -274,17 +261,6 @@ def test_all_friction_that_has_grown_is_known_and_no_scale_of_all_efforts():
     for factor in factors:
         assert factor.value == pytest.approx(1.3, abs=0.1)
         assert factor.low < 1.3 < factor.high
-
-
-def test_friction_that_has_halved_is_known_with_what_to_do_about_it():
-    """Compensated as the model has it, it would drive the arm."""
-    diagnosis = on_a_day(7, all_kinds(-0.5))
-
-    known = diagnosis.known[0]
-    assert diagnosis.verdict == "nothing_to_explain"
-    assert "friction" in diagnosis.sentence
-    ratio = float(known.remedy.split("friction_compensation.ratio ")[1].split()[0])
-    assert 0.3 < ratio <= 0.5  # by what surely is there
 
 
 def test_no_factor_has_friction_drive_the_arm():

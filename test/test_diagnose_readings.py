@@ -26,12 +26,10 @@ from diagnosed import (
     seven,
 )
 
-from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.diagnosis import diagnose, load, require_gravity, require_predictable
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording, check
+from dvrk_gravity.recording import Recording
 
 DEGREES = 180.0 / np.pi
 EVERY = 1.0 * np.ones(ARM.n)
@@ -125,38 +123,6 @@ def test_motors_read_as_joints_are_told_before_what_else_is_wrong():
     assert second.parameters["coefficient"].value == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_motor_s_column_of_the_wrong_sign_is_told_as_that():
-    arm, recording = seven().arm, of_seven()
-    sign = np.where(np.arange(7) == 2, -1.0, 1.0)
-    motors = replace(
-        recording,
-        position=arm.actuator_position(recording.position),
-        velocity=arm.actuator_position(recording.velocity),
-        effort=sign * arm.actuator_effort(recording.effort),
-        coordinates="actuator",
-    )
-
-    finding = only(diagnose(motors, seven().model()))
-
-    assert finding.place == "the effort of elbow_pitch's motor has the wrong sign"
-
-
-def test_exchanged_joints_are_not_taken_for_wrong_units():
-    recording = replace(of_seven(), arm=seven().arm)
-    order = [0, 5, 2, 3, 4, 1, 6]
-    exchanged = replace(
-        recording, position=recording.position[:, order], effort=recording.effort[:, order]
-    )
-    milli = replace(recording, effort=1e3 * recording.effort)
-
-    def kinds(read: Recording) -> set[str]:
-        return {warning.kind for warning in check(read)}
-
-    assert recording.joints == JOINT_NAMES
-    assert "effort_unit" not in kinds(exchanged)
-    assert "effort_unit" in kinds(milli)
-
-
 # Scales of efforts.
 @pytest.mark.parametrize("factor", [1e-3, 10.0])
 def test_a_scale_of_all_efforts_is_the_one_cause(factor):
@@ -184,27 +150,6 @@ def test_scales_of_two_joints_are_not_said_to_be_of_all():
     assert sorted(named(diagnosis)) == [("torque_scale", ("pitch",)), ("torque_scale", ("yaw",))]
     for finding in diagnosis.findings:
         assert finding.parameters["factor"].value == pytest.approx(0.8, abs=0.02)
-
-
-def test_what_else_is_wrong_is_judged_at_the_right_scale():
-    motion = moving()
-    rubbing = motion.torque() + 0.3 * motion.qd[:, [YAW]] * eye(YAW)
-    recording = motion.read(rubbing)
-
-    scale, friction = diagnose(replace(recording, effort=10.0 * recording.effort), model()).findings
-
-    assert (scale.effect, friction.effect) == ("torque_scale", "viscous_friction")
-    assert scale.parameters["factor"].value == pytest.approx(10.0, rel=0.02)
-    assert friction.parameters["coefficient"].value == pytest.approx(0.3, rel=0.1)
-
-
-def test_efforts_that_are_clipped_low_are_no_scale():
-    level = 0.4 * np.abs(recorded().effort).max(axis=0)
-
-    diagnosis = diagnose(with_effort(lambda effort: np.clip(effort, -level, level)), model())
-
-    assert "effort_saturation" in {finding.effect for finding in diagnosis.findings}
-    assert "torque_scale" not in {finding.effect for finding in diagnosis.findings}
 
 
 def test_newton_millimetres_are_refused():
@@ -371,17 +316,6 @@ def test_efforts_that_a_model_can_judge_are_not_refused():
             require_gravity(motion, "recording")
 
 
-def test_weights_that_a_narrow_motion_shows_by_their_mean_alone_are_there():
-    """There what the model lacks, a cable, may vary as the weight does, the other way."""
-    position = MIDDLE + 0.2 * (recorded().position - MIDDLE)
-    state = State.of(position)
-    weights = sum(term.torque(state) for term in model().terms if term.WEIGHT_OF_ARM)
-    effort = model().torque(position) - (weights - weights.mean(axis=0))
-    narrow = replace(recorded(), position=position, velocity=None, effort=effort)
-
-    require_gravity(load([narrow], model()).motion, "narrow")
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -420,25 +354,3 @@ def test_noise_of_joints_is_the_same_however_it_was_recorded_and_unknown_where_i
     assert ((0.8 * white < here) & (here < 1.6 * white)).all()
     floor = load([part], model(), {"roll": 0.0}).floor
     assert np.isfinite(floor).tolist() == [True, True, True, False]
-
-
-def test_a_motor_that_is_not_read_leaves_open_every_joint_that_it_moves():
-    recording = recorded(0, 20.0)
-    effort = ARM.actuator_effort(recording.effort)
-    effort[800:1200, INSERTION] = effort[800, INSERTION]
-    read = replace(
-        recording, position=ARM.actuator_position(recording.position), velocity=None,
-        effort=effort, coordinates="actuator",
-    )  # fmt: skip
-    motion = load([read], model()).motion
-    felt = ARM.joint_effort(np.eye(ARM.n))[INSERTION] != 0.0
-
-    np.testing.assert_array_equal(motion.unread.any(axis=0), felt)
-    inside = (motion.time > 8.0) & (motion.time < 11.9)
-    assert motion.unread[inside][:, felt].all()
-    assert not motion.unread[(motion.time < 7.9) | (motion.time > 12.1)].any()
-
-
-def test_the_model_of_these_tests_knows_weight_inertia_and_friction():
-    assert isinstance(model(), TorqueModel)
-    assert {"link_weight", "link_inertia", "coulomb_friction"} <= {t.NAME for t in model().terms}

@@ -113,15 +113,6 @@ def test_a_load_is_weighed_at_its_place():
     assert diagnosis.model.term("payload").mass == pytest.approx(MASS, rel=0.03)
 
 
-def test_a_load_that_was_taken_off_since_is_weighed_too():
-    load = only(diagnose(bare(), arm=ARM, reference=carrying()))
-
-    assert load.effect == "payload"
-    assert load.parameters["mass"].value == pytest.approx(-MASS, rel=0.03)
-    for axis, coordinate in zip("xyz", COM, strict=True):
-        assert load.parameters[axis].value == pytest.approx(coordinate, abs=0.01)
-
-
 def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told():
     half = [replace(each, effort=0.5 * each.effort) for each in (carrying(), bare())]
 
@@ -131,16 +122,9 @@ def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told():
     assert diagnosis.to_dict()["known_payload"]["mass"] == MASS
 
 
-def test_a_model_beside_a_reference_takes_the_change_in():
-    diagnosis = diagnose(carrying(), TorqueModel(ARM, ()), reference=bare())
-
-    assert diagnosis.model.term("payload").mass == pytest.approx(MASS, rel=0.03)
-
-
-@pytest.mark.parametrize("rest", [0.0, 3.0], ids=["at rest on the way", "far from it"])
-def test_a_spring_is_told_whole_wherever_it_is_at_rest(rest):
+def test_a_spring_is_told_whole_though_it_is_at_rest_far_from_the_way():
     """Part of it is a constant, and part what springs pull otherwise from one day to another."""
-    pull = 1.0 * (motion().q[:, [YAW]] - rest) * eye(YAW)
+    pull = 1.0 * (motion().q[:, [YAW]] - 3.0) * eye(YAW)
 
     found = only(changed(again(pull)))
 
@@ -157,9 +141,8 @@ def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it():
     assert scale.low < 1.5 < scale.high
 
 
-@pytest.mark.parametrize("delay", [0.04, -0.04])
-def test_efforts_that_come_later_or_earlier_than_a_reference_s_are_told_by_how_much(delay):
-    recording = again()
+def test_efforts_that_come_earlier_than_a_reference_s_are_told_by_how_much():
+    recording, delay = again(), -0.04
     late = [np.interp(recording.time - delay, recording.time, e) for e in recording.effort.T]
 
     found = only(changed(replace(recording, effort=np.column_stack(late))))

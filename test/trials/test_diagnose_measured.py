@@ -13,11 +13,9 @@ from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import correct_readings, load, require_gravity, try_readings
 from dvrk_gravity.recording import Recording
-from testing.hide import HIDERS, STREAMS, hide
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
-from testing.world import COARSE, World
 
 MTM = Arm.load("mtmr")
 MOTION, SWEEP = "mtm_dynamic_30s_200hz.csv", "mtm_wrist_platform_sweep_200hz.csv"
@@ -74,23 +72,6 @@ def test_a_psm_whose_weights_are_small_may_have_efforts_of_any_scale(measured_da
         require_gravity(load([scaled], model).motion, recording.source)
 
 
-@pytest.mark.parametrize("effect", sorted(set(HIDERS) - {"nothing", "outside"}))
-def test_what_is_hidden_in_a_simulated_master_arm_is_named_or_listed(effect):
-    known, random = World.draw(7, step=COARSE), np.random.default_rng([7, STREAMS[effect]])
-    world, hidden = hide(known, effect, random)
-    motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
-    recording = world.record(motion, noise, 20.0 if effect == "contact" else 10.0, 100.0)
-
-    diagnosis = diagnose(recording, known.model())
-
-    claims = [
-        (claim.effect, tuple(claim.joints))
-        for finding in diagnosis.findings
-        for claim in (finding, *finding.alternatives)
-    ]
-    assert (effect, hidden.joints) in claims
-
-
 # A UR5 and a master arm in a laboratory, each identified once.
 @cache
 def laboratory(name: str, seed: int) -> tuple[MujocoWorld, TorqueModel]:
@@ -138,22 +119,6 @@ def test_a_load_in_one_of_two_recordings_is_not_said_to_be_half_of_it_in_both():
     (one,) = both.findings
     assert one.parameters["mass"].value == pytest.approx(mass, rel=0.02)
     assert one.left_out == ""
-
-
-def test_a_joint_whose_friction_differs_from_the_others_is_told_beside_them():
-    world, model = laboratory("ur5", 5)
-    truth = world.truth(draw_other(world.arm, 7, draw_calibration(world.arm, 5)), 30.0)
-    factor = np.array([1.2, 1.2, 1.2, 0.7, 1.2, 1.2])
-    friction = world.joint_friction
-    fields = {name: factor * getattr(friction, name) for name in ("level", "damping", "load")}
-    changed = replace(world, joint_friction=replace(friction, **fields))
-    truth = changed.truth(draw_other(world.arm, 7, draw_calibration(world.arm, 5)), 30.0)
-
-    diagnosis = diagnose(changed.record(truth, 7), model)
-
-    assert diagnosis.findings == ()
-    assert diagnosis.known
-    assert (world.arm.joint_names[3],) in [known.joints for known in diagnosis.known]
 
 
 @pytest.mark.parametrize("motion", [0, 1])
