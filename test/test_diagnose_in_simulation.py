@@ -129,13 +129,12 @@ def test_the_plant_of_identified_parameters_has_the_arm_s_mass_matrix():
         assert found.mass_matrix() == pytest.approx(arm.mass_matrix(), abs=1e-9)
 
 
-@pytest.mark.parametrize("change", [without_roll, np.negative, np.zeros_like])
-def test_inertia_that_no_bodies_have_is_completed_to_an_arm_that_moves(change):
-    plant = ModelArm.of(with_links(change)).plant()
-
-    for q in positions(20):
-        plant.reset(q)
-        assert np.linalg.eigvalsh(plant.mass_matrix()).min() > 1e-6
+def test_inertia_that_no_bodies_have_is_completed_to_an_arm_that_moves():
+    for change in (without_roll, np.negative, np.zeros_like):
+        plant = ModelArm.of(with_links(change)).plant()
+        for q in positions(20):
+            plant.reset(q)
+            assert np.linalg.eigvalsh(plant.mass_matrix()).min() > 1e-6, change
 
 
 def test_the_completed_inertia_is_the_model_s_but_for_what_cannot_be():
