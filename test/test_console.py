@@ -112,10 +112,6 @@ def test_what_has_no_place_in_the_console_s_form_is_named():
 # --- bad files ------------------------------------------------------------------------------
 
 
-def drop(name):
-    return lambda document: document["GC_controller"].pop(name)
-
-
 BAD_FIELDS = {
     "no version": (lambda document: document.pop("version"), "version"),
     "no section": (lambda document: document.pop("GC_controller"), "GC_controller"),
@@ -124,7 +120,10 @@ BAD_FIELDS = {
         "39 entries",
     ),
     "null": (entry("gc_dynamic_params_neg", 12, None), "gc_dynamic_params_neg[12]"),
-    "one range": (drop("joint_position_lower_limit"), "joint_position_lower_limit"),
+    "one range": (
+        lambda document: document["GC_controller"].pop("joint_position_lower_limit"),
+        "joint_position_lower_limit",
+    ),
     "band over saturation": (entry("db_vel_vec", 2, 0.5), "sat_vec_vec[2]"),
     "ratio": (entry("fric_comp_ratio_vec", 6, 1.5), "fric_comp_ratio_vec[6]"),
     "range upside down": (entry("joint_position_lower_limit", 0, 50), "lower_limit[0]"),

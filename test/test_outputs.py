@@ -66,7 +66,6 @@ def test_a_urdf_is_not_written_over_however_the_arm_names_it_or_if_that_is_not_k
     urdf.write_text("a robot")
     for arm, token in (
         ("urdf: robot.urdf", r"robot\.urdf, which is read"),
-        ("{urdf: robot.urdf, name: flow}", r"robot\.urdf, which is read"),
         ("? urdf\n: robot.urdf", r"robot\.urdf, which is read"),
         ('"\\x75rdf": "robot\\u002eurdf"', r"robot\.urdf, which is read"),
         ("urdf: [robot.urdf", r"arm\.yaml"),

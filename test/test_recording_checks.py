@@ -7,14 +7,7 @@ import pytest
 from recording_samples import column, held, wave, with_gap
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.recording import (
-    Recording,
-    check,
-    compare_velocity,
-    jumps,
-    quantum,
-    stale,
-)
+from dvrk_gravity.recording import Recording, check, compare_velocity, jumps, quantum, stale
 
 CLEAN = wave(6000)
 RUBS = 0.02 * np.sign(CLEAN.velocity)  # N·m, friction alone
