@@ -1,34 +1,25 @@
-"""Models as URDF and MJCF: the same torque in Pinocchio and MuJoCo, and the cost of the rest."""
+"""Models as URDF and MJCF: the same torque in MuJoCo and as an arm, and the cost of the rest."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
-import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
-from made_up_arm import random_inertia, write
-from robots import PANDA, UR5
+from exported import by_mujoco, load, most, physical, states, whole, without_dry
+from made_up_arm import write
 
-from dvrk_gravity.arms import Arm, gravity_in_base, is_mtm
+from dvrk_gravity.arms import Arm, gravity_in_base
 from dvrk_gravity.command_line import run
 from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
-    Gravity,
-    JointSpring,
     LinkInertia,
     LinkWeight,
-    Payload,
     Range,
-    RotorInertia,
-    ViscousFriction,
     base_directions,
-    beta_map,
     prior_scale,
 )
 from dvrk_gravity.errors import ConfigError
@@ -37,108 +28,12 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
 
 CONVERT = "dvrk_gravity.cli.convert"
-ARMS = ("mtmr", "mtml", "psm", "ecm", "made_up", "ur5", "panda")
+ARMS = ("mtmr", "made_up", "ur5")
 
 
 @pytest.fixture(scope="module")
 def made_up(tmp_path_factory) -> Path:
     return write(tmp_path_factory.mktemp("arms"))
-
-
-def load(name: str, made_up: Path) -> Arm:
-    return Arm.load({"made_up": made_up, "ur5": UR5, "panda": PANDA}.get(name, name))
-
-
-def physical(arm: Arm, seed: int = 0) -> np.ndarray:
-    """Return (bodies, 10) of bodies that can exist."""
-    random = np.random.default_rng(seed)
-    return np.array([random_inertia(random).toDynamicParameters() for _ in arm.bodies])
-
-
-def weight(arm: Arm, rows: np.ndarray, vector: np.ndarray) -> Gravity | LinkWeight:
-    if is_mtm(arm):
-        return Gravity(arm, beta_map(replace(arm, base_rpy=(0.3, 0.2, 0.0))) @ rows.ravel(), vector)
-    return LinkWeight(arm, rows[:, :4], vector)
-
-
-def whole(arm: Arm, tilt: tuple[float, float] = (0.2, -0.3)) -> TorqueModel:
-    """Return a model of all that an MJCF can hold: at joints, at motors, in a tilted base."""
-    random, rows, n = np.random.default_rng(1), physical(arm), arm.n
-    some = lambda: random.uniform(0.01, 0.1, n)  # noqa: E731
-    vector = gravity_in_base(*tilt)
-    spring = random.normal(size=(n, n)) * 0.1
-    dry = [some(), some()]
-    endless = Range(np.full(n, -np.inf), np.full(n, np.inf))
-    terms = (
-        weight(arm, rows, vector),
-        LinkInertia(arm, rows),
-        Payload(arm, arm.body_names[-1], 0.3, np.array([0.01, -0.02, 0.03]), vector),
-        RotorInertia(arm, some()),
-        ViscousFriction(arm, some(), some()),
-        CoulombFriction(arm, dry[0], dry[0], dry[1], dry[1], 1e-4 * np.ones(n)),
-        ElasticCable(arm, random.normal(size=(2, n)), endless),
-        JointSpring(arm, spring + spring.T, some()),
-    )
-    return TorqueModel(arm, terms, joint_offset=random.uniform(-0.05, 0.05, n))
-
-
-def states(arm: Arm, seed: int = 2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    random = np.random.default_rng(seed)
-    lower, upper = (np.clip(edge, -3.0, 3.0) for edge in arm.range)
-    edge = 0.02 * (upper - lower)
-    q = random.uniform(lower + edge, upper - edge, (20, arm.n))
-    qd, qdd = random.normal(size=(2, *q.shape)) * arm.scale
-    return q, qd, qdd
-
-
-def without_dry(model: TorqueModel) -> TorqueModel:
-    """Return a model without dry friction, which MuJoCo has as a soft constraint."""
-    terms = tuple(term for term in model.terms if not isinstance(term, CoulombFriction))
-    return replace(model, terms=terms)
-
-
-def by_mujoco(text: str, arm: Arm, q, qd, qdd) -> np.ndarray:
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    names = [model.joint(i).name for i in range(model.njnt)]
-    expand = np.zeros((model.nv, arm.n))
-    for row, name in enumerate(names):
-        if name in arm.joint_names:
-            expand[row, arm.joint_names.index(name)] = 1.0
-    for e in range(model.neq):
-        master = names[model.eq_obj2id[e]]
-        expand[model.eq_obj1id[e], arm.joint_names.index(master)] = model.eq_data[e, 1]
-    out = []
-    for row in zip(q, qd, qdd, strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = (expand @ values for values in row)
-        mujoco.mj_inverse(model, data)
-        out.append(expand.T @ data.qfrc_inverse)
-    return np.array(out)
-
-
-def by_pinocchio(text: str, arm: Arm, q, qd, qdd) -> np.ndarray:
-    """Rigid bodies by Pinocchio's own reader; mimic joints and friction by the XML."""
-    model = pin.buildModelFromXML(text)
-    data = model.createData()
-    described = {j.get("name"): j for j in ElementTree.fromstring(text).findall("joint")}
-    expand = np.zeros((model.nv, arm.n))
-    for i in range(1, model.njoints):
-        mimic = described[model.names[i]].find("mimic")
-        master = model.names[i] if mimic is None else mimic.get("joint")
-        factor = 1.0 if mimic is None else float(mimic.get("multiplier", 1.0))
-        expand[model.joints[i].idx_v, arm.joint_names.index(master)] = factor
-    out = []
-    for row in zip(q, qd, qdd, strict=True):
-        at, speed, gain = (expand @ values for values in row)
-        at = pin.integrate(model, pin.neutral(model), at)
-        out.append(expand.T @ pin.rnea(model, data, at, speed, gain))
-    dynamics = [described[name].find("dynamics") for name in arm.joint_names]
-    damping, dry = (np.array([float(d.get(k)) for d in dynamics]) for k in ("damping", "friction"))
-    return np.array(out) + damping * qd + dry * np.sign(qd)
-
-
-def most(array: np.ndarray) -> float:
-    return float(np.abs(array).max())
 
 
 def test_an_mjcf_has_the_torque_of_a_whole_model_in_mujoco(made_up):
@@ -164,24 +59,6 @@ def test_dry_friction_is_mujocos_frictionloss_at_joints_and_motors(made_up):
         found = by_mujoco(exported.text, arm, q, ways, still) - model.torque(q, ways, still)
         assert fast.any()
         assert most(found[fast]) < 1e-4, name
-
-
-def test_a_urdf_has_the_torque_that_it_can_hold_in_pinocchio(made_up):
-    for name in ARMS:
-        model = whole(load(name, made_up))
-        exported = export_model(model, "URDF")
-        motion = states(model.arm)
-        found = by_pinocchio(exported.text, model.arm, *motion)
-        assert most(found - exported.held.torque(*motion)) < 1e-9, name
-        kept = {"link_weight", "gravity", "link_inertia", "payload"}
-        rigid = replace(model, terms=tuple(t for t in model.terms if t.NAME in kept))
-        at_rest = (motion[0], 0.0 * motion[0], 0.0 * motion[0])
-        assert (
-            most(by_pinocchio(exported.text, model.arm, *at_rest) - rigid.torque(*at_rest)) < 1e-9
-        )
-        left = {part.name for part in exported.left_out}
-        assert {"elastic_cable", "joint_spring"} <= left
-        assert "rigid bodies" not in left
 
 
 def test_an_exported_urdf_is_an_arm_with_the_same_torque(made_up, tmp_path):
@@ -288,39 +165,6 @@ def test_a_model_that_no_file_can_hold_is_refused_with_the_way_out():
     ):
         with pytest.raises(ConfigError, match=message):
             export_model(changed, "URDF")
-
-
-def test_names_are_escaped_and_massless_links_get_the_least_that_mujoco_takes(made_up):
-    arm = load("made_up", made_up)
-    odd = tuple(replace(j, name=f'{j.name} <&"{k}') for k, j in enumerate(arm.joints))
-    arm = replace(arm, joints=odd, name="a & b")
-    rows = physical(arm)
-    rows[-1] = 0.0
-    model = TorqueModel(arm, (LinkWeight(arm, rows[:, :4], arm.gravity), LinkInertia(arm, rows)))
-    exported, motion = export_model(model, "MJCF"), states(arm)
-    assert most(by_mujoco(exported.text, arm, *motion) - model.torque(*motion)) < 1e-9
-    assert any(arm.body_names[-1] in note for note in exported.notes)
-    text = export_model(model, "URDF").text
-    assert most(by_pinocchio(text, arm, *motion) - model.torque(*motion)) < 1e-9
-
-
-def test_the_urdf_of_an_arm_keeps_its_links_meshes_and_frames(made_up, tmp_path):
-    model = whole(load("ur5", made_up))
-    before = ElementTree.parse(UR5).getroot()
-    after = ElementTree.fromstring(export_model(model, "URDF", tmp_path).text)
-    links = {link.get("name") for link in after.findall("link")}
-    assert {link.get("name") for link in before.findall("link")} <= links
-    meshes = [[m.get("filename") for m in robot.iter("mesh")] for robot in (before, after)]
-    assert meshes[0] == meshes[1]
-    still = replace(model, joint_offset=np.zeros(6))
-    poses = []
-    for robot in (UR5.read_text(), export_model(still, "URDF", tmp_path).text):
-        arm = pin.buildModelFromXML(robot)
-        data, q = arm.createData(), states(model.arm)[0][0]
-        pin.framesForwardKinematics(arm, data, q)
-        base, tip = (data.oMf[arm.getFrameId(name)] for name in ("base_link", "tool0"))
-        poses.append((base.inverse() * tip).homogeneous)
-    assert most(poses[0] - poses[1]) < 1e-12
 
 
 def test_another_strength_of_gravity_is_an_mjcfs_and_costs_in_a_urdf():

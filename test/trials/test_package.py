@@ -6,18 +6,15 @@ import argparse
 import pkgutil
 import re
 import runpy
-import signal
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-import pytest
 import setuptools
 from made_results import TIME, example_diagnosis, fit_of
 from support import REPOSITORY, executables
 
 import dvrk_gravity
-from dvrk_gravity.__main__ import main
 from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.files import resources
 from dvrk_gravity.identification import evaluate
@@ -96,30 +93,6 @@ def test_configuration_is_found_beside_the_package_however_it_is_installed(tmp_p
         module = installed / "dvrk_gravity" / "files" / "resources.py"
         monkeypatch.setattr(resources, "__file__", str(module))
         assert resources.config_path("arms/mine.yaml") == config / "mine.yaml"
-
-
-# --- without ROS ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "words",
-    [["compensator"], ["demo", "--out", "new"], ["excite", "--arm", "mtmr", "--out", "new"]],
-)
-def test_what_needs_ros_says_so_in_one_line_where_there_is_none(
-    words, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setitem(sys.modules, "rclpy", None)
-    for name in [name for name in sys.modules if name.startswith("dvrk_gravity.ros")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setattr(signal, "signal", lambda *_: None)  # of this process
-    monkeypatch.chdir(tmp_path)
-    assert main(words) == 2
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    (line,) = shown.err.splitlines()
-    assert line.startswith(f"dvrk_gravity {words[0]}: ")
-    assert "rclpy" in line
-    assert not list(tmp_path.iterdir())
 
 
 # --- what is promised -------------------------------------------------------------------------
