@@ -24,7 +24,7 @@ help:
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
 	@echo "make docs    the site in out/site; a warning is an error"
-	@echo "make trials  slow tests, properties with many examples, hundreds of trials of hide and find, with exact models and with identified ones (SEEDS=\"0 12\")"
+	@echo "make trials  the long tests, properties with many examples, hundreds of trials of hide and find, with exact models and with identified ones (SEEDS=\"0 12\")"
 	@echo "make trials-real  known effects put into recordings of real arms, and looked for (DVRK_GRAVITY_DATA)"
 	@echo "make sensitivity  halve and double every threshold of estimation, and tell what moves"
 	@echo "make story   the diagnosis on real recordings: docs/real_data.md, docs/psm.md (DVRK_GRAVITY_DATA)"
@@ -64,9 +64,10 @@ test: install/.done
 	@$(IN_WORKSPACE) $(BIN)/python -m pytest test/live
 WORKERS ?= 2
 
-# Properties over many examples, sweeps over all arms, what pages say, packaging, a browser.
+# Properties, sweeps over all arms, what pages say, packaging, a browser.
 test-long: install/.done
-	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest test/trials
+	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile test/trials
+EXAMPLES ?= 1
 
 lint: $(VENV)/.done
 	$(BIN)/ruff check .
@@ -106,8 +107,8 @@ docs: $(DOCS)/.done
 
 SEEDS ?= 0 12
 LAB_SEEDS ?= 0 5
-EXAMPLES ?= 20
-trials: test-long
+trials: $(VENV)/.done
+	@$(MAKE) --no-print-directory test-long EXAMPLES=20
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/trials.py --seeds $(SEEDS) --jobs 2
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/lab_trials.py --seeds $(LAB_SEEDS) --jobs 2
 

@@ -4,7 +4,9 @@
 
 Compensator and watchdog run as processes of their own; this process is the arm. Measured is the
 time from the fault to the arrival of the `hold`, the arm publishing at 200 Hz. A time-out is looked
-after four times within itself, so that what is due after 0.1 s comes within 0.125 s.
+after four times within itself, so that what is due after 0.1 s comes within 0.125 s. These bounds
+are of real time, not ratios to the machine's speed: a computer that misses them is too slow, or too
+busy, for an arm.
 """
 
 from __future__ import annotations
@@ -110,7 +112,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args()
     rows = {}
-    print(f"{'hold after, ms':<24}{'median':>8}{'worst':>8}{'due':>8}  sent by")
+    print(f"{'hold after, ms':<24}{'median':>8}{'worst':>8}{'due':>8}  sent by (real time)")
     for name, (fault, sender, due) in FAULTS.items():
         times, attempts = [], 0
         while len(times) < arguments.repeats and attempts < 3 * arguments.repeats:

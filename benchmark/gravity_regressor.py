@@ -4,26 +4,26 @@
 
 Four ways to the same 7 x 10 array a pose, on one core and in one run: writing the result's memory
 and nothing else, ``dvrk_gravity.gravity.regressor``, the document's formula in its printed,
-expanded form column by column on whole arrays, and a loop over Pinocchio's regressors. Every time
-is the best of a few repetitions, interleaved; only the ratios mean something elsewhere. Before
-anything is timed, the ways are checked against one another.
+expanded form column by column on whole arrays, and a loop over Pinocchio's regressors. They take
+turns; only the ratios mean something elsewhere. Before anything is timed, the ways are checked
+against one another.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import time
-from collections.abc import Callable
+import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from units import Target, Way, as_json, in_turn, judge, ratio
 
 from dvrk_gravity.gravity import regressor
 
 HALF_TURN = np.pi / 2
+TARGET = 3.0  # times the memory
 DH = (  # alpha, a, d, theta's offset
     (HALF_TURN, 0.0, 0.0, -HALF_TURN),
     (0.0, 0.2794, 0.0, -HALF_TURN),
@@ -118,20 +118,8 @@ def check(model: pin.Model, q: np.ndarray) -> None:
         raise SystemExit("the compared ways do not agree: nothing was timed")
 
 
-def best(functions: dict[str, Callable[[], Any]], repetitions: int) -> dict[str, float]:
-    """Return the shortest time of each function, s; repetitions take turns."""
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    for _ in range(repetitions):
-        for name, function in functions.items():
-            start = time.perf_counter()
-            result = function()
-            times[name].append(time.perf_counter() - start)
-            del result  # so that the next one's memory is as fresh
-    return {name: min(values) for name, values in times.items()}
-
-
-def main() -> None:
-    """Print the table; write it as JSON if asked to."""
+def main() -> int:
+    """Print the table; status 1 if the target is missed."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--poses", type=int, default=1_000_000)
     parser.add_argument("--json", type=Path, metavar="FILE")
@@ -145,37 +133,31 @@ def main() -> None:
     zero = np.zeros(7)
     check(model, q[:500])
 
-    seconds = best(
-        {
-            "write the result's memory": lambda: write_memory(q),
-            "regressor": lambda: regressor(q),
-            "regressor, 14 columns, tilted base": lambda: regressor(fewer, (1.0, 2.0, -9.5), 14),
-            "document's formula, whole columns": lambda: document_formula(q),
-        },
-        repetitions=5,
-    )
-    seconds["regressor, 14 columns, tilted base"] *= len(q) / len(fewer)
-    loops = best(
-        {
-            "loop, Pinocchio computeStaticRegressor*": lambda: [
-                pin.computeStaticRegressor(model, data, pose) for pose in few
-            ],
-            "loop, Pinocchio computeJointTorqueRegressor": lambda: [
-                pin.computeJointTorqueRegressor(model, data, pose, zero, zero) for pose in few
-            ],
-        },
-        repetitions=3,
-    )
-    seconds |= {name: value * len(q) / len(few) for name, value in loops.items()}
-
-    memory, own = seconds["write the result's memory"], seconds["regressor"]
+    memory, own = "write the result's memory", "regressor"
+    ways: dict[str, Way] = {
+        memory: lambda: write_memory(q),
+        own: lambda: regressor(q),
+        "regressor, 14 columns, tilted base": lambda: regressor(fewer, (1.0, 2.0, -9.5), 14),
+        "document's formula, whole columns": lambda: document_formula(q),
+        "loop, Pinocchio computeStaticRegressor*": lambda: [
+            pin.computeStaticRegressor(model, data, pose) for pose in few
+        ],
+        "loop, Pinocchio computeJointTorqueRegressor": lambda: [
+            pin.computeJointTorqueRegressor(model, data, pose, zero, zero) for pose in few
+        ],
+    }
+    times = in_turn(ways, repeats=5)
+    times["regressor, 14 columns, tilted base"] *= len(q) / len(fewer)
+    for name in ways:
+        if name.startswith("loop"):
+            times[name] *= len(q) / len(few)
     rows = {
         name: {
-            "ns_per_pose": 1e9 * value / len(q),
-            "times_memory": value / memory,
-            "times_regressor": value / own,
+            "ns_per_pose": 1e9 * float(np.median(each)) / len(q),
+            "times_memory": ratio(each, times[memory]),
+            "times_regressor": ratio(each, times[own]),
         }
-        for name, value in seconds.items()
+        for name, each in times.items()
     }
     print(f"{len(q)} poses; Pinocchio's loops on {len(few)} of them, scaled")
     print("* centre of mass only, 3 rows: no joint torques, but the least that Pinocchio computes")
@@ -185,9 +167,14 @@ def main() -> None:
             f"{name:45}{row['ns_per_pose']:9.0f}"
             f"{row['times_memory']:10.2f}{row['times_regressor']:13.2f}"
         )
+    target = Target("regressor", rows[own]["times_memory"], TARGET, "times its memory",
+                    f"{rows[own]['ns_per_pose']:.0f} ns a pose")  # fmt: skip
+    met = judge([target])
     if arguments.json:
-        arguments.json.write_text(json.dumps({"poses": len(q), "rows": rows}, indent=1) + "\n")
+        content = {"poses": len(q), "rows": rows, "targets": as_json([target])}
+        arguments.json.write_text(json.dumps(content, indent=1) + "\n")
+    return 0 if met else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

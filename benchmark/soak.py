@@ -23,6 +23,7 @@ import numpy as np
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 from round_trip import RoundTrip
+from units import processor_time
 
 from dvrk_gravity.files import text_file
 from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, private_domain
@@ -37,12 +38,6 @@ def resident(pid: int) -> int:
     """Return a process's resident memory, bytes."""
     pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGESIZE")
-
-
-def processor_time(pid: int) -> float:
-    """Return the processor time that a process has used, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def soak(minutes: float) -> dict[str, list[float]]:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support import REPOSITORY
 
 from dvrk_gravity import command_line
-from dvrk_gravity.console import ConsoleFile
-
-DATA = Path(os.environ.get("DVRK_GRAVITY_DATA", REPOSITORY.parent / "shared" / "data")) / "gc_json"
-REAL = sorted(DATA.glob("gc-*.json"))
-needs_data = pytest.mark.skipif(not REAL, reason=f"no console files in {DATA}")
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.console import ConsoleFile, check_file
+from dvrk_gravity.model import TorqueModel
 
 
 def convert(*words) -> int:
@@ -101,6 +98,21 @@ def console_regressor(q):
     return rows
 
 
+def assert_as_console(document, model) -> None:
+    """Compare torques within the file's range, at speeds of the band, of the ramp and far above."""
+    cable, rng = model.term("directional_cable"), np.random.default_rng(2)
+    lower = np.maximum(cable.valid.lower, model.arm.lower)
+    upper = np.minimum(cable.valid.upper, model.arm.upper)
+    q = rng.uniform(lower, upper, (300, 7))
+    qd = rng.choice([0.0, 0.005, 0.05, 0.5, 5.0, 30.0], q.shape) * rng.uniform(-1, 1, q.shape)
+    expected = [console_torque(document, *row) for row in zip(q, qd, strict=True)]
+    np.testing.assert_allclose(model.torque(q, qd), expected, rtol=0, atol=1e-9)
+    # One pose at a time takes another way through the gravity term.
+    np.testing.assert_allclose(model.torque(q[0], qd[0]), expected[0], rtol=0, atol=1e-9)
+    rest = [console_torque(document, row, np.zeros(7)) for row in q]
+    np.testing.assert_allclose(model.torque(q), rest, rtol=0, atol=1e-9)
+
+
 # --- files ------------------------------------------------------------------------------------
 
 
@@ -157,6 +169,16 @@ def own_model():
 # --- faults ------
 
 
+def repaired(path, folder):
+    """The file with the limits that the answer says, by hand."""
+    document = json.loads(path.read_text())
+    lines = [line.strip().rstrip(",") for line in check_file(path).answer.todo]
+    new = json.loads("{" + ",".join(line for line in lines if line.startswith('"safe_')) + "}")
+    assert len(new) == 2
+    document["GC_controller"].update(new)
+    return write(folder, document, path.name)
+
+
 def edited(edit, **options):
     """Return a sound file that an edit has changed."""
     document = synthetic(**options)
@@ -204,3 +226,53 @@ def position_range(joint, low, high):
         document["GC_controller"]["joint_position_upper_limit"][joint] = high
 
     return edit
+
+
+# --- models of any form -----
+
+BETA = (0.3, 0.4, 0.25, 0.15, 0.01, 0.2, -0.1, 0.01, 0.04, 0.001)
+LOWER = tuple(np.radians([-40.0, -10, -30, -80, -80, -38, -90]).tolist())
+UPPER = tuple(np.radians([30.0, 45, 30, 180, 170, 38, 90]).tolist())
+CABLE = {
+    "elastic_cable.outer_yaw": (0.01, 0.03, -0.02),
+    "elastic_cable.wrist_platform": (0.02, 0.05, -0.03, 0.01),
+    "elastic_cable.valid_lower": LOWER,
+    "elastic_cable.valid_upper": UPPER,
+}
+PLAIN = {"arm": "mtmr", "beta": BETA} | CABLE
+
+
+def tilted(degrees: float) -> dict:
+    """Return the parameters of a base that is rolled."""
+    angle = np.radians(degrees)
+    vector = (0.0, 9.81 * float(np.sin(angle)), -9.81 * float(np.cos(angle)))
+    return {"beta": (*BETA, 0.001, 0.0, 0.05, -0.03), "gravity_vector": vector}
+
+
+def document_of(values: dict, folder: Path) -> tuple[dict, dict]:
+    """Convert a model on the command line; return the file and its costs."""
+    TorqueModel.from_parameters(values).save(folder / "m.yaml")
+    path = folder / "gc-MTMR-7.json"
+    assert convert(folder / "m.yaml", path, "--json", folder / "cost.json") == 0
+    return json.loads(path.read_text()), json.loads((folder / "cost.json").read_text())
+
+
+def assert_within_the_stated_cost(values: dict, folder: Path) -> None:
+    """The file commands what the compensator does, but for what converting says that it costs."""
+    document, costs = document_of(values, folder)
+    settings = Settings.from_parameters(values)
+    lower, upper = np.array([costs["range_rad"][joint] for joint in JOINT_NAMES]).T
+    random = np.random.default_rng(11)
+    q = random.uniform(lower, upper, (800, 7))
+    full = np.array(document["GC_controller"]["sat_vec_vec"])
+    moving = full * random.choice([-1.0, 1.0], q.shape)
+    for state, qd in (("rest", np.zeros(q.shape)), ("moving", moving)):
+        expected = [settings.torque(*row) for row in zip(q, qd, strict=True)]
+        given = [console_torque(document, *row) for row in zip(q, qd, strict=True)]
+        error = np.abs(np.subtract(given, expected))
+        for joint, residual in zip(JOINT_NAMES, error.T, strict=True):
+            cost = costs["joints"][joint]
+            rms = float(np.sqrt(np.mean(residual**2)))
+            # 800 poses determine an RMS to a few per cent.
+            assert rms == pytest.approx(cost[f"{state}_rms"], rel=0.1, abs=1e-8), (state, joint)
+            assert residual.max() <= 1.01 * cost[f"{state}_max"] + 1e-8, (state, joint)

@@ -47,6 +47,11 @@ def grid(levels: int) -> np.ndarray:
     return q
 
 
+def between(count: int = 3000, seed: int = 1) -> np.ndarray:
+    """Return poses anywhere in the range of the grid."""
+    return np.random.default_rng(seed).uniform(LOWER, UPPER, (count, 7))
+
+
 def record(model: TorqueModel, q: np.ndarray, noise: float = NOISE, seed: int = 0):
     """Return what a model's poses would look like, approached from below and from above."""
     random = np.random.default_rng(seed)

@@ -87,34 +87,23 @@ IN_RANGE = "expected a number from -1e+06 to 1e+06"
 WRONG_MTM = {
     "unknown field": (("colour",), "red", "colour: got 'colour'"),
     "missing field": (("parallelogram",), MISSING, "parallelogram: got nothing"),
-    "joint not a mapping": (("joints", 2), 5, "joints[2]: got 5"),
     "joint of another arm": (("joints", 2, "name"), "elbow", "joints.elbow_pitch: got"),
     "angle of another arm": (("joints", 3, "alpha"), 80, "joints.wrist_platform: got 'alpha 80"),
-    "joint's field unknown": (("joints", 4, "mass"), 1.0, "joints.wrist_pitch: got ['mass']"),
     "length as text": (("joints", 1, "a"), "long", "joints.shoulder_pitch.a: got 'long'"),
     "limits crossed": (("joints", 6, "lower"), 500, "joints.wrist_roll.lower: got 500"),
-    "effort limit zero": (("joints", 0, "effort_limit"), 0, "joints.outer_yaw.effort_limit: got 0"),
-    "matrix ragged": (("actuator_to_joint", 3), [1, 2], "actuator_to_joint[3]: got [1, 2]"),
     "matrix singular": (("actuator_to_joint", 3), [0] * 7, "an invertible matrix"),
     "motor limit negative": (("actuator_effort_limit", 2), -1, "of elbow_pitch: got -1.0"),
 }
 WRONG_CHAIN = {
     "kind": (joint(2, type="screw"), "joints.insertion.type: got 'screw', expected one of rev"),
     "parent": (follower(0, parent="link9"), "followers.counterweight.parent: got 'link9'"),
-    "same name": (follower(1, name="link1"), "followers[1].name: got 'link1', expected a name"),
     "motors without limits": ({"actuator_effort_limit": None}, "actuator_effort_limit: got noth"),
     "link that follows its own joint": (
         joint(3, follows={"roll": 1}), "joints.roll.follows: got 'roll', expected other joints",
     ),
-    "no mass": ({"sizes": {"link1": [0, 0.1]}}, "sizes.link1: got [0, 0.1], expected a mass and"),
     "no length": (joint(2, d=1e300), f"joints.insertion.d: got 1e+300, {IN_RANGE}"),
-    "no effort": (
-        {"actuator_effort_limit": [40, 35, 1e7, 5]},
-        f"actuator_effort_limit of insertion: got 10000000.0, {IN_RANGE}",
-    ),
     "no speed": (joint(0, velocity_limit=0), "joints.yaw.velocity_limit: got 0"),
     "millimetres": (joint(2, upper=240.0), "joints.insertion.upper: got 240.0, expected m, at"),
-    "angle": (joint(0, upper=900.0), "joints.yaw.upper: got 900.0, expected deg, at most 720"),
 }  # fmt: skip
 
 
@@ -213,14 +202,6 @@ WRONG_URDF = {
         (ONE, a_joint("two", "b", "c", inner='<limit lower="0" upper="90"/>')), "abc",
         "joint two: limit upper: got 90.0, expected rad, at most 12.57",
     ),
-    "millimetres": (
-        (a_joint("one", "a", "b", "prismatic", '<limit lower="0" upper="240" effort="2"/>'),), "ab",
-        "joint one: limit upper: got 240.0, expected m, at most 10",
-    ),
-    "limit as text": (
-        (a_joint("one", "a", "b", inner='<limit lower="x" upper="1" effort="1" velocity="1"/>'),),
-        "ab", "joint one: limit lower: got 'x'",
-    ),
     "mimic loop": (
         (a_joint("one", "a", "b", inner=mimic("two")), a_joint("two", "b", "c", inner=mimic("one")),
          a_joint("three", "c", "d")), "abcd", "joint one: mimic: got 'a loop: one, two, one'",
@@ -230,17 +211,11 @@ WRONG_URDF = {
         "joint two: mimic joint: got nothing",
     ),
     "strange link": ((ONE, a_joint("two", "b", "z")), "ab", "joint two: child: got 'z'"),
-    "two parents": ((ONE, a_joint("two", "a", "b")), "ab", "link b: got 'the child of two joints'"),
-    "loop": ((ONE, a_joint("two", "b", "a")), "ab", "link: got [], expected one link"),
     "loop off the tree": (
         (ONE, a_joint("two", "c", "d"), a_joint("three", "d", "c")), "abcd",
         "joint two, three: got 'a loop of c, d'",
     ),
     "link twice": ((ONE, TWO), "abcb", "link: got 'b', expected a name that no other link has"),
-    "damping as text": (
-        (a_joint("one", "a", "b", inner=f'{LIMIT}<dynamics damping="x"/>'),), "ab",
-        "joint one: dynamics damping: got 'x'",
-    ),
     "nothing moves": ((a_joint("one", "a", "b", "fixed", ""),), "ab", "joint: got 'none of 1"),
 }  # fmt: skip
 WRONG_NUMBERS = {
@@ -248,13 +223,10 @@ WRONG_NUMBERS = {
                        "-1": "link a: inertial mass: got -1.0", "1e300": "got 1e+300"},
     'izz="1"': {"x": "link a: inertial inertia izz: got 'x'"},
     'effort="3"': {"x": "joint one: limit effort: got 'x'", "1e300": f"got 1e+300, {IN_RANGE}"},
-    'xyz="0.1 0 0.2"': {"0.1 0": "joint one origin xyz: got '0.1 0', expected 3",
-                        "1e300 0 0": f"joint one origin xyz: got 1e+300, {IN_RANGE}"},
+    'xyz="0.1 0 0.2"': {"0.1 0": "joint one origin xyz: got '0.1 0', expected 3"},
     'xyz="0 0 1"': dict.fromkeys(("0 0 0", "0 1e-200 0", "0 9e307 9e307"), "joint one: axis: got"),
 }  # fmt: skip
 NOT_URDF = {
-    "text": ("hello", "got "),
-    "empty": ("", "no element found"),
     "other XML": ("<mujoco/>", "got '<mujoco>'"),
     "empty robot": ("<robot/>", "link: got 'none'"),
     "entities": ('<!DOCTYPE r [<!ENTITY x "y">]><robot name="r"/>', "a document type"),

@@ -107,6 +107,27 @@ def test_a_node_names_the_parameter_file_that_it_cannot_use(refused, tmp_path):
         assert token in line
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["compensator"], ["demo", "--out", "new"], ["excite", "--arm", "mtmr", "--out", "new"]],
+)
+def test_what_needs_ros_says_so_in_one_line_where_there_is_none(
+    words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    for name in [name for name in sys.modules if name.startswith("dvrk_gravity.ros")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # of this process
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    (line,) = shown.err.splitlines()
+    assert line.startswith(f"dvrk_gravity {words[0]}: ")
+    assert "rclpy" in line
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_bag_that_is_none_is_refused_and_no_answer_is_written(refused, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.csv").write_text("time\n1\n")

@@ -8,18 +8,15 @@ import os
 import numpy as np
 import pytest
 from console_files import (
-    DATA,
-    REAL,
+    assert_as_console,
     console_torque,
     convert,
     edited,
     entry,
-    needs_data,
     own_model,
     synthetic,
     write,
 )
-from support import MODEL_FILE
 
 from dvrk_gravity.console import ConsoleFile, FormError, Use, check_file, export
 from dvrk_gravity.errors import ConfigError
@@ -28,21 +25,6 @@ from dvrk_gravity.model import TorqueModel
 
 def model_of(document) -> TorqueModel:
     return ConsoleFile.from_document(document).model()
-
-
-def assert_as_console(document, model) -> None:
-    """Compare torques within the file's range, at speeds of the band, of the ramp and far above."""
-    cable, rng = model.term("directional_cable"), np.random.default_rng(2)
-    lower = np.maximum(cable.valid.lower, model.arm.lower)
-    upper = np.minimum(cable.valid.upper, model.arm.upper)
-    q = rng.uniform(lower, upper, (300, 7))
-    qd = rng.choice([0.0, 0.005, 0.05, 0.5, 5.0, 30.0], q.shape) * rng.uniform(-1, 1, q.shape)
-    expected = [console_torque(document, *row) for row in zip(q, qd, strict=True)]
-    np.testing.assert_allclose(model.torque(q, qd), expected, rtol=0, atol=1e-9)
-    # One pose at a time takes another way through the gravity term.
-    np.testing.assert_allclose(model.torque(q[0], qd[0]), expected[0], rtol=0, atol=1e-9)
-    rest = [console_torque(document, row, np.zeros(7)) for row in q]
-    np.testing.assert_allclose(model.torque(q), rest, rtol=0, atol=1e-9)
 
 
 # --- torques --------------------------------------------------------------------------------
@@ -54,12 +36,6 @@ def test_torques_equal_the_consoles_formula(version, tmp_path):
     path = write(tmp_path, document)
     assert convert(path, tmp_path / "model.yaml") == 0
     assert_as_console(document, TorqueModel.load(tmp_path / "model.yaml"))
-
-
-@needs_data
-def test_torques_of_real_files_equal_the_consoles_formula():
-    for path in REAL:
-        assert_as_console(json.loads(path.read_text()), ConsoleFile.load(path).model())
 
 
 def test_outside_the_calibrated_range_the_polynomials_are_held():
@@ -94,20 +70,6 @@ def test_json_to_yaml_to_json_is_exact(tmp_path):
         document["GC_controller"][f"gc_dynamic_params_{side}"][10:] = [0.0] * 30
     again = TorqueModel.from_parameters(model_of(document).parameters())
     assert export(again).document == document
-
-
-@needs_data
-def test_real_files_become_models_whatever_their_limits_and_are_returned_exactly(tmp_path):
-    for path in REAL:
-        document = json.loads(path.read_text())
-        assert convert(path, tmp_path / f"{path.stem}.yaml") == 0
-        assert convert(tmp_path / f"{path.stem}.yaml", tmp_path / path.name) == 0
-        back = json.loads((tmp_path / path.name).read_text())
-        if document["version"] == "1.0":
-            new = ("db_vel_vec", "sat_vec_vec", "fric_comp_ratio_vec")
-            assert all(len(back["GC_controller"].pop(name)) == 7 for name in new)
-            assert (document.pop("version"), back.pop("version")) == ("1.0", "2.0")
-        assert back == document, path.name
 
 
 def test_a_model_of_ones_own_becomes_a_file_that_the_console_loads(tmp_path):
@@ -147,18 +109,7 @@ def test_what_has_no_place_in_the_console_s_form_is_named():
         assert named in str(error.value)
 
 
-@needs_data
-def test_the_example_model_is_what_convert_makes_of_its_source(tmp_path):
-    assert convert(DATA / "gc-MTMR-28002.json", tmp_path / "m.yaml") == 0
-    ours = TorqueModel.load(MODEL_FILE)
-    assert ours.parameters() == TorqueModel.load(tmp_path / "m.yaml").parameters()
-
-
 # --- bad files ------------------------------------------------------------------------------
-
-
-def drop(name):
-    return lambda document: document["GC_controller"].pop(name)
 
 
 BAD_FIELDS = {
@@ -169,7 +120,10 @@ BAD_FIELDS = {
         "39 entries",
     ),
     "null": (entry("gc_dynamic_params_neg", 12, None), "gc_dynamic_params_neg[12]"),
-    "one range": (drop("joint_position_lower_limit"), "joint_position_lower_limit"),
+    "one range": (
+        lambda document: document["GC_controller"].pop("joint_position_lower_limit"),
+        "joint_position_lower_limit",
+    ),
     "band over saturation": (entry("db_vel_vec", 2, 0.5), "sat_vec_vec[2]"),
     "ratio": (entry("fric_comp_ratio_vec", 6, 1.5), "fric_comp_ratio_vec[6]"),
     "range upside down": (entry("joint_position_lower_limit", 0, 50), "lower_limit[0]"),

@@ -7,13 +7,12 @@ import math
 
 import pytest
 from console_files import (
-    REAL,
     both_sides,
     convert,
     edited,
     limits,
-    needs_data,
     position_range,
+    repaired,
     scaled_gravity,
     synthetic,
     write,
@@ -86,8 +85,6 @@ def test_a_comma_too_many_is_read_and_the_check_has_it_taken_out(comma, tmp_path
     assert answer.use is Use.REPAIR
     assert f"line {plain.count(chr(10), 0, at)} " in answer.todo[0]
 
-
-# --- other files of the console ---------------------------------------------------------------
 
 # --- faults, and the answer -------------------------------------------------------------------
 
@@ -199,16 +196,6 @@ def test_parameters_that_no_edit_makes_right_are_not_to_be_used(tmp_path):
         assert "--arm mtmr --for-console" in answer.todo[0]
 
 
-def repaired(path, folder):
-    """The file with the limits that the answer says, by hand."""
-    document = json.loads(path.read_text())
-    lines = [line.strip().rstrip(",") for line in check_file(path).answer.todo]
-    new = json.loads("{" + ",".join(line for line in lines if line.startswith('"safe_')) + "}")
-    assert len(new) == 2
-    document["GC_controller"].update(new)
-    return write(folder, document, path.name)
-
-
 @pytest.mark.parametrize("joint", [1, 6])
 def test_the_safe_limits_that_are_proposed_make_a_file_usable(joint, tmp_path):
     path = write(tmp_path, edited(limits(joint, 0.5, -0.5)))
@@ -229,26 +216,3 @@ def test_the_report_is_json_and_statuses_combine(tmp_path, capsys):
     assert (first["code"], first["severity"]) == ("limits_reversed", "serious")
     assert convert("--check", good, serious, tmp_path / "none.json") == 2
     assert "none.json" in capsys.readouterr().err
-
-
-REAL_USE = {
-    "gc-MTML-22723": Use.REPAIR, "gc-MTML-34863": Use.NOT, "gc-MTML-41878": Use.REPAIR,
-    "gc-MTMR-22403": Use.NOT, "gc-MTMR-28002": Use.REPAIR, "gc-MTMR-30924": Use.NOT,
-    "gc-MTMR-32336": Use.NOT,
-}  # fmt: skip
-
-
-@needs_data
-def test_the_real_files_are_answered_one_by_one(tmp_path):
-    checked = {path.stem: check_file(path) for path in REAL}
-    assert {name: each.answer.use for name, each in checked.items()} == REAL_USE
-    for path in REAL:
-        if REAL_USE[path.stem] is Use.REPAIR:
-            assert check_file(repaired(path, tmp_path)).answer.use is Use.USABLE
-    found = {name: {(f.code, f.subject) for f in each.findings} for name, each in checked.items()}
-    assert {("other_hand", "beta6"), ("other_hand", "wrist_platform")} <= found["gc-MTMR-22403"]
-    others = {name: codes for name, codes in found.items() if name != "gc-MTMR-22403"}
-    assert not any(code == "other_hand" for codes in others.values() for code, _ in codes)
-    assert ("limits_clip", "shoulder_pitch") in found["gc-MTMR-28002"]
-    assert ("limits_beyond_actuator", "wrist_roll") in found["gc-MTML-41878"]
-    assert ("other_data", "MTM_data_path") in found["gc-MTML-41878"]

@@ -59,13 +59,8 @@ FORMS = {
         [T + EPOCH + 0.01, [str(EPOCH + int(t)) for t in T],
          [str(round((t % 1.0) * 1e9)) for t in T], *ALL, *[-c for c in ALL]], {},
     ),
-    "PlotJuggler, ROS 1": (
-        ["__time", "/j/header/seq", "/j/header/stamp", *named("/j/{joint}/{word}")],
-        [T, LONG[1], T + EPOCH, *ALL], {},
-    ),
     "pandas, dates as index": (["", *named("{joint}.{word}")], [DATES, *ALL], {}),
-    "q, qd, tau": (
-        ["t", *named("{word}{k1}", ("q", "qd", "tau"))], [T, *ALL], {}),
+    "q, qd, tau": (["t", *named("{word}{k1}", ("q", "qd", "tau"))], [T, *ALL], {}),
     "rostopic echo -p": (
         ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id",
          *[f"field.name{k}" for k in N], *named("field.{word}{k}")],
@@ -101,12 +96,9 @@ FORMS = {
             strict=True)]],
         [1000 * T, *DEGREES], {},
     ),
-    "ns since 1970": (
-        ["time", *named("{joint}.{word}")], [(T + EPOCH) * 1e9, *ALL], {}),
+    "ns since 1970": (["time", *named("{joint}.{word}")], [(T + EPOCH) * 1e9, *ALL], {}),
     "columns of other things": (
-        ["time", *named("{joint}.{word}"), "temperature", "comment"],
-        [T, *ALL, LONG[0], ["fine"] * 150], {},
-    ),
+        ["time", *named("{joint}.{word}"), "comment"], [T, *ALL, ["fine"] * 150], {}),
 }  # fmt: skip
 
 

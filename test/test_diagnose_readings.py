@@ -1,127 +1,364 @@
-"""Another reading of a recording is of the same arm: of its limits, and of what it was seen at."""
+"""What reads a recording wrongly is one cause, found first; what cannot be judged is refused."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from robots import UR5
+from diagnosed import (
+    ARM,
+    DURATION,
+    INSERTION,
+    MIDDLE,
+    NOISE,
+    PITCH,
+    ROLL,
+    YAW,
+    eye,
+    model,
+    moving,
+    named,
+    of_seven,
+    only,
+    recorded,
+    seven,
+)
 
-from dvrk_gravity.arms import Arm, nominal_inertias
-from dvrk_gravity.diagnosis import correct_readings, diagnose, load, try_readings
-from dvrk_gravity.identification import identify
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.diagnosis import (
+    CrossValidation,
+    FilteredData,
+    HeldOut,
+    diagnose,
+    load,
+    put_right,
+    require_gravity,
+    require_predictable,
+    try_readings,
+)
+from dvrk_gravity.effects import State, TimeDelay
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
-from testing.lab_motion import draw_calibration, draw_other
-from testing.mujoco_world import MujocoWorld
-from testing.plain_world import PlainWorld
 
-pytestmark = pytest.mark.usefixtures("brief_simulation")
-
-ARM = Arm.load("ecm")
-TIME = np.arange(0.0, 20.0, 0.01)
+DEGREES = 180.0 / np.pi
+EVERY = 1.0 * np.ones(ARM.n)
 
 
-def model(along: float = 0.9) -> TorqueModel:
-    """Return an ECM whose insertion carries a first moment along it, kg·m."""
-    links = {
-        "link1": [4.0, 0.1, 0.2, 0.3],
-        "link2": [3.0, 0.5, 0.4, 0.3],
-        "link3": [2.0, 0.1, 0.2, along],
-    }
-    weights = {f"link_weight.{name}": weight for name, weight in links.items()}
-    return TorqueModel.from_parameters({"arm": "ecm", **weights})
+def with_effort(change) -> Recording:
+    """Return a right recording but for its efforts."""
+    return replace(recorded(), effort=change(recorded().effort))
 
 
-def said_of_insertion(arm: TorqueModel, sign: float) -> list[str]:
-    """Return the readings that do better where an arm's insertion is read with a sign."""
-    middle, half = 0.5 * (ARM.upper + ARM.lower), 0.5 * (ARM.upper - ARM.lower)
-    q = middle + 0.8 * half * np.sin(TIME[:, None] * (0.6 + 0.23 * np.arange(ARM.n)))
-    effort = arm.torque(q, np.gradient(q, TIME, axis=0))
-    effort[:, 3] += 1e-6 * np.sin(TIME)  # nothing weighs on the roll, but a sensor is not dead
-    read = q * [1.0, 1.0, sign, 1.0]
-    scores = try_readings(
-        load([Recording(ARM.joint_names, TIME, read, None, effort)], model()).motion
+def turned(joint: int) -> np.ndarray:
+    """Return (n,) factors that turn one joint's sign."""
+    return EVERY - 2.0 * eye(joint)
+
+
+# Signs and order.
+@pytest.mark.parametrize(
+    ("factors", "places"),
+    [
+        (turned(PITCH), {"the effort of pitch has the wrong sign"}),
+        (-EVERY, {"the efforts of all joints have the wrong sign"}),
+    ],
+    ids=["one", "all"],
+)
+def test_wrong_signs_of_efforts_are_told_each_or_as_one(factors, places):
+    findings = diagnose(with_effort(lambda effort: factors * effort), model()).findings
+
+    assert {finding.effect for finding in findings} == {"wrong_coordinates"}
+    assert {finding.place for finding in findings} == places
+
+
+def test_a_position_of_the_wrong_sign_is_no_other_cause():
+    sign, recording = turned(PITCH), recorded()
+    read = replace(
+        recording, position=sign * recording.position, velocity=sign * recording.velocity
     )
-    return [score.reading.words for score in scores if "insertion" in score.reading.words]
 
+    finding = only(diagnose(read, model()))
 
-def test_a_position_that_is_read_with_the_wrong_sign_is_seen():
-    assert "the position of insertion has the wrong sign" in said_of_insertion(model(), -1.0)
+    assert (finding.effect, finding.joints) == ("wrong_coordinates", ("pitch",))
+    assert finding.place == "the position of pitch has the wrong sign"
 
 
 def test_no_reading_takes_an_arm_beyond_its_limits():
-    """A centre of mass that lies nearer is as if the insertion slid the other way: it cannot."""
-    assert said_of_insertion(model(along=0.4), 1.0) == []
+    """An insertion that is read from the middle the other way round cannot slide as minus that."""
+    sign, recording = turned(INSERTION), recorded()
+
+    def better(middle: float) -> list[str]:
+        position = sign * recording.position + 2.0 * middle * MIDDLE * eye(INSERTION)
+        read = replace(recording, position=position, velocity=sign * recording.velocity)
+        return [score.reading.words for score in try_readings(load([read], model()).motion)]
+
+    assert "the position of insertion has the wrong sign" in better(0.0)
+    assert "the position of insertion has the wrong sign" not in better(1.0)
 
 
-@pytest.fixture(scope="module")
-def world() -> PlainWorld:
-    arm = Arm.load(UR5)
-    return PlainWorld.of(arm, nominal_inertias(arm))
+@pytest.mark.parametrize("quantity", ["position", "effort"])
+def test_two_joints_exchanged_in_one_quantity_alone_are_told(quantity):
+    order, recording = [PITCH, YAW, INSERTION, ROLL], recorded()
+    read = replace(recording, **{quantity: getattr(recording, quantity)[:, order]})
+    if quantity == "position":
+        read = replace(read, velocity=read.velocity[:, order])
+
+    finding = only(diagnose(read, model()))
+
+    assert (finding.effect, finding.joints) == ("wrong_coordinates", ("yaw", "pitch"))
+    assert finding.place == f"the {quantity}s of yaw and pitch are exchanged"
 
 
-@pytest.fixture(scope="module")
-def calibration(world) -> Recording:
-    return world.record(1, 14.0)
+def test_motors_read_as_joints_are_told_before_what_else_is_wrong():
+    """Of a master arm, whose second and third motors move joints together."""
+    arm, recording = seven().arm, of_seven()
+    rubbing = 0.1 * recording.velocity[:, [0]] * np.eye(7)[0]
+    motors = replace(
+        recording,
+        position=arm.actuator_position(recording.position),
+        velocity=arm.actuator_position(recording.velocity),
+        effort=arm.actuator_effort(recording.effort + rubbing),
+    )
+
+    first, second = diagnose(motors, seven().model()).findings
+
+    assert (first.effect, second.effect) == ("wrong_coordinates", "viscous_friction")
+    assert "--coordinates actuator" in first.remedy
+    assert second.joints == ("outer_yaw",)
+    assert second.parameters["coefficient"].value == pytest.approx(0.1, rel=0.1)
 
 
-@pytest.fixture(scope="module")
-def identified(world, calibration, four_folds):
-    """Return an arm's recording, and a model that was identified from another motion of it."""
-    return world.record(2, 12.0), identify(calibration, world.arm).model
+# Scales of efforts.
+def test_a_scale_of_all_efforts_is_the_one_cause():
+    factor = 1e-3
+    finding = only(diagnose(with_effort(lambda effort: factor * effort), model()))
+
+    assert (finding.effect, finding.joints) == ("torque_scale", ARM.joint_names)
+    assert finding.certain
+    assert finding.parameters["factor"].value == pytest.approx(factor, rel=0.02)
 
 
-@pytest.mark.parametrize("seen_before", [True, False])
-def test_an_effort_of_the_wrong_sign_is_no_friction_that_drives(
-    calibration, identified, seen_before
-):
-    """On a wrist that bears next to nothing, friction is nearly all that the effort is.
+def test_a_scale_far_off_at_one_joint_is_its_own():
+    factors = EVERY + 7.0 * eye(PITCH)
 
-    Where the model has not seen the wrist's positions, it does not say enough to tell a sign.
-    """
-    recording, model = identified
-    arm = model.arm
-    if seen_before:
-        model = identify([calibration, recording], arm).model
-    wrist = arm.joint_names.index("wrist_2_joint")
-    sign = np.where(np.arange(arm.n) == wrist, -1.0, 1.0)
+    finding = only(diagnose(with_effort(lambda effort: factors * effort), model()))
 
-    found = diagnose(replace(recording, effort=sign * recording.effort), model).findings
-
-    if seen_before:
-        assert [finding.place for finding in found] == [
-            "the effort of wrist_2_joint has the wrong sign"
-        ]
-    assert not {finding.effect for finding in found} & {"coulomb_friction", "viscous_friction"}
+    assert (finding.effect, finding.joints) == ("torque_scale", ("pitch",))
+    assert finding.parameters["factor"].value == pytest.approx(8.0, rel=0.02)
 
 
-@pytest.mark.usefixtures("four_folds")
-def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
-    """All of the motion is beyond the calibration's at wrist_roll; with its signs turned it is not.
+def test_scales_of_two_joints_are_not_said_to_be_of_all():
+    factors = EVERY - 0.2 * eye(YAW) - 0.2 * eye(PITCH)
 
-    That explains the error as well as what the model leaves open of the cable there, and no better.
-    """
-    world = MujocoWorld.draw("mtmr", 1800)
-    calibration = draw_calibration(world.arm, 1800)
-    model = identify(world.record(world.truth(calibration), 1800), world.arm).model
-    motion, noise = np.random.default_rng([1800, 0]).integers(1 << 30, size=2).tolist()
-    other = world.record(world.truth(draw_other(world.arm, motion, calibration), 15.0), noise)
-    loaded = load([other], model)
-    assert try_readings(loaded.motion)[0].passes, "or there is nothing to tell apart"
-    assert correct_readings(loaded, lambda line: None).wrong == ()
+    diagnosis = diagnose(with_effort(lambda effort: factors * effort), model())
+
+    assert sorted(named(diagnosis)) == [("torque_scale", ("pitch",)), ("torque_scale", ("yaw",))]
+    for finding in diagnosis.findings:
+        assert finding.parameters["factor"].value == pytest.approx(0.8, abs=0.02)
 
 
-@pytest.mark.parametrize("pair", [(4, 5), (3, 4), (0, 2)])
-def test_exchanged_efforts_are_named_as_such_where_the_model_is_extrapolated_too(identified, pair):
-    """As exchanged positions, or torques that leak, they are explained worse."""
-    recording, model = identified
-    order = np.arange(model.arm.n)
-    order[list(pair)] = pair[::-1]
+def test_newton_millimetres_are_refused():
+    with pytest.raises(RecordingError, match="expected N·m, not mN·m"):
+        diagnose(replace(of_seven(), effort=1e3 * of_seven().effort), seven().model())
 
-    found = diagnose(replace(recording, effort=recording.effort[:, order]), model).findings
 
-    names = tuple(model.arm.joint_names[joint] for joint in pair)
-    assert [(finding.effect, finding.joints) for finding in found] == [("wrong_coordinates", names)]
-    assert found[0].place == f"the efforts of {' and '.join(names)} are exchanged"
+# Clocks and velocities.
+def stamped(factor: float, velocities: bool = True, duration: float = DURATION) -> Recording:
+    recording = recorded(0, duration)
+    read = replace(recording, time=factor * recording.time)
+    return read if velocities else replace(read, velocity=None)
+
+
+def scaled(recording: Recording, factors: np.ndarray | float) -> Recording:
+    """Return a recording with velocities that are factors too large."""
+    return replace(recording, velocity=factors * recording.velocity)
+
+
+def test_a_clock_that_runs_wrong_is_the_one_cause_in_a_file_as_in_memory(tmp_path):
+    factor = 0.503
+    stamped(factor, duration=18.0).save(tmp_path / "fast.csv")
+
+    finding = only(diagnose(tmp_path / "fast.csv", model()))
+
+    assert (finding.effect, finding.joints, finding.certain) == ("time_scale", (), True)
+    assert finding.parameters["factor"].value == pytest.approx(factor, rel=2e-3)
+
+
+def test_without_velocities_the_model_s_torques_show_the_clock():
+    """Inertia by its square, viscous friction by the factor, weight and Coulomb's not at all."""
+    factor = 1.6
+    finding = only(diagnose(stamped(factor, velocities=False), model()))
+
+    found = finding.parameters["factor"]
+    assert finding.effect == "time_scale"
+    assert found.low <= factor <= found.high
+    assert found.high / found.low < 1.05
+
+
+def test_the_rest_is_judged_by_the_true_clock():
+    motion = moving(0, 12.0)
+    right = motion.read(motion.torque() + 0.3 * motion.qd[:, [YAW]] * eye(YAW))
+
+    clock, friction = diagnose(replace(right, time=0.7 * right.time), model()).findings
+
+    assert (clock.effect, friction.effect) == ("time_scale", "viscous_friction")
+    assert friction.joints == ("yaw",)
+    assert friction.parameters["coefficient"].value == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("joints", "factor", "unit"),
+    [
+        (ARM.joint_names, DEGREES, "deg/s"),
+        (ARM.joint_names, 2.0, "another scale"),
+        (("pitch",), 30.0 / np.pi, "rpm"),
+    ],
+)
+def test_velocities_in_another_unit_are_named_and_no_wrong_clock(joints, factor, unit):
+    turns = np.array(ARM.units) == "rad"
+    wrong = np.isin(ARM.joint_names, joints)
+    if len(joints) == ARM.n and unit == "deg/s":
+        wrong = turns
+
+    diagnosis = diagnose(scaled(recorded(), np.where(wrong, factor, 1.0)), model())
+
+    assert {finding.effect for finding in diagnosis.findings} == {"velocity_scale"}
+    told = [joint for finding in diagnosis.findings for joint in finding.joints]
+    assert sorted(told) == sorted(np.array(ARM.joint_names)[wrong])
+    for finding in diagnosis.findings:
+        assert finding.place == unit
+        assert finding.parameters["factor"].value == pytest.approx(factor, rel=5e-3)
+
+
+def test_a_wrong_clock_and_a_velocity_in_another_unit_are_told_apart():
+    clock, factor = 1.5, DEGREES
+    recording = scaled(stamped(clock), EVERY + (factor - 1.0) * eye(ROLL))
+
+    diagnosis = diagnose(recording, model())
+
+    assert named(diagnosis) == [("time_scale", ()), ("velocity_scale", ("roll",))]
+    time, velocity = (finding.parameters["factor"].value for finding in diagnosis.findings)
+    assert time == pytest.approx(clock, rel=5e-3)
+    assert velocity == pytest.approx(factor, rel=5e-3)
+
+
+def test_a_model_without_inertia_does_not_tell_a_clock_from_velocities():
+    """Then both are named; it is weight alone that it knows."""
+    weight = replace(model(), terms=tuple(t for t in model().terms if t.NAME == "link_weight"))
+
+    (first,) = put_right([stamped(0.503, duration=18.0)], weight, None, {}).faults
+
+    assert first.effect == "time_scale"
+    assert first.alternative[0] == "velocity_scale"
+
+
+# What a filter or a friction that is late makes of efforts is no delay of theirs.
+def test_friction_alone_that_is_late_is_no_delay_of_the_efforts():
+    """What comes on over a way is late where a joint turns back; weight and inertia are not."""
+    motion, delay = moving(), 0.08
+    terms = [term.scaled(5.0 * EVERY) if term.FRICTION else term for term in model().terms]
+    rubbing = replace(model(), terms=tuple(terms))
+    smooth = replace(model(), terms=tuple(term for term in terms if not term.FRICTION))
+    whole, rest = (each.torque(motion.q, motion.qd, motion.qdd) for each in (rubbing, smooth))
+
+    def shifted(torque: np.ndarray) -> np.ndarray:
+        columns = [np.interp(motion.time - delay, motion.time, column) for column in torque.T]
+        return np.column_stack(columns)
+
+    def unconfirmed(effort: np.ndarray) -> list[bool]:
+        """Return whether of a delay that fits well only a part shows."""
+        loaded = load([motion.read(effort)], rubbing).motion
+        data = FilteredData.of(loaded)
+        claim = replace(next(TimeDelay.hypotheses(loaded)), setting={"delay": delay})
+        found = [data.candidate(claim)]
+        validation = CrossValidation.of(data).weighted(found, final=True)
+        assert validation.score(found).likelihood - validation.score([]).likelihood > 100.0
+        return [failure.partial for failure, _ in HeldOut(validation).unconfirmed(found)]
+
+    assert unconfirmed(shifted(whole)) == []
+    assert unconfirmed(rest + shifted(whole - rest)) == [True]
+
+
+# What cannot be judged.
+@cache
+def weight() -> np.ndarray:
+    """Return the torques of the weights in the recording."""
+    state = State.of(recorded().position)
+    return sum(term.torque(state) for term in model().terms if term.WEIGHT_OF_ARM)
+
+
+def noise(seed: int, width: float = 0.0) -> np.ndarray:
+    """Return noise as large as the efforts, a running mean over some time, s."""
+    effort = recorded().effort
+    white = np.random.default_rng(seed).normal(
+        effort.mean(axis=0), effort.std(axis=0), effort.shape
+    )
+    window = np.ones(max(round(100.0 * width), 1))
+    return np.apply_along_axis(np.convolve, 0, white, window / len(window), mode="same")
+
+
+@pytest.mark.parametrize(
+    "effort",
+    [lambda e: noise(1), lambda e: noise(7, 0.3), lambda e: recorded(2).effort],
+    ids=["white", "slow", "of another motion"],
+)
+def test_noise_and_efforts_of_another_motion_are_refused(effort):
+    with pytest.raises(RecordingError, match="predicted better than by a constant"):
+        diagnose(with_effort(effort), model())
+
+
+def test_efforts_without_gravity_are_refused_by_name_of_joints():
+    for factor in (1.0, -1.0, 0.1):  # and so they are at another scale or sign
+        without = replace(recorded(), effort=factor * (recorded().effort - weight()))
+        with pytest.raises(RecordingError, match=r"gravity is not in the efforts of.*pitch"):
+            diagnose(without, model())
+
+
+def test_efforts_that_a_model_can_judge_are_not_refused():
+    """At another scale or sign, of exchanged joints, or of which one joint alone is right."""
+    effort, some = recorded().effort, noise(1)
+    some[:, PITCH] = effort[:, PITCH]
+    order = [PITCH, YAW, INSERTION, ROLL]
+    for read in (-effort, 0.01 * effort, effort[:, order], effort - weight() * eye(YAW), some):
+        recording = replace(recorded(), effort=read)
+        motion = load([recording], model()).motion
+        require_predictable(motion, [recording])
+        if read is not some:
+            require_gravity(motion, "recording")
+
+
+def test_a_recording_that_shows_too_little_is_refused_with_what_is_missing():
+    right = recorded()
+    for bad, words in (
+        (right.between(0.0, 5.0), "at least 8 s"),
+        (replace(right, effort=None), "no effort"),
+        (replace(right, position=np.zeros_like(right.position)), "no joint moves"),
+        (replace(right, time=None, velocity=None).rows(slice(0, 900, 30)), "at least 40"),
+    ):
+        with pytest.raises(RecordingError, match=words):
+            diagnose(bad, model())
+
+
+def test_noise_of_joints_is_the_same_however_it_was_recorded_and_unknown_where_it_was_not():
+    arm, motion = ARM, moving()
+    recording = motion.read(model().torque(motion.q, motion.qd, motion.qdd))
+    there = replace(
+        recording,
+        position=arm.actuator_position(recording.position),
+        velocity=arm.actuator_position(recording.velocity),
+        effort=arm.actuator_effort(recording.effort),
+        coordinates="actuator",
+    )
+    part = replace(
+        recording,
+        joints=ARM.joint_names[:3],
+        **{name: getattr(recording, name)[:, :3] for name in ("position", "velocity", "effort")},
+    )
+
+    here = load([recording], model()).floor
+
+    np.testing.assert_allclose(load([there], model()).floor, here, rtol=1e-6)
+    white = NOISE / np.sqrt(50.0)  # below 1 of 50 Hz
+    assert ((0.8 * white < here) & (here < 1.6 * white)).all()
+    floor = load([part], model(), {"roll": 0.0}).floor
+    assert np.isfinite(floor).tolist() == [True, True, True, False]

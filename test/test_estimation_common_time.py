@@ -2,41 +2,29 @@
 
 from __future__ import annotations
 
-import time as clock_of_day
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from recording_samples import shared_data
 
-from dvrk_gravity.diagnosis import FilteredData, load
 from dvrk_gravity.estimation import (
     BlockSettings,
     CommonTime,
     FoldSettings,
+    Track,
     find_common_time,
-    find_period,
+    find_repetition,
     make_blocks,
     make_folds,
+    same_motion,
+    same_path,
 )
-from dvrk_gravity.identification import Problem, how_validated
-from dvrk_gravity.identification.trajectories import problem
-from dvrk_gravity.intake import read_motions
-from dvrk_gravity.model import start_columns
-from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import Coordinates, Recording
-from dvrk_gravity.simulate import SimulatedArm, record_motion
-from testing.world import COARSE, World
 
 RATE, PERIOD = 45.0, 11.67
-MOTION = "mtm_dynamic_30s_200hz.csv"
 
 
 def moving(time: np.ndarray, period: float | None = PERIOD, seed: int = 0) -> np.ndarray:
     """Return positions of seven joints, with a little noise; without a period they never repeat."""
     random = np.random.default_rng(seed)
-    q = 1e-3 * random.normal(size=(len(time), 7))
+    q = 1e-3 * random.normal(size=(len(time), 7)) + np.arange(7.0)
     for _ in range(4):
         rate = random.uniform(0.1, 0.6, 7)
         if period is not None:
@@ -66,12 +54,6 @@ def around(phase: np.ndarray) -> np.ndarray:
         ((4.0, 19.0), (9.3, 24.3)),
         ((20.0, 33.0), (3.0, 18.0)),
         ((0.0, 30.0), (2.0, 8.0), (7.77, 15.0)),
-    ],
-    ids=[
-        "halves",
-        "halves of another beginning",
-        "the later first",
-        "short ones beside a long one",
     ],
 )
 def test_phases_of_recordings_of_one_periodic_motion_agree(spans):
@@ -133,12 +115,6 @@ def test_motions_that_coincide_with_nothing_keep_their_own_blocks():
         np.testing.assert_array_equal(alone.label, (time[rows] / length * 12).astype(int))
 
 
-def test_a_period_is_told_the_better_the_more_often_it_is_seen():
-    time = np.arange(0.0, 600.0, 1.0 / 40.0)
-    assert find_period(moving(time), 40.0) == pytest.approx(PERIOD, abs=6e-4)
-    assert find_period(moving(time[:1200]), 40.0) == pytest.approx(PERIOD, abs=0.013)
-
-
 def test_arms_that_rest_in_one_place_before_and_after_are_not_of_one_motion():
     time = np.arange(0.0, 30.0, 1.0 / RATE)
     window = np.clip((time - 7.0) / 2.0, 0.0, 1.0) * np.clip((23.0 - time) / 2.0, 0.0, 1.0)
@@ -164,93 +140,57 @@ def test_blocks_of_motions_that_share_nothing_follow_each_other_as_samples_do():
     np.testing.assert_array_equal(blocks.label, whole.label)
 
 
-@pytest.mark.parametrize(
-    ("duration", "rate", "count", "most"), [(30.0, 200.0, 2, 0.2), (600.0, 40.0, 3, 1.0)]
-)
-def test_finding_a_common_time_is_quick(duration, rate, count, most):
-    time = np.arange(0.0, duration, 1.0 / rate)
-    part = np.arange(len(time)) * count // len(time)
+# --- the same motion in two recordings ---------------------------------------------------
+
+
+def test_values_between_samples_are_interpolated_and_there_are_none_beyond():
+    track = Track([np.array([0.0, 1.0]), np.array([3.0, 4.0])], [])
+    values = [np.array([[0.0, 4.0], [2.0, 8.0]]), np.array([[5.0, 5.0], [6.0, 7.0]])]
+    found = track.at(np.array([0.25, 2.0, 3.5, 4.0, 4.1]), values)
+    none = [np.nan, np.nan]
+    np.testing.assert_allclose(found, [[0.5, 5.0], none, [5.5, 6.0], [6.0, 7.0], none])
+
+
+def test_states_of_one_recording_are_found_on_the_clock_of_another():
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    q, later = moving(time, None), slice(135, None)  # 3 s
+    (when,) = same_motion(Track([time], [q]), Track([time[later] + 47.0], [q[later]]), RATE)
+    np.testing.assert_allclose(when[135:-2], time[135:-2] + 47.0, atol=0.01)
+    assert np.isnan(when[:134]).all()
+    lifted = q + 0.03 * q.std(axis=0)  # beyond what counts as the same state
+    (when,) = same_motion(Track([time], [lifted]), Track([time + 47.0], [q]), RATE)
+    assert np.isnan(when).all()
+    # Of a motion that repeats any period serves.
+    first, second = np.arange(0.0, 15.0, 1.0 / RATE), np.arange(30.0, 45.0, 1.0 / RATE)
+    tracks = (Track([t - t[0]], [moving(t)]) for t in (first, second))
+    (when,) = same_motion(*tracks, RATE)
+    assert np.isfinite(when).mean() > 0.9
+    assert np.nanmax(np.abs(around((when + 30.0 - first) / PERIOD))) < 5e-3
+
+
+def test_a_path_is_followed_at_another_pace_but_not_backwards():
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
     q = moving(time, None)
-    begin = clock_of_day.process_time()
-    find_common_time(time, part, q, rate)
-    assert clock_of_day.process_time() - begin < most
+    track, last = Track([time], [q]), int(RATE)
+    (there,) = same_path(track, Track([2.0 * time], [q]))
+    assert there[:-last].all()
+    assert not there[-last:].any()  # whether it goes on is not seen
+    for lifted, near in ((0.03, True), (0.1, False)):  # of the spread, RMS over the joints
+        (there,) = same_path(Track([time], [q + lifted * q.std(axis=0)]), Track([time], [q]))
+        assert (there[:-last].mean() > 0.9) == near
+    for other in (Track([5.0 * time], [q]), Track([time], [q[::-1]])):
+        (there,) = same_path(track, other)
+        assert not there.any()
 
 
-KNOWN = World.draw(5, step=COARSE)
-
-
-@pytest.fixture(scope="module")
-def periodic() -> Recording:
-    """30 s of an arm that repeats a motion of 11.67 s."""
-    drawn = Multisine.draw(KNOWN.arm, 3)
-    motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
-    return record_motion(
-        SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4, dt=COARSE), motion, 30.0, 200.0
-    )
-
-
-def halves(recording: Recording) -> list[Recording]:
-    """Return the halves as two recordings, each of its own time."""
-    found = []
-    for number, half in enumerate(recording.blocks(2)):
-        assert half.time is not None
-        found.append(replace(half, time=half.time - half.time[0], source=f"half {number}"))
-    return found
-
-
-def posed(recordings: list[Recording], coordinates: Coordinates) -> Problem:
-    return problem.pose(read_motions(recordings, KNOWN.arm, coordinates).parts, KNOWN.arm)
-
-
-def mean_error(asked: Problem, columns: Sequence[int]) -> float:
-    """Return the held-out |e|/|tau| of a fit of some columns."""
-    errors = asked.selection.score(columns).sum(axis=0)
-    power = np.sum([test.power for test in asked.selection.sums.test], axis=0)
-    return float(np.exp(0.5 * np.mean(np.log(errors / power))))
-
-
-@pytest.mark.slow
-def test_halves_of_a_simulated_motion_do_not_look_better_than_the_whole(periodic):
-    whole, both = (posed(given, "joint") for given in ([periodic], halves(periodic)))
-    few = start_columns(whole.design.columns)
-    assert mean_error(both, few) == pytest.approx(mean_error(whole, few), rel=0.05)
-    assert "repeats every 11.6" in how_validated(both.folds)
-    assert "held out of all of them" in how_validated(both.folds)
-    assert "held out of all of them" not in how_validated(whole.folds)
-
-
-def richest_error(recordings: list[Recording]) -> float:
-    """Return the error of a fit of all columns: to what it has seen it bends most."""
-    asked = posed(recordings, "actuator")
-    return mean_error(asked, range(len(asked.design.columns.columns)))
-
-
-def test_halves_of_the_measured_motion_look_no_better_than_the_whole(monkeypatch):
-    measured = Recording.load(shared_data(MOTION), coordinates="actuator")
-    whole = richest_error([measured])
-    assert richest_error(halves(measured)) > 0.95 * whole
-    # Were what the halves have in common not known, they would.
-    folds = problem.make_folds
-
-    def apart(time, part, q, rate, clock):
-        return folds(time, part, np.random.default_rng(0).normal(size=q.shape), rate, clock=clock)
-
-    monkeypatch.setattr(problem, "make_folds", apart)
-    assert richest_error(halves(measured)) < 0.8 * whole
-
-
-def test_a_diagnosis_of_halves_knows_the_period_and_the_noise_of_the_whole(periodic):
-    whole, both = (
-        FilteredData.of(load(given, KNOWN.model()).motion) for given in
-        ([periodic], halves(periodic))
-    )  # fmt: skip
-    assert find_period(periodic.position, 200.0) == pytest.approx(PERIOD, abs=0.02)
-    assert both.repetition is not None
-    assert both.repetition.period == pytest.approx(PERIOD, abs=0.02)
-    unknown = np.full(7, np.nan)
-    np.testing.assert_allclose(both.noise_rms(unknown), whole.noise_rms(unknown), rtol=0.2)
-    # Phases of both: held out together or not at all.
-    second = both.recording == 1  # whose clock began anew, and was taken to go on later
-    truth = both.time + (15.0 + both.time[0] - both.time[second][0]) * second
-    apart = truth[both.held_out][:, None] - truth[both.fold >= 0]
-    assert PERIOD * np.abs(around(apart / PERIOD)).min() > 1.0 / 41.0
+def test_a_repeated_motion_has_its_period_copies_and_times_that_go_on():
+    time, part, q, truth = recordings((0.0, 15.0), (15.0, 30.0))
+    seen = find_common_time(time, part, q, RATE)
+    found, times = find_repetition(seen, part, q, RATE)
+    assert found.period == pytest.approx(PERIOD, abs=0.03)
+    assert found.copies == pytest.approx(30.0 / PERIOD, rel=0.01)
+    assert (np.diff(times) > 0.0).all()
+    off = around((times - truth) / PERIOD)
+    np.testing.assert_allclose(around(off - off[0]), 0.0, atol=2e-3)
+    time, part, q, _ = recordings((0.0, 20.0), period=None)
+    assert find_repetition(find_common_time(time, part, q, RATE), part, q, RATE) is None

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from scipy.signal import lfilter
 
 from dvrk_gravity.estimation import (
     BlockSettings,
     CommonTime,
     HeldOutSums,
     NormalEquations,
-    NotConvergedError,
     Regression,
     SearchSettings,
     SeenSums,
@@ -64,6 +62,9 @@ def test_further_columns_give_the_fit_of_all_columns_at_once(first):
     rows = np.vstack([design, np.sqrt(prior)])
     expected = np.linalg.lstsq(rows, np.append(y.ravel(), np.zeros(5)))[0]
     np.testing.assert_allclose(whole.coefficients(y.ravel()), expected, atol=1e-10)
+    residual = y.ravel() - design @ expected
+    np.testing.assert_allclose(whole.residual(y.ravel()), residual, atol=1e-10)
+    np.testing.assert_allclose(whole.inverse, np.linalg.inv(rows.T @ rows), atol=1e-10)
 
 
 def test_what_is_left_out_is_subtracted():
@@ -112,7 +113,7 @@ def test_a_prior_that_counts_is_left_as_it_is():
 
 def test_signed_least_squares_are_scipys():
     random = np.random.default_rng(3)
-    for _ in range(50):
+    for _ in range(20):
         x, y = random.normal(size=(40, 12)), random.normal(size=40)
         positive = random.random(12) < 0.7
         theta, free = solve_signed(x.T @ x, x.T @ y, positive)
@@ -124,7 +125,7 @@ def test_signed_least_squares_are_scipys():
 
 def test_a_signed_problem_of_any_difficulty_meets_its_conditions_of_optimality():
     """Nearly collinear columns made the former loop go in circles and stop at its 20th round."""
-    for seed in range(30):
+    for seed in range(10):
         random = np.random.default_rng(seed)
         common = random.normal(size=(200, 3))
         x = common @ random.normal(size=(3, 60)) + 1e-3 * random.normal(size=(200, 60))
@@ -148,7 +149,7 @@ def some_folds(random, columns=10, samples=40):
 
 def test_fits_near_another_are_scipys_signs_and_prior_included():
     """A column that comes in, that goes, both, several, and none at all; held at zero or not."""
-    for seed in range(10):
+    for seed in range(4):
         random = np.random.default_rng(seed)
         x, y, sums = some_folds(random)
         scale, weight = random.uniform(0.1, 10.0, 10), np.array([1.0, 3.0])
@@ -190,33 +191,10 @@ def test_held_out_errors_of_many_fits_are_sums_over_the_samples():
     np.testing.assert_allclose(HeldOutSums(sums).error(theta[0]), expected[0])
 
 
-def test_signs_that_cannot_be_kept_in_time_are_told_and_not_passed_over(monkeypatch):
-    import scipy.optimize
-
-    def gives_up(*given):
-        raise RuntimeError("Maximum number of iterations reached.")
-
-    monkeypatch.setattr(scipy.optimize, "nnls", gives_up)
-    monkeypatch.setattr(normal_equations, "EXCHANGES", 0)
-    with pytest.raises(NotConvergedError, match="2 coefficients that must not be negative"):
-        solve_signed(np.eye(2), np.array([1.0, -1.0]), np.ones(2, dtype=bool))
-
-
-def test_an_error_is_told_as_one_of_the_package():
-    from dvrk_gravity.errors import DvrkGravityError
-
-    assert issubclass(normal_equations.NotConvergedError, DvrkGravityError)
-
-
-@pytest.mark.parametrize("exchanges", [0, normal_equations.EXCHANGES])
-def test_a_singular_problem_is_told_as_one_of_the_package(monkeypatch, exchanges):
-    from dvrk_gravity.errors import DvrkGravityError
-
-    monkeypatch.setattr(normal_equations, "EXCHANGES", exchanges)
-    for positive in ([True, True], [True, False], [False, False]):
-        with pytest.raises(SingularError, match="2 coefficients is singular") as caught:
-            solve_signed(np.diag([1.0, -1.0]), np.ones(2), np.array(positive))
-        assert isinstance(caught.value, DvrkGravityError)
+@pytest.mark.parametrize("positive", [[True, True], [True, False], [False, False]])
+def test_a_singular_problem_is_refused(positive):
+    with pytest.raises(SingularError, match="2 coefficients"):
+        solve_signed(np.diag([1.0, -1.0]), np.ones(2), np.array(positive))
 
 
 def test_a_period_is_found_and_noise_has_none():
@@ -321,18 +299,6 @@ def test_selection_finds_what_is_there_lazily_or_not():
         found, vain = select(Subset(x, y, 3.0), frozenset(), SearchSettings(20, lazy))
         assert found == {3, 7, 11}
         assert {trial.move for trial in vain} == set(range(20)) - found
-
-
-@pytest.mark.parametrize("a", [0.0, 0.8])
-def test_selection_finds_nothing_in_pure_noise_white_or_coloured(a):
-    """Three standard errors of the blocks' gains, one column: Student's 0.7 %, held-out or less."""
-    random = np.random.default_rng(9)
-    found = 0
-    for _ in range(200):
-        noise = random.normal(size=(500, 2))
-        x, y = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], noise, axis=0).T
-        found += len(select(Subset(x[:, None], y, 3.0), frozenset(), SearchSettings(20))[0])
-    assert found <= 5  # 0.7 % of 200 is 1.5; five or more of that are seen once in fifty
 
 
 class Fickle(Subset):

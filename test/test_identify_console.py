@@ -6,30 +6,34 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from conftest import first_slab
 from known_mtm import ARM, SIZES, SPRING
 from known_mtm import truth as motion
-from known_poses import NOISE, RECORDED, between, grid, record
+from known_poses import NOISE, between, grid, record
 from known_poses import truth as arm_of_poses
-from test_console import console_torque, convert
+from support import CONFIG
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, build_tree
 from dvrk_gravity.model import TorqueModel
 
-pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+
+def run(verb: str, *words: object) -> int:
+    return command_line.run(f"dvrk_gravity.cli.{verb}", [str(word) for word in words])
 
 
 def written(files, folder):
-    """Identify for the console and convert; return the model, the file and its cost."""
-    words = [*map(str, files), "--arm", "mtmr", "--for-console", "--out", str(folder / "m.yaml")]
-    with first_slab():
-        assert command_line.run("dvrk_gravity.cli.identify", words) == 0
-    path = folder / "gc-MTMR-3.json"
-    assert convert(folder / "m.yaml", path, "--json", folder / "cost.json") == 0
-    cost = json.loads((folder / "cost.json").read_text())
-    return TorqueModel.load(folder / "m.yaml"), json.loads(path.read_text()), cost
+    """Identify for the console and convert, there and back.
+
+    Return the model, the console's as a model, and what the conversion costs.
+    """
+    model, console, cost = (folder / name for name in ("m.yaml", "gc-MTMR-3.json", "cost.json"))
+    assert run("identify", *files, "--arm", "mtmr", "--for-console", "--out", model) == 0
+    assert run("convert", model, console, "--json", cost) == 0
+    assert run("convert", console, folder / "back.yaml") == 0
+    back = TorqueModel.load(folder / "back.yaml")
+    return TorqueModel.load(model), back, json.loads(cost.read_text())
 
 
 @pytest.fixture(scope="module")
@@ -51,64 +55,35 @@ def from_poses(tmp_path_factory):
     return written(files, folder)
 
 
-def test_a_model_from_motion_loses_nothing_at_rest(from_motion):
-    model, document, cost = from_motion
-    assert len(model.term("gravity").beta) == 10
+def test_a_model_from_motion_loses_nothing_at_rest_and_holds_the_arm_that_was_recorded(from_motion):
+    model, back, cost = from_motion
     assert max(joint["rest_max"] for joint in cost["joints"].values()) < 1e-9
+    last = model.term("link_inertia").links[-1]
+    np.testing.assert_array_equal(last[[1, 2]], 0.0)  # balanced about its axis
     lower, upper = np.array([cost["range_rad"][name] for name in JOINT_NAMES]).T
-    for q in np.random.default_rng(1).uniform(lower, upper, (100, 7)):
-        expected = model.torque(q)
-        np.testing.assert_allclose(console_torque(document, q, np.zeros(7)), expected, atol=1e-9)
-
-
-def test_the_file_from_motion_holds_the_arm_that_was_recorded(from_motion):
-    import pinocchio as pin
-
-    _, document, cost = from_motion
+    q = np.random.default_rng(1).uniform(lower, upper, (200, 7))
+    np.testing.assert_allclose(back.torque(q), model.torque(q), atol=1e-9)
     bodies = {body: pin.Inertia.FromSphere(mass, 0.05) for body, (mass, _) in SIZES.items()}
     for body, (_, centre) in SIZES.items():
         bodies[body].lever = np.array(centre)
-    tree = build_tree(ARM, bodies, ARM.gravity)
-    lower, upper = np.array([cost["range_rad"][name] for name in JOINT_NAMES]).T
-    still = np.zeros(7)
-    errors = []
-    for q in np.random.default_rng(2).uniform(lower, upper, (200, 7)):
-        weight = tree.inverse_dynamics(q, still, still)
-        weight[4] += SPRING * q[4]
-        errors.append(console_torque(document, q, still) - weight)
-    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    tree, still = build_tree(ARM, bodies, ARM.gravity), np.zeros(7)
+    weight = np.array([tree.inverse_dynamics(pose, still, still) for pose in q])
+    weight[:, 4] += SPRING * q[:, 4]
+    rms = np.sqrt(np.mean((back.torque(q) - weight) ** 2, axis=0))
     assert (rms < 0.003 * ARM.effort_limit).all(), rms
 
 
-def test_a_model_from_poses_is_in_the_console_s_form(from_poses):
-    model, _, cost = from_poses
+def test_a_file_from_poses_says_what_both_directions_showed(from_poses):
+    model, back, cost = from_poses
     assert cost["exact"]
-    assert {term.NAME for term in model.terms} == {"gravity", "directional_cable", "shown_torque"}
-    assert model.term("directional_cable").positive.shape == (5, 7)
     assert max(joint["moving_max"] for joint in cost["joints"].values()) < 1e-9
-
-
-def test_the_file_from_poses_says_what_both_directions_showed(from_poses):
-    _, document, _ = from_poses
-    document["GC_controller"]["fric_comp_ratio_vec"] = [1.0] * 7
+    assert model.term("directional_cable").positive.shape == (5, 7)
     q = between(200)
     for sign in (1.0, -1.0):
-        direction = np.full(7, sign)
-        expected = arm_of_poses().torque(q, direction=np.tile(direction, (len(q), 1)))
-        found = [console_torque(document, pose, 10.0 * direction) for pose in q]
-        assert np.sqrt(np.mean(np.subtract(found, expected) ** 2, axis=0)).max() < 0.75 * NOISE
-
-
-def test_real_poses_of_the_console_become_a_console_file(measured_data, tmp_path):
-    model, document, cost = written([measured_data / name for name in RECORDED], tmp_path)
-    assert cost["exact"]
-    assert cost["findings"] == []
-    q = between(50)
-    for pose in q:
-        expected = model.torque(pose, direction=np.ones(7))
-        document["GC_controller"]["fric_comp_ratio_vec"] = [1.0] * 7
-        found = console_torque(document, pose, np.full(7, 10.0))
-        np.testing.assert_allclose(found[:6], expected[:6], atol=2e-3)
+        direction = np.full(q.shape, sign)
+        expected = arm_of_poses().torque(q, direction=direction)
+        found = back.torque(q, direction=direction)
+        assert np.sqrt(np.mean((found - expected) ** 2, axis=0)).max() < 0.75 * NOISE
 
 
 @pytest.mark.parametrize(
@@ -122,8 +97,6 @@ def test_real_poses_of_the_console_become_a_console_file(measured_data, tmp_path
 def test_what_does_not_go_with_the_console_is_refused(
     options, named, tmp_path, monkeypatch, capsys
 ):
-    from support import CONFIG
-
     monkeypatch.chdir(tmp_path)
     text = (CONFIG / "arms" / "mtmr.yaml").read_text()
     for name, old, new in (
@@ -134,7 +107,7 @@ def test_what_does_not_go_with_the_console_is_refused(
         (tmp_path / f"{name}.yaml").write_text(text.replace(old, new))
     motion(1, 2.0).save(tmp_path / "run.csv")
     words = ["run.csv", "--for-console", "--arm", "mtmr", "--out", "m.yaml", *options]
-    assert command_line.run("dvrk_gravity.cli.identify", words) == 2
+    assert run("identify", *words) == 2
     error = capsys.readouterr().err
     assert named in error
     assert error.count("\n") == 1

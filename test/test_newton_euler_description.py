@@ -10,6 +10,11 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.newton_euler import JointType, parse
 
+
+def a_link(length, mass, com, moments):
+    return {"length": length, "mass": mass, "com": com, "inertia": np.diag(moments).tolist()}
+
+
 GOOD = {
     "title": "Two links",
     "angle_unit": "deg",
@@ -18,13 +23,13 @@ GOOD = {
             "length": 1.0,
             "mass": 10,
             "com": [0.5, 0, 0],
-            "inertia": [[0.1, 0, 0], [0, 0.4, 0], [0, 0, 0.4]],
+            "inertia": np.diag([0.1, 0.4, 0.4]).tolist(),
         },
         {
             "length": 0.8,
             "mass": 6,
             "com": [0, 0, 0.4],
-            "inertia": [[0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.1]],
+            "inertia": np.diag([0.3, 0.3, 0.1]).tolist(),
         },
     ],
     "joints": [{"type": 0, "rotation": [0, 0, 0]}, {"type": 1, "rotation": [0, 90, 0]}],
@@ -51,25 +56,16 @@ def with_value(path, value):
 INERTIA = ("links", 1, "inertia")
 REFUSED = [
     (("links", 1, "mass"), -6, r"link 2: mass: got -6\.0, expected 0 kg or more"),
-    (("links", 0, "mass"), 10**400, r"link 1: mass: got 1000"),
     (("links", 0, "mass"), "1e-3", r"link 1: mass: got '1e-3', expected a number .*1\.0e-3"),
-    (("links", 0, "com"), [1, 2], r"link 1: com: got \[1, 2\], expected 3 numbers"),
-    (("links",), [], r"links: got \[\]"),
-    (INERTIA, [[1, 0, 0]], r"link 2: inertia: got .*, expected 3 rows of 3 numbers"),
     (INERTIA, [[0.3, 0.1, 0], [0, 0.3, 0], [0, 0, 0.3]], r"link 2: inertia: got .*symmetric"),
     # Symmetric, positive entries, one negative principal moment.
     (INERTIA, [[0.3, 0.5, 0], [0.5, 0.3, 0], [0, 0, 0.3]], r"link 2: inertia: got .*-0\.2 kg"),
     (INERTIA, [[0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.8]], r"link 2: inertia: .*\(0\.8 .*\(0\.4\)"),
     (("joints", 0, "type"), 3, r"joint 1: type: got 3"),
-    (("joints",), [{"type": 0}], r"joints: got '1 joints', expected 2"),
     (("forces", 0, 3), 3, r"forces row 1: link: got 3\.0, expected the number of a link, 1 to 2"),
-    (("forces", 0), [1, 2, 3, 1], r"forces row 1: got \[1, 2, 3, 1\], expected 7 numbers"),
-    (("moments", 0, 3), -1, r"moments row 1: link: got -1\.0"),
-    (("q",), [1, 2, 3], r"q: got \[1, 2, 3\], expected 2 numbers"),
     (("qd",), [[0, 0], [0, 0]], r"qd: got 'shape \(2, 2\)'"),
     (("g_flag",), 2, r"g_flag: got 2, expected 0 or 1"),
     (("gravity_direction",), [0, 0, 0], r"gravity_direction: got .*, expected a direction"),
-    (("angle_unit",), ["deg"], r"angle_unit: got \['deg'\], expected rad or deg"),
     (("mas",), 1, r"mas: got 1, expected one of the keys links"),
 ]
 
@@ -132,10 +128,6 @@ def test_the_command_answers_bad_files_in_one_line(tmp_path, capsys):
         (yaml.safe_dump(with_value(("joints", 1, "type"), 2)), "qd: joint 2: got 0.2"),
         (yaml.safe_dump(with_value(("qd", 0), 1e200)), "expected values whose loads are finite"),
         ("links: [1, 2", "expected valid YAML"),
-        ("- 1\n- 2\n", "expected a YAML mapping"),
-        ("q: [1]\nq: [2]\n", "appears twice"),
-        ("", "expected a YAML mapping"),
-        ("!!python/object/apply:os.system [echo]", "expected valid YAML"),
     ):
         path.write_text(content)
         assert main(["newton-euler", str(path)]) == 2

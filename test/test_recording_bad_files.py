@@ -7,10 +7,7 @@ from recording_samples import START, joint_state, wave, write_messages
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import (
-    Recording,
-    read_joint_states,
-)
+from dvrk_gravity.recording import Recording, read_joint_states
 
 HEAD = "time,outer_yaw.position,outer_yaw.effort\n"
 
@@ -19,25 +16,17 @@ TWICE = 2 * "".join(f"{k / 10},1,{k}\n" for k in range(200))
 # What is wrong: the file, and tokens of the refusal.
 BAD_CSV = {
     "empty": ("", "empty"),
-    "header only": (HEAD + "\n\n", "no rows"),
     "no header": ("0,1,2\n1,2,3\n", "line 1"),
-    "nameless joint": ("time,.position\n0,1\n", "line 1: column 2 is '.position'"),
     "unknown quantity": ("outer_yaw.heat\n0\n", "line 1: column 1 is 'outer_yaw.heat'"),
     "twice": ("time,time,outer_yaw.position\n0,1,0\n", "line 2: column 'time'"),
     "no joint": ("time\n0\n", "line 1"),
     "no position": ("time,outer_yaw.effort\n0,1\n", "line 1: no column outer_yaw.position"),
-    "one effort": (
-        "outer_yaw.position,wrist_roll.position,wrist_roll.effort\n0,1,2\n",
-        "line 1: no column outer_yaw.effort",
-    ),
     "two directions": ("outer_yaw.position,direction,outer_yaw.direction\n0,1,1\n", "line 1"),
     "text": (HEAD + "0,1,2\n1,two,3\n", "line 3: outer_yaw.position is 'two'"),
     "nan": (HEAD + "0,nan,2\n\n1,,2\n2,1e300,2\n", "no position"),
     "infinity": (HEAD + "inf,1,2\n", "1 of 1 samples without a time"),
-    "ragged": (HEAD + "0,1,2\n1,2\n2,3,4\n", "line 3: 2 values, expected 3"),
     "cut off": (HEAD + "0,1,2\n1,2", "line 3: 2 values, expected 3"),
     "time goes back": (HEAD + TWICE, "line 202: time goes back by 19.9 s"),
-    "time goes back after a blank": (HEAD + "\n" + TWICE, "line 203: time goes back"),
     "time stands still": (HEAD + 99 * "5,1,2\n", "98 of 99 lines"),
     "nanoseconds": (HEAD + "1530000000000,1,2\n5,1,2\n", "time is 1.53e+12, expected seconds"),
     "direction": ("outer_yaw.position,direction\n0,1\n1,0.5\n", "outer_yaw.direction is 0.5"),
@@ -120,12 +109,9 @@ BAD_MESSAGES = {
         "2 of 2 samples with stamp 0",
     ),
     "not CDR": ([(START, b"\xff" * 40)], "message 0 is not a JointState"),
-    "empty CDR": ([(START, b"")], "message 0 is not a JointState: 0 bytes"),
     "cut CDR": ([(START, joint_state(0)[1][:-9])], "message 0 is not a JointState: 7 numbers"),
-    "no names": ([joint_state(0, ())], "message 0 names"),
     "twice": ([joint_state(0, ("outer_yaw",) * 2)], "message 0 names outer_yaw twice"),
     "no position": ([joint_state(0, position=())], "message 0 has 0 position values for 7 names"),
-    "short effort": ([joint_state(0, effort=[1.0])], "message 0 has 1 effort values for 7 names"),
     "time goes back": (
         [(START + k, joint_state(k % 200)[1]) for k in range(400)],
         "message 200: time goes back by 0.199 s",

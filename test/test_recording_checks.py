@@ -4,17 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_samples import column, held, shared_data, wave, with_gap
+from recording_samples import column, held, wave, with_gap
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.recording import (
-    Recording,
-    check,
-    compare_velocity,
-    jumps,
-    quantum,
-    stale,
-)
+from dvrk_gravity.recording import Recording, check, compare_velocity, jumps, quantum, stale
 
 CLEAN = wave(6000)
 RUBS = 0.02 * np.sign(CLEAN.velocity)  # N·m, friction alone
@@ -260,28 +253,6 @@ def test_stale_samples_are_not_held_against_the_velocity():
     for fit in compare_velocity(slow):
         assert abs(fit.slope - 1.0) < 1e-3
         assert fit.residual < 0.015
-
-
-EXPECTED = {
-    "mtm_dynamic_30s_200hz.csv": {
-        ("stale_samples", None), ("read_jitter", None),
-        *(("velocity_mismatch", joint) for joint in JOINT_NAMES[4:]),
-        *(("position_quantisation", joint) for joint in JOINT_NAMES[4:]),
-    },
-    "mtmr28002_static_pos.csv": {("no_motion", "outer_yaw"), ("no_motion", "wrist_roll")},
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", EXPECTED)
-def test_findings_on_measured_data_are_few_and_true(name):
-    found = {(w.kind, w.joint): w for w in check(Recording.load(shared_data(name)))}
-    assert set(found) == EXPECTED[name]
-    assert not any(w.unusable for w in found.values())
-    if ("stale_samples", None) in found:
-        numbers = found["stale_samples", None].numbers
-        assert (numbers["samples"], numbers["longest"]) == (795, 6)
-        numbers = found["velocity_mismatch", "wrist_yaw"].numbers
-        assert numbers["lag_s"] == pytest.approx(7e-3, abs=2e-3)
 
 
 def test_coarse_positions_are_in_the_unit_of_the_joint():

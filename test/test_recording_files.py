@@ -11,7 +11,6 @@ from recording_samples import (
     TOPIC,
     joint_state,
     same,
-    shared_data,
     wave,
     write_messages,
 )
@@ -226,20 +225,3 @@ def test_a_recording_names_its_own_joints_and_an_arm_takes_its_own_from_it(tmp_p
     same(own, Recording.load(tmp_path / "bag", arm=arm))
     with pytest.raises(RecordingError, match="insertion, gripper, yaw"):
         loaded.of(ARM)
-
-
-@pytest.mark.parametrize("name", ["bags/mtm_dynamic_sqlite3", "bags/mtm_dynamic_mcap"])
-def test_measured_bags_agree_with_the_measured_csv(name, tmp_path):
-    bag = Recording.load(shared_data(name))
-    csv = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"), coordinates="actuator")
-    assert (len(bag), bag.invalid, bag.repeated) == (5999, 0, 0)
-    assert np.array_equal(bag.time, csv.time)
-    to_joint = np.eye(7)
-    to_joint[2, 1], to_joint[3, 1], to_joint[3, 2] = -1.0, 0.6697, -0.6697
-    # The CSV is rounded to nine digits.
-    np.testing.assert_allclose(bag.position, csv.position @ to_joint.T, atol=1e-8)
-    np.testing.assert_allclose(bag.velocity, csv.velocity @ to_joint.T, atol=1e-7)
-    np.testing.assert_allclose(bag.effort @ to_joint, csv.effort, atol=1e-8)
-    assert convert(shared_data(name), tmp_path / "a.csv") == 0
-    assert convert(tmp_path / "a.csv", tmp_path / "bag", "--storage", "mcap") == 0
-    same(bag, Recording.load(tmp_path / "bag"))

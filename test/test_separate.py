@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from rival_causes import cause, contest, offset_or_spring, passed, twins, written
 from support import MODEL_FILE
 
 from dvrk_gravity import effects
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import (
-    Alternative,
     Contest,
-    Diagnosis,
-    Files,
-    Finding,
-    Gain,
-    PlannedMotion,
     RivalCause,
     RivalCauses,
     diagnosed_again,
     load_unseparated,
 )
-from dvrk_gravity.effects import Estimate, Hypothesis, State
+from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.planning import (
@@ -36,14 +29,11 @@ from dvrk_gravity.planning import (
     PlanLimits,
     Prediction,
     Sense,
-    Separation,
-    SeparationDesign,
     SeparationSettings,
     SolverSettings,
     Unseparated,
     design_separation,
 )
-from dvrk_gravity.report import diagnosis_page, diagnosis_text, separation_text
 from dvrk_gravity.simulate import PlantFile
 
 BRIEF = SeparationSettings(
@@ -57,65 +47,14 @@ def model() -> TorqueModel:
     return PlantFile.load("ecm").model
 
 
-def passed(model: TorqueModel, count: int = 300, part: float = 0.02) -> PlannedMotion:
-    """Return a slow motion about the middle of all joints."""
-    lower, upper = model.arm.range
-    time = np.linspace(0.0, 10.0, count)
-    omega = 2.0 * np.pi * np.arange(1, model.arm.n + 1) / 10.0
-    size = part * np.minimum(upper - lower, 1.0)
-    waves = np.sin(np.outer(time, omega)), np.cos(np.outer(time, omega))
-    middle = 0.5 * (lower + upper) + 0.1 * size / part
-    state = State(middle + size * waves[0], size * omega * waves[1], -size * omega**2 * waves[0])
-    return PlannedMotion.of(model, state, time)
-
-
-def cause(motion: PlannedMotion, effect: str, joint: int, theta, spread: float) -> RivalCause:
-    """Return an effect's simplest hypothesis at a joint, as if it had been found."""
-    found = (
-        each
-        for each in effects.named(effect).hypotheses(motion)
-        if each.joints == (joint,) and each.place in ("joint", "degree 1")
-    )
-    hypothesis = min(found, key=lambda each: each.regressor(motion).shape[2])
-    theta = np.resize(np.asarray(theta, float), hypothesis.regressor(motion).shape[2])
-    return RivalCause(hypothesis, theta, spread**2 * np.eye(len(theta)))
-
-
-def contest(model: TorqueModel, *pairs: tuple[RivalCause, RivalCause]) -> Contest:
-    motion = passed(model)
-    left = 0.01 * model.arm.effort_limit
-    return Contest.of(motion, pairs, left)
-
-
 @pytest.fixture(scope="module")
 def unclear(model) -> Contest:
-    """A constant torque, or a spring: in a narrow motion all but the same."""
-    motion = passed(model)
-    limit = float(model.arm.effort_limit[1])
-    spring = cause(motion, "elastic_cable", 1, 0.0, 0.0)
-    # The constant part of the spring's torque is the offset's.
-    spring = replace(spring, theta=limit * np.array([0.1, 0.001]),
-                     covariance=np.diag((limit * np.array([0.02, 2e-4])) ** 2))  # fmt: skip
-    offset = cause(motion, "torque_offset", 1, 0.1 * limit, 0.02 * limit)
-    return contest(model, (offset, spring))
+    return offset_or_spring(model)
 
 
-@pytest.fixture(scope="module")
-def design(unclear) -> SeparationDesign:
-    unseparated = unclear.unseparated()
-    return design_separation(unseparated, PlanLimits.of(unseparated.model.arm), settings=BRIEF)
+# --- the evidence that is expected
 
 
-def written(contest: Contest, folder: Path, **changes: object) -> Path:
-    """Write a model, and what a diagnosis of it could not separate."""
-    contest.model.save(folder / "model.yaml")
-    entry = {"model": "model.yaml", **contest.to_dict(), **changes}
-    path = folder / "findings.json"
-    path.write_text(json.dumps({"verdict": "ambiguous", "unseparated": entry}))
-    return path
-
-
-# The evidence that is expected.
 def test_the_expected_evidence_is_half_the_distance_from_all_that_the_other_explains():
     random = np.random.default_rng(0)
     columns = random.normal(size=(40, 7))
@@ -135,21 +74,6 @@ def test_the_expected_evidence_is_half_the_distance_from_all_that_the_other_expl
     way += way.T
     sides = [expects(gram + sign * 1e-6 * way)[0] for sign in (1, -1)]
     assert np.sum(slope * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-5)
-
-
-def test_the_evidence_of_a_curve_far_beyond_where_it_was_fitted_is_not_lost_in_rounding():
-    """Its columns are 1e7 times the noise there, and all but a part of them cancels."""
-    u, random = np.linspace(-14.0, 14.0, 200), np.random.default_rng(0)
-    columns = np.column_stack([np.sin(0.01 * u), *(u**k for k in range(7))])
-    first, second = np.zeros((8, 7)), np.zeros((8, 7))
-    second[1:] = 0.005 * np.linalg.qr(random.normal(size=(7, 7)))[0]
-    apart = np.array([30.0, *second[1:] @ random.normal(size=7)])
-    gram = columns.T @ columns
-    value, _ = Sense(*(Prediction.of(gram, each) for each in (first, second)), apart).further(gram)
-    design = np.vstack([columns @ second, np.eye(7)])
-    target = np.concatenate([columns @ apart, np.zeros(7)])
-    left = target - design @ np.linalg.lstsq(design, target)[0]
-    assert value == pytest.approx(0.5 * left @ left, rel=1e-3)
 
 
 def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(unclear):
@@ -211,11 +135,6 @@ def test_a_wide_spread_of_the_other_rival_is_no_evidence_against_it():
     assert wide.chance(gram) <= near.chance(gram)
 
 
-def test_there_is_no_chance_to_separate_equal_torques():
-    gram, same = np.eye(2), Prediction.of(np.eye(2), np.eye(2))
-    assert Sense(same, same, np.zeros(2)).chance(gram) == pytest.approx(0.0, abs=0.01)
-
-
 def promised(contest: Contest, *either: bool, evidence: float = 0.0) -> tuple[float, float]:
     """Return the evidence and the chance of a wider motion, with that for a spring before it."""
     first, second = (contest.pairs[0].first, contest.pairs[0].second)
@@ -254,16 +173,12 @@ def test_that_a_simpler_cause_is_contained_in_another_at_its_place_need_not_be_s
     assert RivalCauses.of(unclear.model, elsewhere, spring).either == (True, True)
 
 
-def test_a_rejected_form_may_explain_but_is_not_to_be_shown(unclear):
-    offset, spring = unclear.pairs[0].first, unclear.pairs[0].second
-    elsewhere = cause(passed(unclear.model), "torque_offset", 0, 1.0, 0.1)
-    rejected = replace(spring, rejected=True)
-    assert RivalCauses.of(unclear.model, rejected, elsewhere).either == (False, True)
-    assert contest(unclear.model, (offset, rejected)).pairs == ()
+# --- the plan
 
 
-# The plan.
-def test_the_plan_is_expected_to_separate_what_the_diagnosed_motion_does_not(design):
+def test_the_plan_is_expected_to_separate_what_the_diagnosed_motion_does_not(unclear):
+    limits = PlanLimits.of(unclear.model.arm)
+    design = design_separation(unclear.unseparated(), limits, settings=BRIEF)
     (expected,) = design.expected
     assert expected.again < STRONG
     assert expected.planned > max(STRONG, 2.0 * expected.again)
@@ -318,16 +233,13 @@ def test_a_joint_that_stands_still_shows_nothing_for_friction_holds_it(model):
     assert rubbing[1] > 0.0
 
 
-def test_what_is_the_same_torque_everywhere_is_said_to_be(model):
-    motion = passed(model)
-    offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
-    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
-    unseparated = contest(model, (offset, twin)).unseparated()
+def test_what_is_the_same_torque_everywhere_is_not_separated(model):
+    unseparated = contest(model, twins(model)).unseparated()
     design = design_separation(unseparated, PlanLimits.of(model.arm), settings=BRIEF)
     (expected,) = design.expected
     assert not design.separates
     assert expected.planned == pytest.approx(0.0, abs=1e-6)
-    assert "the same torque within the limits" in expected.why
+    assert "same torque" in expected.why
 
 
 def test_a_curve_that_bends_like_a_weight_is_never_shown_beside_it(model):
@@ -341,60 +253,6 @@ def test_a_curve_that_bends_like_a_weight_is_never_shown_beside_it(model):
     assert not coarse.may_separate((offset, spring))
     assert fine.hidden == frozenset()
     assert fine.may_separate((offset, spring))
-
-
-def test_no_motion_that_is_planned_gives_more_than_the_best_one_can(unclear, design):
-    """What a motion shows is not among what none does, however short it is."""
-    shown = [each for each in design.expected if each.planned > STRONG]
-    assert shown
-    assert unclear.hidden == frozenset()
-
-
-def test_a_diagnosis_says_what_no_motion_separates_and_names_no_command(model):
-    motion = passed(model)
-    offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
-    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
-    same = contest(model, (offset, twin))
-    line = "is expected to separate torque_offset at pitch and torque_offset at yaw"
-    assert same.inseparable((offset, twin)) == f"no motion of this arm within its limits {line}"
-    diagnosis = found(same)
-    assert diagnosis.separated_by == ""
-    assert json.loads(diagnosis.to_json())["findings"][0]["inseparable"].endswith(line)
-    assert line in " ".join(" ".join(diagnosis_text(diagnosis)).split())
-    assert line in diagnosis_page(diagnosis, ["run.csv"])
-
-
-def test_what_no_motion_separates_is_named_as_findings_list_it(model):
-    motion = passed(model)
-    load = next(each for each in effects.named("payload").hypotheses(motion) if each.joints == (0,))
-    size = load.regressor(motion).shape[2]
-    heavy = RivalCause(load, np.ones(size), np.eye(size))
-    assert "link" in heavy.words
-    assert heavy.listed == "payload at yaw"
-
-
-def test_two_causes_are_one_row_of_the_table_in_whatever_form_and_order(design):
-    best = design.expected[0]
-    worst = replace(best, between=best.between[::-1], planned=best.planned - 1.0)
-    rows = [
-        line
-        for line in separation_text(replace(design, expected=(best, worst)))
-        if all(cause in line for cause in best.between) and line.endswith("%")
-    ]
-    assert len(rows) == 1
-    assert f"{worst.planned:.1f}" in rows[0]
-
-
-def test_of_what_no_motion_rules_out_each_cause_is_named_with_what_stands_beside_it(model):
-    motion = passed(model, part=0.2)
-    spring = cause(motion, "elastic_cable", 1, [0.5, 0.02], 0.05)
-    offset = cause(motion, "torque_offset", 1, 0.5, 0.05)
-    both = replace(contest(model, (offset, spring)), coherent=10.0 * np.ones(model.arm.n))
-    assert both.inseparable((offset, spring)) == (
-        "no motion of this arm within its limits is expected to rule out torque_offset at pitch, "
-        "if it is elastic_cable at pitch"
-    )
-    assert both.inseparable((offset,)) == ""
 
 
 def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
@@ -425,25 +283,14 @@ def test_a_push_that_happened_once_is_not_expected_again(model):
     assert not push.rival().columns(motion).any()
 
 
-def test_friction_of_a_joint_without_a_measured_speed_is_finite(model):
-    motion = passed(model)
-    still = replace(motion, qd=np.zeros_like(motion.qd))
-    columns = [
-        each.regressor(still) for each in effects.named("stribeck_friction").hypotheses(still)
-    ]
-    assert columns
-    assert all(np.isfinite(each).all() for each in columns)
-
-
-# Its files.
-def every(motion: PlannedMotion) -> list[Hypothesis]:
-    return [each for effect in effects.effects() for each in effect.hypotheses(motion)]
+# --- its files
 
 
 def test_every_cause_that_is_written_is_read_again_with_the_same_torque():
     model = TorqueModel.load(MODEL_FILE)
     motion, seen = passed(model, 12, 0.2), set()
-    for hypothesis in every(motion):
+    every = (each for effect in effects.effects() for each in effect.hypotheses(motion))
+    for hypothesis in every:
         size = hypothesis.regressor(motion).shape[2]
         before = RivalCause(hypothesis, np.ones(size), np.eye(size))
         if not before.known_elsewhere:
@@ -470,155 +317,56 @@ def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path
         np.testing.assert_allclose(*columns)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"pairs": []}, "this diagnosis is clear"),
-        ({"model": None}, "a model's file, or --model"),
-        ({"model": "gone.yaml"}, "a file that is there, or --model"),
-        ({"joints": ["yaw"]}, "those of ecm's model"),
-        ({"noise": [1.0, 1.0, -1.0, 1.0]}, "variances above 0"),
-        ({"coherent": "none"}, "4 finite numbers"),
-        ({"pairs": [{"between": [{"effect": "magic"}, {}]}]}, "as `diagnose` of this version"),
+def test_findings_that_say_too_little_and_other_files_are_refused_by_name(unclear, tmp_path):
+    for changes, words in (
+        ({"pairs": []}, "clear"),
+        ({"model": None}, "--model"),
+        ({"model": "gone.yaml"}, "--model"),
+        ({"joints": ["yaw"]}, "ecm"),
+        ({"noise": [1.0, 1.0, -1.0, 1.0]}, "noise"),
+        ({"coherent": "none"}, "coherent"),
+        ({"pairs": [{"between": [{"effect": "magic"}, {}]}]}, r"pairs\[0\]"),
         ({"pairs": [{}]}, "two causes"),
-        ({"lasted": -1.0}, "0 or more"),
-    ],
-)
-def test_findings_that_say_too_little_are_refused_by_name(unclear, tmp_path, changes, words):
-    path = written(unclear, tmp_path, **changes)
-    with pytest.raises(ConfigError) as caught:
-        load_unseparated(path)
-    assert words in str(caught.value)
-    assert str(caught.value).startswith(str(path))
+        ({"lasted": -1.0}, "lasted"),
+    ):
+        path = written(unclear, tmp_path, **changes)
+        with pytest.raises(ConfigError, match=words) as caught:
+            load_unseparated(path)
+        assert str(caught.value).startswith(f"{path}: ")
+    with pytest.raises(ConfigError, match=r"unseparated\.joints"):
+        load_unseparated(written(unclear, tmp_path), MODEL_FILE)
+    for text in ('{"verdict": "ambiguous"}', "{}"):  # of an earlier version; of something else
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=r"findings\.json: "):
+            load_unseparated(path)
 
 
-def test_findings_of_an_earlier_version_and_other_files_are_refused(tmp_path):
-    path = tmp_path / "findings.json"
-    path.write_text('{"verdict": "ambiguous"}')
-    with pytest.raises(ConfigError, match="a diagnosis with this version"):
-        load_unseparated(path)
-    path.write_text("{}")
-    with pytest.raises(ConfigError, match=r"findings\.json of `diagnose`"):
-        load_unseparated(path)
-
-
-# The verbs.
-def test_the_verb_plans_prints_the_evidence_and_writes_plan_and_picture(unclear, tmp_path, capsys):
-    findings, out = written(unclear, tmp_path), tmp_path / "separate.yaml"
-    words = ["--separate", str(findings), "--duration", "12", "--time", "1", "--out", str(out)]
-    assert main(["plan", *words]) == 0
-    printed = capsys.readouterr().out
-    assert "torque_offset at pitch or elastic_cable at pitch" in printed
-    assert "diagnosed" in printed
-    assert re.search(r" 9[5-9] %$", printed, re.MULTILINE)
-    assert "used" in printed
-    assert Plan.load(out).duration == pytest.approx(12.0)
-    assert out.with_suffix(".png").exists()
-
-
-def test_what_no_motion_separates_ends_with_status_1_and_says_why(model, tmp_path, capsys):
-    motion = passed(model)
-    offset = cause(motion, "torque_offset", 1, 1.0, 0.1)
-    twin = replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
-    same = contest(model, (offset, twin))
-    words = ["--separate", str(written(same, tmp_path)), "--duration", "8", "--time", "1"]
-    assert main(["plan", *words, "--out", str(tmp_path / "separate.yaml")]) == 1
-    printed = capsys.readouterr().out
-    assert "no motion was found within the limits that is all but sure to separate" in printed
-    assert " 0 %" in printed
-    assert "they are the same torque within the limits" in printed
-    assert "It is not expected to separate them; to try all the same: collect" in printed
-    assert "Next" not in printed
-
-
-@pytest.mark.parametrize(
-    ("first", "poses", "words"),
-    [
+def test_the_further_recording_is_diagnosed_together_with_the_first(unclear, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    for first, poses, words in (
         (["../first bag"], False, "'{}/first bag' further --model {}/out/model.yaml"),
         (["a.csv", "b.csv"], False, "{}/out/a.csv {}/out/b.csv further --model"),
         (["a.csv"], True, "diagnose further --model"),  # poses beside a motion: by themselves
         ([], False, "diagnose RECORDING further --model"),
-    ],
-)
-def test_the_further_recording_is_diagnosed_together_with_the_first(
-    unclear, tmp_path, first, poses, words
+    ):
+        command = diagnosed_again(written(unclear, out, recordings=first), "further", poses)
+        assert words.replace("{}", str(tmp_path)) in command
+        assert command.endswith(f" --out {out}/both")
+
+
+def test_the_verb_plans_what_separates_and_ends_with_status_1_where_nothing_does(
+    model, unclear, tmp_path, capsys
 ):
-    out = tmp_path / "out"
-    out.mkdir()
-    path = written(unclear, out, recordings=first)
-    command = diagnosed_again(path, "further", poses)
-    assert words.replace("{}", str(tmp_path)) in command
-    assert command.endswith(f" --out {out}/both")
-
-
-@pytest.mark.parametrize("words", [(), ("--arm", "ecm", "--separate", "findings.json")])
-def test_the_arm_or_the_findings_are_required(tmp_path, capsys, words):
-    assert main(["plan", *words, "--out", str(tmp_path / "plan.yaml")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "an arm, or --separate with findings.json" in line
-
-
-def found(contest: Contest) -> Diagnosis:
-    pair, names = contest.pairs[0], contest.model.arm.joint_names
-    finding = Finding(
-        "torque_offset", ("pitch",), "joint", {"offset": Estimate(1.0, 0.5, 1.5, "N·m")},
-        Gain(0.4, 0.3, 0.5, 1e-9), (Alternative("elastic_cable", ("pitch",), "as well"),),
-        (), "pitch has an offset", None, "", rivals=(pair.first, pair.second),
-    )  # fmt: skip
-    level = dict.fromkeys(names, 0.1)
-    return Diagnosis(
-        "ambiguous", (finding,), (), level, level, level, level, "nothing", 100, 30, (), (), (),
-        contest.model, band=8.0, contest=contest,
-        files=Files.of(
-            Path("out dir/findings.json"), Path("models/model.yaml"), [Path("bags/run 1")]
-        ),
-    )  # fmt: skip
-
-
-def test_terminal_file_and_page_name_the_command_that_plans_what_separates(unclear):
-    diagnosis = found(unclear)
-    command = "dvrk_gravity plan --separate 'out dir/findings.json' --out 'out dir/separate.yaml'"
-    assert f"to separate them: {command}" in list(diagnosis_text(diagnosis))
-    content = json.loads(diagnosis.to_json())
-    assert content["next"] == content["findings"][0]["next"] == command
-    assert content["unseparated"]["model"] == "../models/model.yaml"
-    assert content["unseparated"]["recordings"] == ["../bags/run 1"]
-    assert "dvrk_gravity plan --separate" in diagnosis_page(diagnosis, ["run.csv"])
-
-
-def test_a_clear_diagnosis_and_one_beside_a_reference_name_no_command(unclear):
-    diagnosis = replace(found(unclear), contest=None)
-    assert json.loads(diagnosis.to_json())["next"] is None
-    assert "plan --separate" not in "\n".join(diagnosis_text(diagnosis))
-    motion = passed(unclear.model)
-    beside = replace(motion, reference=np.zeros_like(motion.q))
-    assert Contest.of(beside, [found(unclear).findings[0].rivals], unclear.noise).pairs == ()
-
-
-def test_the_search_for_poses_ends_when_its_time_does(unclear, monkeypatch):
-    """Of many pairs of causes it would take an hour."""
-    asked = list[int]()
-    score = Separation.score
-    monkeypatch.setattr(Separation, "score", lambda *of: asked.append(1) or score(*of))
-    unseparated = unclear.unseparated()
-    limits = PlanLimits.of(unseparated.model.arm)
-    designs = []
-    for seconds in (60.0, 1e-9):
-        settings = replace(BRIEF, solver=replace(BRIEF.solver, seconds=seconds))
-        designs.append(design_separation(unseparated, limits, 30.0, poses=True, settings=settings))
-        asked.append(0)
-    whole, brief = (len(each.plan.motion.poses) for each in designs)
-    assert whole > brief == 2
-    assert sum(asked) < 6 * 15 + 2 * 6  # a few for each pose, of 60 candidates
-
-
-def test_static_poses_are_separated_by_poses(unclear):
-    diagnosis = found(replace(unclear, poses=True))
-    assert " --poses " in diagnosis.separated_by
-
-
-def test_an_arm_of_another_file_is_refused(unclear, tmp_path):
-    path = written(unclear, tmp_path)
-    with pytest.raises(ConfigError, match=r"unseparated\.joints"):
-        load_unseparated(path, MODEL_FILE)
-    assert Arm.load("ecm").n == len(load_unseparated(path).model.arm.joint_names)
+    out = tmp_path / "separate.yaml"
+    words = ["plan", "--duration", "12", "--time", "1", "--out", str(out)]
+    assert main([*words, "--separate", str(written(unclear, tmp_path))]) == 0
+    assert "torque_offset at pitch or elastic_cable at pitch" in capsys.readouterr().out
+    assert Plan.load(out).duration == pytest.approx(12.0)
+    assert out.with_suffix(".png").exists()
+    out.unlink()
+    same = written(contest(model, twins(model)), tmp_path)
+    assert main([*words, "--separate", str(same)]) == 1
+    printed = capsys.readouterr().out
+    assert " 0 %" in printed
+    assert "Next" not in printed

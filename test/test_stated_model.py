@@ -26,19 +26,14 @@ from dvrk_gravity.recording import Recording
 from testing.plain_world import PlainWorld
 
 URDF = Path(UR5).read_text()
-MASS, COM = 1.5, (0.02, 0.05, 0.08)  # kg, m in the last link's frame
 
 
 @pytest.fixture(scope="module")
-def world() -> PlainWorld:
+def recording() -> Recording:
+    """Of an arm that carries what the file does not have."""
     arm = Arm.load(UR5)
     bare = PlainWorld.of(arm, nominal_inertias(arm))
-    return bare.with_payload(arm.body_names[-1], MASS, COM)
-
-
-@pytest.fixture(scope="module")
-def recording(world) -> Recording:
-    return world.record(1, 15.0)
+    return bare.with_payload(arm.body_names[-1], 1.5, (0.02, 0.05, 0.08)).record(1, 15.0)
 
 
 def test_it_states_the_torque_that_pinocchio_computes_from_the_same_file():
@@ -76,26 +71,6 @@ def test_friction_that_drives_is_refused(tmp_path):
     (tmp_path / "robot.urdf").write_text(text)
     with pytest.raises(ConfigError, match=r"shoulder_pan_joint: dynamics friction: got -1.0, exp"):
         Arm.load(tmp_path / "robot.urdf")
-
-
-def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, recording):
-    """A load, and friction of six joints of which the file says nothing."""
-    diagnosed = diagnose(recording, UR5)
-    found = {(finding.effect, finding.joints): finding for finding in diagnosed.findings}
-    load = found["payload", world.arm.joint_names[-1:]].parameters
-    assert load["mass"].value == pytest.approx(MASS, rel=0.05)
-    for axis, place in zip("xyz", COM, strict=True):
-        assert load[axis].value == pytest.approx(place, abs=0.01)
-    for joint, level, slope in zip(
-        world.arm.joint_names, world.coulomb, world.viscous, strict=True
-    ):
-        dry = found["coulomb_friction", (joint,)].parameters["positive"]
-        assert dry.value == pytest.approx(level, rel=0.05)
-        viscous = found["viscous_friction", (joint,)].parameters["coefficient"]
-        assert viscous.value == pytest.approx(slope, rel=0.05)
-    assert len(found) == 13
-    # What a file says little of is no surprise, and no headline.
-    assert diagnosed.findings[0].effect == "payload"
 
 
 # --- files -----------------------------------------------------------------------------------

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 import yaml
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
@@ -20,7 +16,6 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a]\nc: [*b,*b,*b,*b,*b
 WRONG = {
     "empty": (b"# nothing\n", "'NoneType', expected a YAML mapping"),
     "a list": (b"- 1\n- 2\n", "'list', expected a YAML mapping"),
-    "a text": (b"hello", "'str', expected a YAML mapping"),
     "tab": (b"a:\n\tb: 1\n", "line 2"),
     "nested": (b"[" * 3000, "50 levels"),
     "unclosed": (b"a: [1, 2\nb: 3\n", "line 2"),
@@ -29,16 +24,10 @@ WRONG = {
     "alias": (b"a: &x 1\nb: *x\n", "anchors"),
     "merge": (b"a: 1\n<<: {b: 2}\n", "valid YAML"),
     "key twice": (b"a: 1\nb: 2\na: 3\n", "'a' appears twice"),
-    "inner key twice": (b"x:\n  a: 1\n  a: 1\n", "'a' appears twice"),
-    "key is a list": (b"[1, 2]: 3\n", "valid YAML"),
     "python object": (b"a: !!python/object/apply:os.system [ls]\n", "valid YAML"),
-    "unknown tag": (b"a: !colour red\n", "valid YAML"),
-    "empty integer": (b"a: !!int ''\n", "valid YAML"),
     "absurd date": (b"a: 2026-99-99\n", "valid YAML"),
     "too many digits": (b"a: 1" + b"0" * 5000 + b"\n", "valid YAML"),
-    "nested too deep": (b"a: " + b"[" * 5000 + b"]" * 5000, "valid YAML"),
     "binary": (bytes(range(256)), "binary"),
-    "utf-16": ("a: 1\n".encode("utf-16"), "binary"),
     "control characters": (b"a: \x01\x02\n", "valid YAML"),
 }
 
@@ -87,20 +76,16 @@ def test_numbers_are_read_as_ros_reads_them(tmp_path):
         assert yaml_file.load(file) == {"a": text, "b": [text]}
 
 
-@given(
-    st.lists(st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False), min_size=1)
-)
-@example([1e-05, 1e16, 1e22, 2.3e-308, -0.0, 1.0, 123456789.0, 0.1])
-def test_floats_survive_bit_by_bit_and_stay_floats_for_every_reader(values):
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "floats.yaml"
-        text = yaml_file.dump({"a": values, "b": {"c": values[0]}})
-        file.write_text(text)
-        for content in (yaml.safe_load(text), yaml_file.load(file)):
-            for found in (*content["a"], content["b"]["c"]):
-                assert type(found) is float
-            read = np.array(content["a"]).view(np.int64)
-            np.testing.assert_array_equal(read, np.array(values).view(np.int64))
+def test_floats_survive_bit_by_bit_and_stay_floats_for_every_reader(tmp_path):
+    values = [1e-05, 1e16, 1e22, 2.3e-308, -0.0, 1.0, 123456789.0, 0.1, 1.7976931348623157e308]
+    values += np.random.default_rng(0).normal(size=50).tolist()
+    text = yaml_file.dump({"a": values, "b": {"c": values[0]}})
+    (tmp_path / "floats.yaml").write_text(text)
+    for content in (yaml.safe_load(text), yaml_file.load(tmp_path / "floats.yaml")):
+        for found in (*content["a"], content["b"]["c"]):
+            assert type(found) is float
+        read = np.array(content["a"]).view(np.int64)
+        np.testing.assert_array_equal(read, np.array(values).view(np.int64))
 
 
 def test_writing_replaces_the_file_and_leaves_nothing_else(tmp_path):

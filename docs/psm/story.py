@@ -58,7 +58,7 @@ the program.
   exactly as if it turned there. The other parts are `followers`: `back`, which the pitch motor
   turns; `middle`; the two bars, which keep their direction; the counterweight, which moves
   against the insertion. A test compares this with MuJoCo, which has the mechanism's pins as
-  equality constraints and no remote centre (`test/test_psm_arm.py`).
+  equality constraints and no remote centre (`test/trials/test_psm_mechanism.py`).
 - *Jaws.* They rotate by `wrist_yaw - jaw / 2` and `wrist_yaw + jaw / 2`: link 6 `follows` jaw.
 - *Wrist motors.* Each drives several joints (`actuator_to_joint`). Recordings are often in motor
   coordinates (`--coordinates actuator`; by default `diagnose` detects them). Friction is sought

@@ -17,7 +17,6 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.cli import options
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
-from dvrk_gravity.parameters import ACCEPT_READING_ERRORS
 from dvrk_gravity.ros import PRIVATE, NodeProcess, ProcessError, end_on_signals, private_domain
 
 if TYPE_CHECKING:
@@ -35,6 +34,8 @@ _WINDOW = 20
 
 
 def _bare(n: int) -> dict[str, Any]:
+    from dvrk_gravity.parameters import ACCEPT_READING_ERRORS  # slow to load
+
     # The whole friction, and every message answered; a replayed compensator has no limits.
     return {
         "allow_poor_model": True,

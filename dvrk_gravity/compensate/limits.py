@@ -45,7 +45,7 @@ class EffortLimits:
         Torques near the largest float are clipped like others; numpy warns of the overflow unless
         ``np.errstate`` is set.
         """
-        if np.count_nonzero(np.abs(self._to_both.dot(torque)) <= self._both) == len(self._both):
+        if np.count_nonzero(self._to_bounds.dot(torque) <= self._bounds) == len(self._bounds):
             return torque
         within = np.minimum(np.maximum(torque, -self.joint), self.joint)
         motor = self.arm.actuator_effort(within)
@@ -70,13 +70,15 @@ class EffortLimits:
         )
 
     @cached_property
-    def _both(self) -> Array:
-        return np.concatenate([self.joint, self.actuator])
+    def _bounds(self) -> Array:
+        """(4n,) upper bounds of joint and actuator torques and of their negatives, N·m."""
+        return np.tile(np.concatenate([self.joint, self.actuator]), 2)
 
     @cached_property
-    def _to_both(self) -> Array:
-        """(2n, n) from joint torques to joint and actuator torques."""
-        return np.vstack([np.eye(len(self.joint)), self.arm.actuator_to_joint.T])
+    def _to_bounds(self) -> Array:
+        """(4n, n) from joint torques to what :attr:`_bounds` bounds."""
+        both = np.vstack([np.eye(len(self.joint)), self.arm.actuator_to_joint.T])
+        return np.vstack([both, -both])
 
     @cached_property
     def coupled(self) -> NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -92,8 +93,9 @@ class SampleReader:
         self._gains = None if gains is None else np.asarray(gains, dtype=float)
         self._joints = tuple(joint_names)
         self._units = tuple(units) or ("rad",) * len(self._joints)
-        self._lower = np.broadcast_to(lower, len(self._joints)).astype(float)
-        self._upper = np.broadcast_to(upper, len(self._joints)).astype(float)
+        # Lists: of so few numbers, Python compares them faster than numpy.
+        self._lower: list[float] = np.broadcast_to(lower, len(self._joints)).tolist()
+        self._upper: list[float] = np.broadcast_to(upper, len(self._joints)).tolist()
         self._names: tuple[str, ...] = self._joints
         self._index: NDArray[np.intp] | None = None  # None: the message's order is the arm's
         self._held_at: list[tuple[int, str, float]] = []  # held joints that the messages have
@@ -117,9 +119,9 @@ class SampleReader:
         values = self._pick("position", position)
         if values is None:
             raise DroppedSampleError("wrong_length", f"no positions for {len(self._names)} names")
-        within = (values >= self._lower) & (values <= self._upper)
-        if np.count_nonzero(within) < len(values):
-            raise self._out_of_range(values, int(np.argmin(within)))
+        for low, value, high in zip(self._lower, values.tolist(), self._upper, strict=True):
+            if not low <= value <= high:
+                raise self._out_of_range(values)
         for index, name, at in self._held_at:
             if not abs(position[index] - at) <= STAYS:
                 raise DroppedSampleError(
@@ -160,19 +162,20 @@ class SampleReader:
 
     def _pick(self, field: str, given: ArrayLike) -> Array | None:
         values = np.asarray(given, dtype=float)
-        if len(values) == 0:
-            return None
         if len(values) != len(self._names):
+            if len(values) == 0:
+                return None
             raise DroppedSampleError(
                 "wrong_length", f"{len(values)} numbers of {field} for {len(self._names)} names"
             )
         picked = values if self._index is None else values[self._index]
-        if np.count_nonzero(np.isfinite(picked)) < len(picked):
+        if not all(map(math.isfinite, picked.tolist())):
             joint = self._joints[int(np.argmin(np.isfinite(picked)))]
             raise DroppedSampleError("not_finite", f"{field} of {joint} is not a finite number")
         return picked
 
-    def _out_of_range(self, values: Array, joint: int) -> DroppedSampleError:
+    def _out_of_range(self, values: Array) -> DroppedSampleError:
+        joint = int(np.argmin((values >= self._lower) & (values <= self._upper)))
         return DroppedSampleError(
             "out_of_range",
             f"{self._joints[joint]} at {values[joint]:.4g} {self._units[joint]}, expected "

@@ -175,14 +175,15 @@ class CoulombFriction(Friction):
         # Joints and motors side by side, motion upwards and downwards one above the other.
         n = len(self.joint_positive)
         motion = np.vstack([np.eye(n), self.arm.joint_to_actuator])
-        slope = np.tile(self._slope, 2)
+        ramp = np.tile(self._slope, 2)[:, None] * motion
         lower = np.repeat([[0.0], [-1.0]], 2 * n, axis=1)
+        upper = lower + 1.0
         spread = np.diag(self._by_direction.ravel()) @ np.vstack([motion, motion])
 
         def evaluate(q: Array, qd: Array | None) -> Array:
             if qd is None:
                 return np.zeros(n)
-            part = np.minimum(np.maximum(motion.dot(qd) * slope, lower), lower + 1.0)
+            part = np.minimum(np.maximum(ramp.dot(qd), lower), upper)
             return part.ravel().dot(spread)
 
         return evaluate

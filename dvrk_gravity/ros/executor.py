@@ -27,7 +27,7 @@ LOOK = 0.01
 _WAKE = 0.05
 # Messages of one subscription that are processed at a check.
 _MOST = 100
-_KINDS = ("subscription", "guard_condition", "timer", "client", "service")
+_KINDS = ("subscription", "guard_condition", "client", "service")
 
 
 @contextlib.contextmanager
@@ -74,36 +74,44 @@ class PromptExecutor(SingleThreadedExecutor):
         super().__init__()
         self.add_node(node)
         self._node = node
+        # Of the prompt subscription, and of all entities, by their numbers.
+        self._prompt_set = _rclpy.WaitSet(1, 1, 0, 0, 0, 0, self._context.handle)
         self._wait_sets: dict[tuple[int, ...], Any] = {}
         self._next_look = self._next_events = 0.0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for work, and do some of the prompt subscription and of the rest."""
-        timeout = 0.1 if timeout_sec is None else timeout_sec
         prompt = self._node.prompt
-        ready = self._wait(min(timeout, LOOK), everything=prompt is None)
-        if prompt is not None and prompt.handle.pointer in ready:
-            ready.remove(prompt.handle.pointer)
+        longest = self._until_due(LOOK if timeout_sec is None else min(timeout_sec, LOOK))
+        ready: list[int] = []
+        if prompt is None:
+            ready = self._wait(longest)
+        elif self._wait_for_prompt(prompt, longest):
             taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
             if taken is not None:
                 prompt.callback(*taken)
         for timer in list(self._node.timers):
-            if timer.handle.pointer in ready:
-                ready.remove(timer.handle.pointer)
-                if timer.handle.is_timer_ready():
-                    timer.handle.call_timer()
-                    timer.callback()
+            if timer.handle.is_timer_ready():
+                timer.handle.call_timer()
+                timer.callback()
         now = time.monotonic()
         if prompt is not None and now > self._next_look:
             self._next_look = now + LOOK  # after the answer, when none is due
-            served = {prompt.handle.pointer, *(item.handle.pointer for item in self._node.timers)}
-            ready = [
-                pointer for pointer in self._wait(0.0, everything=True) if pointer not in served
-            ]
-        self._take_others(ready)
+            ready = [pointer for pointer in self._wait(0) if pointer != prompt.handle.pointer]
+        if ready:
+            self._take_others(ready)
         if ready or now > self._next_events:
             self._next_events = now + 1.0
             super().spin_once(0.0)
+
+    def _until_due(self, timeout: float) -> int:
+        """Return the time until a timer is due, ns, at most ``timeout`` seconds.
+
+        In a wait set, timers would cost as much as the message that is waited for.
+        """
+        due = [timer.handle.time_until_next_call() for timer in self._node.timers]
+        running = [time_left for time_left in due if time_left is not None]
+        return max(0, min([int(timeout * 1e9), *running]))
 
     def _take_others(self, ready: list[int]) -> None:
         """Process messages of other subscriptions, and remove them from the list."""
@@ -117,28 +125,36 @@ class PromptExecutor(SingleThreadedExecutor):
                     break
                 subscription.callback(taken[0])
 
-    def _wait(self, timeout: float, everything: bool) -> list[int]:
-        """Return the handles ready within ``timeout`` seconds: of all entities, or prompt ones."""
-        node, prompt = self._node, self._node.prompt
+    def _wait_for_prompt(self, prompt: Subscription, timeout: int) -> bool:
+        """Wait at most some ns for a message, or to be woken; return whether a message is there."""
+        wait_set = self._prompt_set
+        wait_set.clear_entities()
+        wait_set.add_subscription(prompt.handle)
+        wait_set.add_guard_condition(self._guard.handle)
+        wait_set.wait(timeout)
+        return bool(wait_set.get_ready_entities("subscription"))
+
+    def _wait(self, timeout: int) -> list[int]:
+        """Return the handles of all entities but timers that are ready within some ns."""
+        node = self._node
         # A destroyed one leaves these lists at once, so that no handle here is dead.
         entities = (
-            [item.handle for item in (node.subscriptions if everything else (prompt,)) if item],
+            [item.handle for item in node.subscriptions],
             [*(item.handle for item in node.guards), self._guard.handle],
-            [item.handle for item in node.timers],
-            [item.handle for item in node.clients] if everything else [],
-            [item.handle for item in node.services] if everything else [],
+            [item.handle for item in node.clients],
+            [item.handle for item in node.services],
         )
-        counts = tuple(map(len, entities))
+        subscriptions, guards, clients, services = counts = tuple(map(len, entities))
         wait_set = self._wait_sets.get(counts)
         if wait_set is None:
-            wait_set = _rclpy.WaitSet(*counts, 0, self._context.handle)
-            self._wait_sets[counts] = wait_set
+            sizes = (subscriptions, guards, 0, clients, services, 0)
+            wait_set = self._wait_sets[counts] = _rclpy.WaitSet(*sizes, self._context.handle)
         wait_set.clear_entities()
         for kind, handles in zip(_KINDS, entities, strict=True):
             add = getattr(wait_set, f"add_{kind}")
             for handle in handles:
                 add(handle)
-        wait_set.wait(int(timeout * 1e9))
+        wait_set.wait(timeout)
         if not self._context.ok():
             raise ExternalShutdownException
         ready = [pointer for kind in _KINDS for pointer in wait_set.get_ready_entities(kind)]

@@ -30,7 +30,7 @@ _GRID = 17  # clocks that are tried first
 _CLOCK = 0.08  # relative error of a clock: of what only torques show, less is wrong inertia. Chosen
 _LEFT_OUT = 8  # spans of the recording, each left out in turn for the clock's interval
 # Relative standard deviation in addition: low-passed accelerations are a little too small. Seen:
-# clocks found .0024 to .0029 too large (test_diagnose_recording_faults.py).
+# clocks found .0024 to .0029 too large (test_diagnose_readings.py).
 _SMOOTHED = 0.0025
 _DRIVING = 3.0  # standard errors by which friction may not drive the arm: one chance in a thousand
 # Read over true efforts, between which a scale is looked for: N·mm for N·m, and as much the other

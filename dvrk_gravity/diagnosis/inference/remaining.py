@@ -29,7 +29,7 @@ _AT_FLOOR = 1.05  # times the noise: nothing worth finding is left. Chosen
 _MOST_FUNCTIONS = 3  # functions: a bound on time
 # Of an effect's torque that an unexplained one beside it must have to make its name uncertain. Less
 # is another error of a model that is never complete. Chosen: drag that differs by 60 % over a range
-# is beyond (test/test_diagnose_omnibus.py).
+# is beyond (test/test_diagnose_quiet.py).
 _DOUBTFUL = 1.0 / 3.0
 _REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
 _MOST_MINOR = 3  # effects, one a joint. Chosen

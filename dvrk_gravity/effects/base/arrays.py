@@ -214,15 +214,13 @@ def prepare_polynomials(valid: Range, *sets: Array) -> Callable[[Array], Array]:
     """
     lower, upper = valid.lower, valid.upper
     powers = np.ones(sets[0].shape)
-    flat = powers.reshape(-1)
+    flat, beyond_zero = powers.reshape(-1), powers[1:]
     # One product of a vector and a sparse matrix is faster than a short sum a joint.
     matrix = np.hstack([np.vstack([np.diag(row) for row in rows]) for rows in sets])
 
     def values(q: Array) -> Array:
         if len(powers) > 1:
-            held = np.maximum(q, lower)
-            np.minimum(held, upper, out=held)
-            powers[1:] = held
+            np.minimum(np.maximum(q, lower), upper, out=beyond_zero)
             np.multiply.accumulate(powers, axis=0, out=powers)
         return flat.dot(matrix)
 
@@ -242,9 +240,10 @@ def prepare_powers(valid: Range, count: int) -> Callable[..., Array]:
     """Return what makes (count, n) powers 0, 1, … of (n,) positions held within a range."""
     lower, upper = valid.lower, valid.upper
     steps = np.ones((count, len(lower)))
+    beyond_zero = steps[1:]
 
     def powers(q: Array, out: Array | None = None) -> Array:
-        steps[1:] = np.minimum(np.maximum(q, lower), upper)
+        np.minimum(np.maximum(q, lower), upper, out=beyond_zero)
         return np.multiply.accumulate(steps, 0, None, out)
 
     return powers

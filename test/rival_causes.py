@@ -1,0 +1,70 @@
+"""Causes that a diagnosis could not separate, made up: a constant torque, or a spring."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dvrk_gravity import effects
+from dvrk_gravity.diagnosis import Contest, PlannedMotion, RivalCause
+from dvrk_gravity.effects import State
+from dvrk_gravity.model import TorqueModel
+
+
+def passed(model: TorqueModel, count: int = 300, part: float = 0.02) -> PlannedMotion:
+    """Return a slow motion about the middle of all joints."""
+    lower, upper = model.arm.range
+    time = np.linspace(0.0, 10.0, count)
+    omega = 2.0 * np.pi * np.arange(1, model.arm.n + 1) / 10.0
+    size = part * np.minimum(upper - lower, 1.0)
+    waves = np.sin(np.outer(time, omega)), np.cos(np.outer(time, omega))
+    middle = 0.5 * (lower + upper) + 0.1 * size / part
+    state = State(middle + size * waves[0], size * omega * waves[1], -size * omega**2 * waves[0])
+    return PlannedMotion.of(model, state, time)
+
+
+def cause(motion: PlannedMotion, effect: str, joint: int, theta, spread: float) -> RivalCause:
+    """Return an effect's simplest hypothesis at a joint, as if it had been found."""
+    found = (
+        each
+        for each in effects.named(effect).hypotheses(motion)
+        if each.joints == (joint,) and each.place in ("joint", "degree 1")
+    )
+    hypothesis = min(found, key=lambda each: each.regressor(motion).shape[2])
+    theta = np.resize(np.asarray(theta, float), hypothesis.regressor(motion).shape[2])
+    return RivalCause(hypothesis, theta, spread**2 * np.eye(len(theta)))
+
+
+def contest(model: TorqueModel, *pairs: tuple[RivalCause, RivalCause]) -> Contest:
+    motion = passed(model)
+    left = 0.01 * model.arm.effort_limit
+    return Contest.of(motion, pairs, left)
+
+
+def offset_or_spring(model: TorqueModel, stiffness: float = 1e-3) -> Contest:
+    """Return a constant torque, or a spring (of limit/rad): in a narrow motion all but the same."""
+    motion = passed(model)
+    limit = float(model.arm.effort_limit[1])
+    spring = cause(motion, "elastic_cable", 1, 0.0, 0.0)
+    # The constant part of the spring's torque is the offset's.
+    theta, error = limit * np.array([0.1, stiffness]), limit * np.array([0.02, 0.2 * stiffness])
+    spring = replace(spring, theta=theta, covariance=np.diag(error**2))
+    return contest(model, (cause(motion, "torque_offset", 1, 0.1 * limit, 0.02 * limit), spring))
+
+
+def twins(model: TorqueModel) -> tuple[RivalCause, RivalCause]:
+    """Return two causes of the same torque."""
+    offset = cause(passed(model), "torque_offset", 1, 1.0, 0.1)
+    return offset, replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
+
+
+def written(contest: Contest, folder: Path, **changes: object) -> Path:
+    """Write a model, and what a diagnosis of it could not separate."""
+    contest.model.save(folder / "model.yaml")
+    entry = {"model": "model.yaml", **contest.to_dict(), **changes}
+    path = folder / "findings.json"
+    path.write_text(json.dumps({"verdict": "ambiguous", "unseparated": entry}))
+    return path
