@@ -62,7 +62,7 @@ def detectable(
     """
     data = beside.validation.data
     there = {(each.hypothesis.key, each.size): each for each in pool}
-    search, found = _Search(beside, multiplicity), dict[tuple[str, str], Detectable]()
+    search, found = _SizeSearch(beside, multiplicity), dict[tuple[str, str], Detectable]()
     asked = (pair for effect in effects.effects() for pair in effect.unit_changes(data.motion))
     for hypothesis, theta in asked:
         candidate = there.get((hypothesis.key, len(theta)))
@@ -77,7 +77,7 @@ def detectable(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _SizeSearch:
     """Looks for the smallest changes beside some effects.
 
     Attributes:
