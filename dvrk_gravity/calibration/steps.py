@@ -148,7 +148,8 @@ def _diagnose(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     text_file.write(path, found.to_json())
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.diagnosis(found, [bag.name for bag in bags]))
-    verdict = f"{found.verdict.replace('_', ' ')}: " if found.findings else ""
+    named = found.findings or found.cannot_judge
+    verdict = f"{found.verdict.replace('_', ' ')}: " if named else ""
     return Outcome(f"{verdict}{found.sentence}", (path, page))
 
 

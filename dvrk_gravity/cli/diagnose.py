@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose, write the three files, print a summary.
 
     Returns:
-        0, or 1 if the recordings are of the other arm than the model.
+        0, or 1 if the recordings are of the other arm than the model, or nothing can be judged.
     """
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import Files, arm_for, diagnose
@@ -119,4 +119,5 @@ def run(args: argparse.Namespace) -> int:
         for line in diagnosis_text(diagnosis, args.verbose, columns()):
             print(line)
         print(f"written: {out}/{', '.join(WRITTEN)}")
-    return int(bool(contradiction(diagnosis.warnings)))
+    blind = diagnosis.verdict == "cannot_judge"
+    return int(blind or bool(contradiction(diagnosis.warnings)))

@@ -17,6 +17,7 @@ from .data.motion import MeasuredMotion as MeasuredMotion
 from .inference.beside import Beside as Beside
 from .inference.beside import FrictionChange as FrictionChange
 from .inference.cross_validation import CrossValidation as CrossValidation
+from .inference.detectable import Detectable as Detectable
 from .inference.held_out import Gain as Gain
 from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings

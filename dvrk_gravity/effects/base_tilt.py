@@ -58,6 +58,16 @@ class BaseTilt(Effect):
             knows_shaft=not shaft, prior_std=(*3 * (np.inf,), *of_shaft) if shaft else (),
         )  # fmt: skip
 
+    @classmethod
+    def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
+        """About horizontal axes that are 45 degrees apart."""
+        for each in cls.hypotheses(motion):
+            if isinstance(each, TiltHypothesis):
+                for angle in 0.25 * np.pi * np.arange(4):
+                    theta = np.zeros(2 if each.knows_shaft else 4)
+                    theta[:2] = np.cos(angle), np.sin(angle)
+                    yield each, theta
+
 
 class ChangesModelTorque(ABC):
     """A hypothesis beside which the model's own parameters produce other torques."""

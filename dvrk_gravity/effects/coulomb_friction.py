@@ -238,6 +238,13 @@ class CoulombFriction(Friction):
                 )  # fmt: skip
         yield from AllFrictionHypothesis.of(motion)
 
+    @classmethod
+    def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
+        """Of each joint, the same in both directions."""
+        for each in cls.hypotheses(motion):
+            if isinstance(each, CoulombHypothesis) and each.one_level and each.of_joint:
+                yield each, np.ones(1)
+
     def at(self, where: Site) -> float:
         """Return the larger level at a site, N·m; at a joint its motor's is added."""
         motor = max(self.motor_positive[where.index], self.motor_negative[where.index])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values, as_value, position_offset
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
@@ -29,6 +31,11 @@ class JointOffset(Effect):
                 arm=motion.arm, site=site, setting={"offset": 0.0},
                 alignment=site.kind is Kind.JOINT,
             )  # fmt: skip
+
+    @classmethod
+    def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
+        """Of each joint's encoder."""
+        return ((each, np.ones(1)) for each in cls.hypotheses(motion) if each.of_joint)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

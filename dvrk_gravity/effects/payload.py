@@ -176,6 +176,19 @@ class Payload(Term):
                 form=motion.arm.body_names[link], setting=dict.fromkeys(AXES, 0.0),
             )  # fmt: skip
 
+    @classmethod
+    def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
+        """At the end of the last link whose load shows, or where a load is stated to be."""
+        *_, last = (None, *cls.hypotheses(motion))
+        if not isinstance(last, PayloadHypothesis):
+            return
+        if motion.payload_at is None:
+            place = _end_of(motion.arm, last.site.index).tolist()
+            last = replace(last, setting=dict(zip(AXES, place, strict=True)))
+            yield last, np.array([1.0, *place])
+        else:
+            yield last, np.ones(1)
+
     @cached_property
     def _links(self) -> Array:
         """(10 bodies,) inertial parameters of the arm's bodies."""

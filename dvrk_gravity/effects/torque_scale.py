@@ -71,6 +71,11 @@ class TorqueScale(SensorEffect):
             mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
             yield ScaleHypothesis(arm=arm, site=Site.motor(motor), mixing=mixing)
 
+    @classmethod
+    def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
+        """Of each joint's efforts."""
+        return ((each, np.ones(1)) for each in cls.hypotheses(motion) if each.of_joint)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ScaleHypothesis(Hypothesis):

@@ -25,9 +25,13 @@ from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm, worst_of
 from dvrk_gravity.report.findings import (
     BETWEEN,
+    BLIND,
+    DETECTABLE,
     KNOWN,
     SEPARATE,
+    detectable_table,
     effect_title,
+    model_verdict,
     parameter_rows,
     size_of,
 )
@@ -50,6 +54,7 @@ _VERDICTS = {
     "partly_explained": "partly explained",
     "ambiguous": "explained, by more than one possible cause",
     "unexplained": "unexplained",
+    "cannot_judge": "cannot judge",
 }
 # Parts of a picture around its axes, as in `fit_pictures`.
 _ROOM = {"left": 0.09, "right": 0.985, "bottom": 0.155, "top": 0.83, "wspace": 0.05}
@@ -71,7 +76,11 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         f"samples compared; {diagnosis.held_out} of them held out of fit and model selection; all "
         "errors and gains below are of those."
     )
+    if own := model_verdict(diagnosis.model_verdict):
+        facts += f" {own[0].upper()}{own[1:]}."
     level = worst_of(remark.level for remark in _remarks(diagnosis.findings)) or "good"
+    if level == "good" and diagnosis.cannot_judge:
+        level = "fair"
     return page(
         f"Diagnosis of {arm.name}", diagnosis.sentence, facts, _parts(diagnosis), level,
         contradiction(diagnosis.warnings),
@@ -82,6 +91,8 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     arm = diagnosis.model.arm
     if diagnosis.caveat:
         yield f'<p class="small">{escape(diagnosis.caveat)}</p>'
+    if diagnosis.findings and diagnosis.cannot_judge:
+        yield f"<p>{escape(BLIND)}</p>" + html.listed(diagnosis.cannot_judge)
     yield drawn_arm(arm, _remarks(diagnosis.findings))
     if diagnosis.findings:
         yield "<h2>Findings</h2>"
@@ -95,6 +106,10 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
         yield section(diagnosis.in_simulation, arm)
     yield "<h2>Tables</h2>"
     yield _errors(diagnosis)
+    if diagnosis.detectable:
+        note = f'<p class="small">{escape(DETECTABLE)}</p>'
+        table = html.table(*detectable_table(diagnosis.detectable))
+        yield html.folded("What would have been found", note, table)
     if diagnosis.ambiguities:
         yield _ambiguities(diagnosis.ambiguities)
         yield _separating(next(filter(None, map(diagnosis.separating, diagnosis.ambiguities)), ""))

@@ -11,7 +11,16 @@ from dvrk_gravity.diagnosis import ERROR, FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Unknown
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import in_simulation
-from dvrk_gravity.report.findings import BETWEEN, KNOWN, SEPARATE, exact_model, size_of
+from dvrk_gravity.report.findings import (
+    BETWEEN,
+    KNOWN,
+    SEPARATE,
+    detectable_line,
+    detectable_table,
+    exact_model,
+    model_verdict,
+    size_of,
+)
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
 
@@ -32,13 +41,20 @@ def diagnosis_text(
         yield laid_out(why, width)
     if diagnosis.exact:
         yield laid_out(exact_model(diagnosis.exact), width)
+    if diagnosis.model_verdict:
+        yield laid_out(model_verdict(diagnosis.model_verdict), width)
     verdict = diagnosis.verdict.replace("_", " ")
     if not findings:
         yield laid_out(f"{verdict}: {diagnosis.sentence}", width)
+        if diagnosis.detectable:
+            line = detectable_line(diagnosis.detectable)
+            yield laid_out(f"would have been found (95 %): {line}", width)
     else:
         of_what = _ambiguous(findings) if diagnosis.verdict == "ambiguous" else ""
         yield laid_out(f"{verdict}: {_counted(findings)}{of_what}", width)
         yield from finding_table(findings, diagnosis.model.arm.n, width)
+        for reason in diagnosis.cannot_judge:
+            yield laid_out(f"others may be there unseen: {reason}", width)
         yield laid_out(_how_good(diagnosis), width)
         if not why:
             yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
@@ -158,6 +174,12 @@ def _details(diagnosis: Diagnosis) -> Iterator[str]:
             "(numbers in the report)"
         )
     yield from _errors(diagnosis)
+    if diagnosis.detectable:
+        yield "would have been found, alone, with 95 %:"
+        head, rows = detectable_table(diagnosis.detectable)
+        wide = [2 + max(map(len, column)) for column in zip(head, *rows, strict=True)]
+        for row in (head, *rows):
+            yield "".join(f"{cell:<{w}}" for cell, w in zip(row, wide, strict=True)).rstrip()
     if diagnosis.in_simulation is not None:
         arm, joint = diagnosis.model.arm, _largest_gain(diagnosis.findings)
         yield from in_simulation.lines(diagnosis.in_simulation, arm, joint)

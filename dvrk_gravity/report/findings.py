@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis import Finding
+from dvrk_gravity.diagnosis import Detectable, Finding
+from dvrk_gravity.units import quantity
 
 _SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
 KNOWN = (
@@ -11,6 +16,12 @@ KNOWN = (
     "day-to-day friction variation"
 )
 SEPARATE = "to separate them"
+BLIND = "Other causes may be there unseen:"
+DETECTABLE = (
+    "The smallest change of one kind alone that would have been found in 95 % of such recordings; "
+    "none: no change that is possible. A load is at the end of the last link, a tilt about the "
+    "horizontal axis that shows it least."
+)
 BETWEEN = "differences from the reference within day-to-day variation"
 
 
@@ -50,3 +61,42 @@ def exact_model(why: str) -> str:
         f"the model is taken as exact ({why}): all of its error counts as findings, and intervals "
         "do not include it"
     )
+
+
+def model_verdict(verdict: str) -> str:
+    """Return a line with the given model's own verdict; ``""`` if it has none."""
+    return f"the model's own verdict: {verdict.replace('_', ' ')}" if verdict else ""
+
+
+def detectable_size(found: Detectable) -> str:
+    """Return the smallest change that would have been found, with its unit."""
+    if not np.isfinite(found.size):
+        return "none"
+    percent = effects.named(found.effect).meaning(found.parameter).percent
+    return f"{100 * found.size:.2g} %" if percent else quantity(found.size, found.unit)
+
+
+def detectable_table(found: Sequence[Detectable]) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of a table: by joint, and of the arm, what would have been found."""
+    kinds = list(dict.fromkeys(each.effect for each in found))
+    sizes = {(each.joint, each.effect): detectable_size(each) for each in found}
+    joints = sorted({each.joint: None for each in found}, key=lambda joint: not joint)
+    rows = [[joint or "the arm", *(sizes.get((joint, kind), "") for kind in kinds)]
+            for joint in joints]  # fmt: skip
+    return ["joint", *(effect_title(kind) for kind in kinds)], rows
+
+
+def detectable_line(found: Iterable[Detectable]) -> str:
+    """Return in a line what would have been found: of joints the smallest and the largest."""
+    kinds: dict[tuple[str, str], list[Detectable]] = {}
+    for each in found:
+        kinds.setdefault((each.effect, each.unit), []).append(each)
+    return ", ".join(map(_range, kinds.values()))
+
+
+def _range(of_kind: Sequence[Detectable]) -> str:
+    ends = (at(of_kind, key=lambda each: each.size) for at in (min, max))
+    sizes = dict.fromkeys(
+        detectable_size(each) + (f" ({each.joint})" if each.joint else "") for each in ends
+    )
+    return f"{effect_title(of_kind[0].effect)} {' to '.join(sizes)}"

@@ -429,6 +429,25 @@ class CrossValidation:
         torque[:, candidate.joints] = candidate.values[self.choice.rows] @ theta
         return torque * self.choice.usable
 
+    def not_made_up_for(
+        self, torque: Array, candidates: Sequence[Candidate]
+    ) -> tuple[Array, Array]:
+        """Return what a fit of the model's own parameters and of candidates leaves of a torque.
+
+        Args:
+            torque: (R, n) over the samples of choice, N·m.
+            candidates: The candidates.
+
+        Returns:
+            (R, n) what is left, scaled so that its mean over all samples is that over the usable
+            ones, and the (d,) parameters of the model, in standard deviations.
+        """
+        regression = self.regression(candidates)
+        target = (torque * self.weight).reshape(-1)
+        theta = regression.coefficients(target)
+        left = self._unweighted(target - regression.design @ theta)
+        return left * np.sqrt(len(left) / self.choice.counts), theta[: self.model_size]
+
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice.
 

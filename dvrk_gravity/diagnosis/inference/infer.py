@@ -20,6 +20,7 @@ from dvrk_gravity.diagnosis.inference.alternatives import (
 )
 from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.detectable import Detectable, detectable
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.readings import (
@@ -33,6 +34,7 @@ from dvrk_gravity.diagnosis.inference.remaining import (
     unexplained_structure,
 )
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
+from dvrk_gravity.diagnosis.inference.significance import Multiplicity
 from dvrk_gravity.effects import Kind
 from dvrk_gravity.intake import contradiction
 
@@ -59,6 +61,7 @@ class Posterior:
         pool: Hypotheses that need no search.
         at_calibration: What the calibration recording shows of the hypotheses.
         floor: (n,) RMS that noise alone leaves, N·m.
+        detectable: What would have been found.
     """
 
     loaded: Loaded
@@ -74,6 +77,7 @@ class Posterior:
     pool: tuple[Candidate, ...]
     at_calibration: AtCalibration | None
     floor: Array
+    detectable: tuple[Detectable, ...]
 
 
 def silent(line: str) -> None:
@@ -124,6 +128,7 @@ class _Search:
     pool: list[Candidate]
     sparse: list[Candidate]
     at_calibration: AtCalibration | None
+    multiplicity: Multiplicity
 
     def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return joints whose friction, and whose springs, changed by more than from day to day."""
@@ -152,7 +157,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     data = validation.data
     if contradiction(loaded.warnings) and not read.wrong:
         loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
-        return _Search(loaded, (), validation, [], [], [], [], [], None)
+        return _Search(loaded, (), validation, [], [], [], [], [], None, Multiplicity.of(pool))
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
@@ -182,7 +187,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
         loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse,
-        at_calibration,
+        at_calibration, selection.multiplicity,
     )  # fmt: skip
 
 
@@ -204,11 +209,12 @@ def _confirmed(search: _Search) -> Posterior:
         validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
         search.unexplained, search.at_calibration,
     )  # fmt: skip
+    seen = detectable(Beside(validation, tuple(named)), search.pool, search.multiplicity)
     validation.data.release()
     return Posterior(
         search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
         joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
-        tuple(search.pool), search.at_calibration, floor,
+        tuple(search.pool), search.at_calibration, floor, seen,
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
+from dvrk_gravity.diagnosis.results.judgeable import reasons_not_to_judge
 from dvrk_gravity.diagnosis.results.method_notes import method_notes
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
@@ -53,7 +54,7 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import NO_VERDICT, TorqueModel
 
 
 def report(
@@ -119,11 +120,12 @@ def report(
         motion.model, motion.q, None if motion.static else motion.qd, motion.present
     )
     reference = motion.reference is not None
+    blind = reasons_not_to_judge(data, held_out, posterior.detectable)
     unseparated = ambiguities(validation, named, posterior.pool)
     several = [finding.rivals for finding in findings if finding.rivals]
     several += [each.rivals for each in unseparated if each.suspected]
     return Diagnosis(
-        verdict=_verdict(findings, different or bool(grown)),
+        verdict=_verdict(findings, different or bool(grown), blind),
         findings=tuple(findings),
         known=(
             *(_not_significant(posterior, named, each) for each in posterior.stated),
@@ -156,6 +158,9 @@ def report(
         of_file=motion.model.of_file,
         exact="" if reference else sentences.why_exact(motion.model),
         contest=Contest.of(motion, several, after),
+        detectable=posterior.detectable,
+        cannot_judge=blind,
+        model_verdict="" if motion.model.verdict == NO_VERDICT else motion.model.verdict,
     )
 
 
@@ -298,13 +303,16 @@ def _fit(
     return theta, covariance[: len(theta), : len(theta)], spreads
 
 
-def _verdict(findings: Sequence[Finding], in_part: bool) -> Verdict:
+def _verdict(findings: Sequence[Finding], in_part: bool, blind: Sequence[str]) -> Verdict:
+    """Return the verdict; where others may be there, findings that are certain stand alone."""
+    if blind and not any(finding.certain for finding in findings):
+        return "cannot_judge"
     if not findings:
         return "nothing_to_explain"
     unknown = [finding.effect == Unknown.NAME for finding in findings]
     if all(unknown):
         return "unexplained"
-    if any(unknown) or in_part:
+    if any(unknown) or in_part or blind:
         return "partly_explained"
     if any(finding.alternatives for finding in findings):
         return "ambiguous"

@@ -14,6 +14,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import InSimulation
 from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
+from dvrk_gravity.diagnosis.inference.detectable import Detectable
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
 from dvrk_gravity.diagnosis.results.rivals import Contest
@@ -23,7 +24,10 @@ from dvrk_gravity.tabular import Columns, Tabular
 from dvrk_gravity.validation import split_link
 
 _UNEXPECTED = 2.0  # times what a model expects of itself: more than it should be. Chosen
-Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
+Verdict = Literal[
+    "nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained",
+    "cannot_judge",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,10 @@ class Diagnosis(Tabular):
         held_out: Those of them held out of fit and selection.
         warnings: About the data.
         notes: How it was judged, one sentence each.
+        detectable: The smallest changes that would have been found, site by site.
+        cannot_judge: Why what was not found may be there nevertheless, a clause each; empty: such
+            changes as ``detectable`` has would have been found.
+        model_verdict: The given model's own verdict, of ``identify``; ``""``: none.
         ambiguities: Causes, found or not, that this data cannot separate.
         model: The model, extended by what a model file has terms for.
         in_simulation: The given and the extended model in the simulator; ``None`` if not asked
@@ -110,6 +118,9 @@ class Diagnosis(Tabular):
     of_file: bool = False
     exact: str = ""
     contest: Contest | None = field(default=None, repr=False)
+    detectable: tuple[Detectable, ...] = ()
+    cannot_judge: tuple[str, ...] = ()
+    model_verdict: str = ""
     files: Files = field(default_factory=Files)
 
     def __repr__(self) -> str:
@@ -143,6 +154,8 @@ class Diagnosis(Tabular):
         """The first finding in a sentence, or that there is none and what error remains."""
         if self.findings:
             return self.findings[0].sentence
+        if self.cannot_judge:
+            return sentences.cannot_judge(self.cannot_judge)
         least, words = self.least
         ratio = {
             name: self.after[name] / value
@@ -210,6 +223,8 @@ class Diagnosis(Tabular):
         return {
             "format": 2,
             "verdict": self.verdict,
+            "model_verdict": self.model_verdict or None,
+            "cannot_judge": list(self.cannot_judge),
             "findings": [
                 {
                     **finding.to_dict(),
@@ -228,6 +243,7 @@ class Diagnosis(Tabular):
                     ("model", self.expected),
                 )
             },
+            "detectable": self._detectable(),
             "data": {
                 "samples": self.samples,
                 "held_out": self.held_out,
@@ -251,6 +267,14 @@ class Diagnosis(Tabular):
             "next": self.separated_by or None,
             "unseparated": unseparated,
         }
+
+    def _detectable(self) -> dict[str, Any]:
+        """Return sizes by effect, of joints by joint and effect; ``None``: none would be found."""
+        result: dict[str, Any] = {}
+        for each in self.detectable:
+            of = result.setdefault(each.joint, {}) if each.joint else result
+            of[each.effect] = _number(each.size)
+        return result
 
     def to_json(self) -> str:
         """Return findings.json's text."""

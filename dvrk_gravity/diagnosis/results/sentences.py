@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shlex import quote
 
+import numpy as np
+
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.inference.held_out import Gain, Unconfirmed
 from dvrk_gravity.diagnosis.results.findings import Contender
@@ -346,3 +348,32 @@ def why_exact(model: TorqueModel) -> str:
     if model.uncertainty is not None:
         return ""
     return model.unsure or "it states no uncertainty"
+
+
+def unfit_model(model: TorqueModel) -> str:
+    """Return that a model's own verdict forbids to rely on it."""
+    why = f" ({model.reason})" if model.reason else ""
+    return f"the model's own verdict is {model.verdict.replace('_', ' ')}{why}: identify it again"
+
+
+def error_far_below(ratio: float, least: float) -> str:
+    """Return that the error is so many times the one predicted, far less than it should be."""
+    return (
+        f"the error is {ratio:.2g} times what the model's uncertainty predicts, expected at least "
+        f"{least:g}: that uncertainty is not this model's, or far too large; identify again"
+    )
+
+
+def unseen_friction(joint: str, size: float, limit: float, unit: str, others: int) -> str:
+    """Return how much friction would have been missed at a joint, and at how many others."""
+    smallest = f"below {quantity(size, unit)}" if np.isfinite(size) else "of any size"
+    more = f", likewise at {others} more" if others else ""
+    return (
+        f"friction {smallest} would have been missed at {joint}, expected at most "
+        f"{quantity(limit, unit)}{more}: record more motion, or identify a better model"
+    )
+
+
+def cannot_judge(reasons: Sequence[str]) -> str:
+    """Return that nothing found says nothing, and why."""
+    return f"Nothing was found, which says little: {'; '.join(reasons)}."

@@ -78,6 +78,15 @@ class Effect(ABC):
         yield from ()
 
     @classmethod
+    def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
+        """Yield changes of size one, with their (k,) parameters, that a user asks about.
+
+        A diagnosis states which multiple of each it would have found; of several at one site, in
+        other directions, the largest.
+        """
+        yield from ()
+
+    @classmethod
     def search_basis(cls, data: Filtered) -> Any:
         """Return what :meth:`search` needs of the data, computed once; it may be large."""
         return None
@@ -300,6 +309,11 @@ class Hypothesis(ABC):
     def place(self) -> str:
         """Form or site as findings name it."""
         return self.form or self.site.kind.value
+
+    @property
+    def of_joint(self) -> bool:
+        """Whether its site is one joint."""
+        return self.site.kind is Kind.JOINT
 
     @property
     def key(self) -> tuple[str, tuple[int, ...], str]:

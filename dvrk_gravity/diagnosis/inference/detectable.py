@@ -1,0 +1,167 @@
+"""What could have been seen: the smallest change of each kind that would have been found.
+
+A change of size s that nobody knows of adds s² D² to a joint's mean squared error E², with D the
+RMS torque per unit that neither the model's own parameters nor the other effects make up for; these
+parameters move by s u, at their prior's cost. Both are evidence. By the likelihood, thresholds and
+multiplicity of selection and confirmation it has to be so much that noise, which makes twice the
+evidence a non-central chi-square, leaves less than the threshold in one of twenty recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity import effects
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.beside import Beside
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut, JudgementSettings
+from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
+from dvrk_gravity.diagnosis.inference.significance import Multiplicity
+
+POWER = 0.95
+"""Part of the recordings in which a change of that size is found. A convention."""
+
+_BELOW = 1.645  # standard errors: one normal estimate in twenty is lower by more
+_DOUBLINGS = 40  # of a size that is within its own error: what is larger then, is not visible
+_HALVINGS = 6  # of the interval that holds a size: to a hundredth of it. Chosen
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest change of one kind that would have been found.
+
+    Attributes:
+        effect: Name of the effect.
+        joint: Name of the joint; ``""``: of the arm.
+        parameter: Name of the parameter that changes.
+        size: By how much, SI; infinite if no change that is possible would.
+        unit: Its unit.
+    """
+
+    effect: str
+    joint: str
+    parameter: str
+    size: float
+    unit: str
+
+
+def detectable(
+    beside: Beside, pool: Sequence[Candidate], multiplicity: Multiplicity
+) -> tuple[Detectable, ...]:
+    """Return what would have been found in :data:`POWER` of such recordings, site by site.
+
+    Args:
+        beside: The effects that were found, with the samples.
+        pool: Hypotheses whose columns are there already.
+        multiplicity: Of how many torques one had to be the best.
+    """
+    data = beside.validation.data
+    there = {(each.hypothesis.key, each.size): each for each in pool}
+    search, found = _SizeSearch(beside, multiplicity), dict[tuple[str, str], Detectable]()
+    asked = (pair for effect in effects.effects() for pair in effect.unit_changes(data.motion))
+    for hypothesis, theta in asked:
+        candidate = there.get((hypothesis.key, len(theta)))
+        if candidate is None or candidate.hypothesis.setting != hypothesis.setting:
+            candidate = data.candidate(hypothesis)
+        key = hypothesis.effect, hypothesis.names[0] if hypothesis.of_joint else ""
+        size = search.smallest(candidate, theta)
+        if key not in found or size > found[key].size:  # the direction that shows least
+            parameter = next(iter(hypothesis.parameters(theta)))
+            found[key] = Detectable(*key, parameter, size, hypothesis.unit(parameter))
+    return tuple(found.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _SizeSearch:
+    """Looks for the smallest changes beside some effects.
+
+    Attributes:
+        beside: These effects, with the samples.
+        multiplicity: Of how many torques one had to be the best.
+        needed: Gains that are needed, as soon as one was; see :meth:`_needed`.
+    """
+
+    beside: Beside
+    multiplicity: Multiplicity
+    needed: dict[tuple[int, int], float] = field(default_factory=dict)
+
+    @cached_property
+    def _held_out(self) -> float:
+        """Samples that are held out, over those of the choice."""
+        validation = self.beside.validation
+        return HeldOut(validation).samples / max(len(validation.choice.rows), 1)
+
+    def smallest(self, candidate: Candidate, theta: Array) -> float:
+        """Return the least multiple of (k,) parameters that is found; infinite: none is."""
+        validation, settings, rest = self.beside.validation, SelectionSettings(), self.beside
+        torque, rms = validation.torque(candidate, theta), validation.size(candidate, theta)
+        judged = (validation.weight > 0.0) & (rms > 0.0)
+        if not judged.any():
+            return np.inf
+        left, moved = validation.not_made_up_for(torque, rest.candidates)
+        added, cost = np.mean(left**2, axis=0), 0.5 * float(moved @ moved)
+        known = rest.score.rms**2
+        samples = validation.samples / validation.inflation(rest.score.error, left)
+        samples = np.where(validation.weight > 0.0, samples, 0.0)
+        counted = np.array([samples, self._held_out * samples])
+        comparisons = self.multiplicity.n_comparisons(candidate)
+        among, alone = (self._needed(candidate.size, n) for n in (comparisons, 1))
+        least = settings.least(validation, rest.friction.uncertain)
+        significance = validation.significance
+
+        def is_found(size: float) -> bool:
+            with_it = known + size**2 * added
+            removed = 1.0 - np.sqrt(known / np.maximum(with_it, 1e-300))
+            if not np.any(removed[judged] > JudgementSettings().least_removed):
+                return False
+            gain, confirmed = significance.gain(with_it, known, counted).sum(axis=1).tolist()
+            if gain + significance.of_model(size**2 * cost) < among or confirmed < alone:
+                return False
+            estimate = size - scatter
+            matters = judged & (estimate * rms >= least)
+            expected = rest.friction.explains(candidate.hypothesis.effect, estimate * torque)
+            return bool(matters.any() and (not expected.any() or np.any(matters & ~expected)))
+
+        variance = np.maximum(np.maximum(known, validation.known_error**2), 1e-300)
+        scatter = _BELOW / np.sqrt(max(float(samples @ (added / variance)) + 2.0 * cost, 1e-300))
+        size = _least(is_found, scatter)
+        return size if candidate.hypothesis.plausible(size * theta) else np.inf
+
+    def _needed(self, parameters: int, comparisons: int) -> float:
+        """Return the gain by some parameters of which noise leaves enough.
+
+        Twice a gain that is exactly significant is the 5 % point of the chi-square whose
+        non-centrality is twice this one.
+        """
+        from scipy.special import chndtrinc
+
+        key = parameters, comparisons
+        if key not in self.needed:
+            significance, alpha = self.beside.validation.significance, SelectionSettings().alpha
+
+            def passes(gain: float) -> bool:
+                return significance.p_value(np.zeros(0), gain, *key) < alpha
+
+            limit = _least(passes, 1.0)
+            self.needed[key] = 0.5 * float(chndtrinc(2.0 * limit, parameters, 1.0 - POWER))
+        return self.needed[key]
+
+
+def _least(passes: Callable[[float], bool], start: float) -> float:
+    """Return the least value that passes, as all above it do; infinite: none is found."""
+    low, high = 0.0, start
+    for _ in range(_DOUBLINGS):
+        if passes(high):
+            break
+        low, high = high, 2.0 * high
+    else:
+        return np.inf
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if passes(middle) else (middle, high)
+    return high
