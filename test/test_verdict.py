@@ -207,7 +207,9 @@ def poor():
 
 
 def test_a_simulated_arm_gives_a_good_model():
-    fit = identify([truth(1, 12.0)], ARM, "joint", ["coulomb_friction", "elastic_cable"])
+    fit = identify(
+        [truth(1, 12.0)], ARM, "joint", ["coulomb_friction", "elastic_cable"], bias_is="torque"
+    )
     assert fit.verdict.level == "good"
     assert fit.model.verdict == "good"
     Settings.from_parameters(fit.model.parameters())
