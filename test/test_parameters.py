@@ -60,7 +60,8 @@ def test_no_name_is_declared_twice():
     effects = (*terms(), *sensor_effects())
     declared += [entry for effect in effects for entry in effect.schema(ARM)]
     declared += arm_parameters(ARM)
-    names = [entry.name for entry in declared] + ["joint_offset"]
+    names = [entry.name for entry in declared] + ["joint_offset", "identification.identity"]
+    names += ["identification.constant", "identification.constant_is"]
     assert sorted(names) == sorted(set(names))
     assert set(names) == set(ALL_PARAMETERS)
 

@@ -12,7 +12,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.errors import PlanError
 from dvrk_gravity.identification import POOR, Fit
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import TORQUE, TorqueModel
 from dvrk_gravity.planning import PlanLimits, Straight, resting_positions, slacks
 
 PART = 0.5  # of the limits, on the way from pose to pose
@@ -67,6 +67,36 @@ def release_poses(
     if not order:
         raise PlanError("no pose within the identified range can be reached within the limits")
     return found[order], float(away[order].min())
+
+
+def settled_by(model: TorqueModel, poses: Array, drift: Array, allowed: float) -> TorqueModel:
+    """Return a model whose constant torques a release has settled, as far as it did.
+
+    An arm that stays where it is let go feels what the model commands, but for what friction
+    holds: a bias of its readings would push it away. Stiction alone may hold it at one pose; each
+    joint counts that stayed on both sides of the middle of its identified range, at all poses.
+
+    Args:
+        model: The model, its constants in doubt.
+        poses: (k, n) measured positions at which it was released, rad or m.
+        drift: (k, n) how far each joint went, rad or m.
+        allowed: Greatest drift of an arm that stays, rad (``Arm.scale``).
+    """
+    arm, known = model.arm, model.uncertainty
+    lower, upper = arm.range if known is None else (known.lower, known.upper)
+    middle = 0.5 * (lower + upper) + model.joint_offset
+    stayed = bool((drift <= allowed * arm.scale).all())
+    both = (poses < middle).any(axis=0) & (poses > middle).any(axis=0)
+    felt = (model.constant != 0.0) & both & stayed
+    if not felt.any():
+        return model
+    names = ", ".join(name for name, is_felt in zip(arm.joint_names, felt, strict=True) if is_felt)
+    said = f"{names}: {TORQUE} (stayed where it was released, at {len(poses)} poses)"
+    return replace(
+        model,
+        constant=np.where(felt, 0.0, model.constant),
+        constant_is="; ".join(filter(None, (model.constant_is, said))),
+    )
 
 
 def random_poses(arm: Arm, limits: PlanLimits, model: TorqueModel, seed: int) -> Array:

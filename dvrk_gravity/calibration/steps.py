@@ -24,7 +24,7 @@ from dvrk_gravity.calibration.motion_steps import (
     plan_second,
     poses_to_release_at,
 )
-from dvrk_gravity.calibration.release import PART, held_by_friction
+from dvrk_gravity.calibration.release import PART, held_by_friction, settled_by
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import (
@@ -166,14 +166,19 @@ def _check(work: Work, book: Logbook, step: str) -> Outcome:
     }
     values = work.write(CHECK, content)
     path = work.at(MODEL)
-    simulated = work.rig.simulated
-    note = f"\nSimulated: {simulated}. This is not the model of an arm." if simulated else ""
-    model.save(path, f"Calibrated by dvrk_gravity: {last}, see certificate.html.{note}")
+    model.save(path, _comment(work, last))
     each = [100.0 * error.nrmse for error in found.joints.values()]
     return Outcome(
         f"error on the second motion {min(each):.1f} to {max(each):.0f} % by joint",
         (values, path, uncertainty_file(path)),
     )
+
+
+def _comment(work: Work, last: str) -> str:
+    """Return the comment in a calibrated model's file."""
+    simulated = work.rig.simulated
+    note = f"\nSimulated: {simulated}. This is not the model of an arm." if simulated else ""
+    return f"Calibrated by dvrk_gravity: {last}, see certificate.html.{note}"
 
 
 def _release(work: Work, book: Logbook, step: str) -> Outcome:
@@ -219,10 +224,15 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
         "poses": poses.tolist(), "drift": drift, "apart": apart, "simulated": rig.simulated,
     }  # fmt: skip
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
+    written = [work.write(RELEASE, content)]
+    settled = settled_by(model, poses, np.array(drift), of.allowed)
+    if settled is not model:
+        settled.save(path, _comment(work, last_model(book)))
+        written += [path, uncertainty_file(path)]
     return Outcome(
         f"{len(poses)} poses of {of.seconds:g} s each: drift "
         f"{largest_drift(float(worst.max()))}",
-        (work.write(RELEASE, content),), MotionTally.total(moved),
+        tuple(written), MotionTally.total(moved),
     )  # fmt: skip
 
 

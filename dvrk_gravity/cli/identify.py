@@ -73,6 +73,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
                         help="the payload's centre of mass in the link's frame, m, if "
                         "known")  # fmt: skip
+    parser.add_argument("--bias-is", metavar="[JOINT=]reading|torque",
+                        help="what a constant torque is that dry friction does not hold, for all "
+                        "joints or a comma-separated one for each: a bias of its reading, which is "
+                        "not compensated, or a torque of a spring (default: the compensator's "
+                        "first start checks it)")  # fmt: skip
     options.add_reading(parser)
     parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 
@@ -114,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
         stages = command_line.Stages(progress, STAGES)
         fit = identify(
             recordings, arm, coordinates, terms, validate, arguments.physical, stages, still,
-            arguments.for_console, carried,
+            arguments.for_console, carried, bias_is=arguments.bias_is,
         )  # fmt: skip
     sources = ", ".join(str(path) for path in arguments.recordings)
     fit.model.save(

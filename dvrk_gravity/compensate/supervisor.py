@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate.constant_check import ConstantCheck
 from dvrk_gravity.compensate.input_gate import InputGate
 from dvrk_gravity.compensate.limits import Ramp, slew
 from dvrk_gravity.compensate.passivity import PassivityObserver
@@ -27,6 +28,7 @@ BUILTIN_HELP = (
 )
 OR_BY_US = ", or set disable_builtin to true"
 LEFT_OUT = "gravity is not compensated (gravity_enabled: false): the holding effort fades out"
+HANDS_OFF = "hands off, until its constant torque is seen to move no joint"
 
 # Time between messages counts within these, s: two at one time leave some way; a longer one is a
 # hiccup of the input, not time in which torque may run on.
@@ -90,6 +92,8 @@ class Supervisor:
         self._gate = InputGate(settings.model.arm)
         self._start: Start | None = None
         self._ramp: Ramp | None = None
+        self._check: ConstantCheck | None = None
+        self._constant_stayed = np.zeros(len(names))  # that the arm was seen to feel
         self._command: Array | None = None
         self._watch_energy()
         self._position = np.zeros(len(names))  # of the last command
@@ -160,6 +164,7 @@ class Supervisor:
                 Status.RAMPING,
                 "blending to the changed parameters' torque",
             )
+            self._begin_check(self._position, now)
             try:
                 self._begin_ramp(self._command, self._position, self._velocity, now)
             except ArithmeticError as error:
@@ -295,6 +300,19 @@ class Supervisor:
         self._watch_energy()
         self._begin_ramp(self._command, sample.position, sample.velocity, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
+        self._begin_check(sample.position, now)
+
+    def _begin_check(self, position: Array, now: float) -> None:
+        """Watch joints with a constant in doubt, unless the arm was seen to feel the same."""
+        model, seen = self.settings.model, self._constant_stayed
+        if (
+            self._check is None
+            and model.constant.any()
+            and not np.array_equal(seen, model.constant)
+        ):
+            end = now + self.settings.ramp_time
+            self._check = ConstantCheck(model.arm, model.constant, position, end)
+            self.reason += f"; {HANDS_OFF}"
 
     def _begin_ramp(
         self, command: Array, position: Array, velocity: Array | None, now: float
@@ -325,6 +343,8 @@ class Supervisor:
         previous = self._command
         assert previous is not None  # set by _collect, before anything is active
         runaway = self._guard.check(self._gate.velocity, previous, now)
+        if self._check is not None:
+            runaway = runaway or self._pushed(self._check, sample, now)
         if runaway:
             self.fail(runaway)
             return None
@@ -343,6 +363,7 @@ class Supervisor:
             if self._ramp.over:
                 self._ramp = None
                 self.status, self.reason = Status.COMMANDING, "compensating"
+                self.reason += f"; {HANDS_OFF}" * (self._check is not None)
         step = min(max(step, SHORTEST_STEP), LONGEST_STEP)
         largest = settings.slew_limit * step
         self._command = slew(previous, within, largest, settings.limits)
@@ -350,6 +371,14 @@ class Supervisor:
             return None
         self._position, self._velocity = sample.position, sample.velocity
         return self._command
+
+    def _pushed(self, check: ConstantCheck, sample: Sample, now: float) -> str:
+        """Return which joint a constant in doubt moves, ``""``: none."""
+        pushed = check.check(sample.position, self._gate.velocity, now)
+        if check.over:
+            self._check, self._constant_stayed = None, self.settings.model.constant
+            self.reason = self.reason.removesuffix(f"; {HANDS_OFF}")
+        return pushed
 
     def _deviates(self, position: Array, now: float) -> bool:
         """Hold the arm if changed parameters command torque that no start has compared."""
@@ -389,6 +418,6 @@ class Supervisor:
     def _stop(self, status: Status, reason: str) -> None:
         self.hold_due = self.hold_due or self.active
         self.status, self.reason = status, reason
-        self._start = self._ramp = None
+        self._start = self._ramp = self._check = None
         self._command = None
         self.saturated = self._uncut

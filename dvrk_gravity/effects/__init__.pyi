@@ -117,6 +117,7 @@ from .time_delay import mean_slope_by_delay as mean_slope_by_delay
 from .time_scale import TimeScale as TimeScale
 from .torque_offset import OffsetHypothesis as OffsetHypothesis
 from .torque_offset import TorqueOffset as TorqueOffset
+from .torque_offset import constant_as_reading as constant_as_reading
 from .torque_scale import TorqueScale as TorqueScale
 from .unknown import Unknown as Unknown
 from .unknown import unexplained_hypotheses as unexplained_hypotheses

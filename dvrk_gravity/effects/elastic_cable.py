@@ -73,6 +73,11 @@ class ElasticCable(LinearTerm):
     valid: Range
 
     @classmethod
+    def constant(cls, arm: Arm, torque: Array) -> ElasticCable:
+        """Return cables of (n,) constant torque, N·m."""
+        return cls(arm, torque[None], Range(np.full(arm.n, -np.inf), np.full(arm.n, np.inf)))
+
+    @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         return (
             *declare_coefficients(arm, cls.NAME, "elastic torque k0, k1, …"),

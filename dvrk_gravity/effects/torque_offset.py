@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,8 @@ from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.meaning import READS, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Site
-from dvrk_gravity.effects.base.term import PlantPart
+from dvrk_gravity.effects.base.term import PlantPart, Term
+from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.parameters import Parameter, Value
 
 
@@ -80,6 +81,23 @@ class TorqueOffset(LinearTerm):
 
     def regressor(self, state: State) -> Array:
         return diagonal_columns(np.ones(state.q.shape))
+
+
+def constant_as_reading(arm: Arm, terms: Iterable[Term], constant: Array) -> tuple[Term, ...]:
+    """Return terms with (n,) constants of the cables taken for a bias of the reading, N·m or N.
+
+    Their sum, which is what is measured, stays the same.
+    """
+    found = list(terms)
+    kinds = (TorqueOffset(np.zeros(arm.n)), ElasticCable.constant(arm, np.zeros(arm.n)))
+    for kind, change in zip(kinds, (constant, -constant), strict=True):
+        k = next((k for k, term in enumerate(found) if term.NAME == kind.NAME), len(found))
+        term = found[k] if k < len(found) else kind
+        assert isinstance(term, LinearTerm)
+        theta = term.theta.copy()
+        theta[: arm.n] += change  # of a polynomial, the lowest powers come first
+        found[k : k + 1] = [term.with_theta(theta)]
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

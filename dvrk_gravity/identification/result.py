@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import NormalDist
 from typing import Any
 
@@ -14,6 +15,9 @@ from dvrk_gravity.estimation import beats
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import Coordinates, DataWarning
 from dvrk_gravity.tabular import Columns, Tabular
+
+# Standard errors that a constant may be more than it is. Chosen: 95 %.
+SIGNIFICANT = 2.0
 
 
 @dataclass(frozen=True)
@@ -201,6 +205,84 @@ class Holding:
 
 
 @dataclass(frozen=True)
+class Constant:
+    """The constant part of what holds a joint and is neither its weight nor its dry friction.
+
+    Efforts alone do not distinguish a spring's constant, which the arm feels, from a bias of the
+    reading and from a hand that pushed through the whole recording, which it does not.
+
+    Attributes:
+        value: N·m or N.
+        error: Its standard error.
+        held: RMS torque that holds the joint, likewise.
+        least: More than this would move the joint: its dry friction, or what moves no joint.
+        settled: What it is (one of ``model.BIAS_IS``), where that was stated; ``""``: unknown.
+    """
+
+    value: float
+    error: float
+    held: float
+    least: float
+    settled: str = ""
+
+    @property
+    def share(self) -> float:
+        """Its size as a part of the torque that holds the joint."""
+        return _ratio(abs(self.value), self.held)
+
+    @property
+    def most(self) -> float:
+        """What it may be, N·m or N, with its sign: where weight looks like it, more than it is."""
+        return self.value + math.copysign(SIGNIFICANT * self.error, self.value)
+
+    @property
+    def determined(self) -> bool:
+        """Whether it is known to what moves no joint, beside weight that looks like it."""
+        return SIGNIFICANT * self.error <= self.least
+
+    @property
+    def moves(self) -> bool:
+        """Whether it may move the joint, where the arm does not feel it."""
+        return abs(self.most) > self.least
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether it may move the joint, and nothing has settled what it is."""
+        return self.moves and not self.settled
+
+    def to_json(self) -> dict[str, Any]:
+        """Return its part of ``identify --json``."""
+        return {**vars(self), "share": self.share, "in_doubt": self.in_doubt}
+
+
+@dataclass(frozen=True)
+class HeldWeight:
+    """Torque of a model at rest at one joint, beside the weight of the arm's masses.
+
+    Attributes:
+        joint: Name.
+        ratio: Torque over weight at the recorded poses: of stated masses the projection on their
+            weight, of plausible ones only the size.
+        error: Its standard error.
+        weight: RMS of the masses' weight, N·m or N.
+        stated: Whether the arm's file states the masses; else they are the shipped plant's.
+        believed: Whether efforts should be in N·m and the masses right: no other unit is stated,
+            nor N·m whatever the masses say.
+        loaded: A plausible load on the last link explains it better than a wrong scale.
+        scale: One N·m in the unit of the efforts, where the masses determined it.
+    """
+
+    joint: str
+    ratio: float
+    error: float
+    weight: float
+    stated: bool
+    believed: bool
+    loaded: bool = False
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
 class Contradiction:
     """Evidence against a model at some joints.
 
@@ -301,6 +383,8 @@ class Fit(Tabular):
         holding: Gravity torque and its uncertainty, by joint.
         verdict: Whether to compensate with the model; the model carries it, too.
         against: Evidence against the model.
+        constants: The constant part of what holds each joint, by joint.
+        weights: The weight that was found beside that of the arm's masses, where they are known.
     """
 
     model: TorqueModel
@@ -320,6 +404,8 @@ class Fit(Tabular):
     holding: Mapping[str, Holding]
     verdict: Verdict
     against: tuple[Contradiction, ...] = ()
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    weights: tuple[HeldWeight, ...] = ()
 
     def __repr__(self) -> str:
         """Give the verdict and the errors, in short."""
@@ -353,6 +439,8 @@ class Fit(Tabular):
             "validation": self.validation,
             "parameters": [vars(parameter) for parameter in self.parameters],
             "identifiability": vars(self.identifiability),
+            "constants": {name: each.to_json() for name, each in self.constants.items()},
+            "weights": [vars(each) for each in self.weights],
             "choices": [vars(choice) for choice in self.choices],
             "physical": dict(self.physical),
             "warnings": [str(warning) for warning in self.warnings],

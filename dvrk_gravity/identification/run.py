@@ -12,8 +12,14 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State, from_other_packages, terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError, RecordingError
 from dvrk_gravity.identification.evaluation import errors_of, evaluate
-from dvrk_gravity.identification.quality.verdict import POOR, judge
-from dvrk_gravity.identification.quality.weights import by_weight
+from dvrk_gravity.identification.quality.constant import (
+    constants,
+    recorded_range,
+    settle,
+    stated_bias,
+)
+from dvrk_gravity.identification.quality.verdict import POOR, judge, with_constants
+from dvrk_gravity.identification.quality.weights import by_weight, held_weights
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.trajectories.fit import fit_dynamic
 from dvrk_gravity.identification.trajectories.problem import (
@@ -72,6 +78,7 @@ def identify(
     for_console: bool = False,
     known_payload: KnownPayload | float | None = None,
     least_gain: float = LEAST_GAIN,
+    bias_is: str | Mapping[str, str] | None = None,
 ) -> Fit:
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
@@ -95,6 +102,9 @@ def identify(
             number: its mass, kg, on the last link.
         least_gain: Part of the squared held-out error, in the mean over motors, that each further
             term of a model of trajectories must remove. Less of it: terms of minor effect, too.
+        bias_is: What a constant torque is that dry friction does not hold, for all joints or by
+            joint: ``torque``, of a spring, which is compensated, or ``reading``, a bias of its
+            effort (or a hand through the whole recording), which is not. ``None``: not known.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
@@ -111,6 +121,7 @@ def identify(
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
     arm, recordings, missing = with_held(recordings, arm, still)
+    bias = stated_bias(bias_is, arm)
     validate = opened(validate, arm=arm)
     given = _each(coordinates, len(recordings))
     gains: tuple[str, ...] = ()
@@ -138,7 +149,18 @@ def identify(
     handling = (*handling, *fit.handling, *((_FOR_CONSOLE,) if for_console else ()))
     fit = replace(fit, handling=handling, warnings=warnings)
     _require_one_torque(fit.model)
-    return _unless_contradicted(_validated(fit, validate) if validate else fit)
+    fit = _judged_with_constants(_validated(fit, validate) if validate else fit, bias)
+    return _unless_contradicted(fit)
+
+
+def _judged_with_constants(fit: Fit, bias: Mapping[str, str]) -> Fit:
+    """Return the fit with its constants, settled as stated, and with the weight that it found."""
+    model, arm = fit.model, fit.model.arm
+    found = constants(model, fit.holding, bias)
+    weights = held_weights(model, recorded_range(fit.holding), fit.holding)
+    verdict = with_constants(fit.verdict, found, weights, arm)
+    model = replace(settle(model, found, bias), verdict=verdict.level, reason=verdict.reason)
+    return replace(fit, model=model, verdict=verdict, constants=found, weights=weights)
 
 
 def _require_identified(effects: Sequence[str] | None, arm: Arm) -> None:

@@ -21,10 +21,13 @@ from .rigid_columns import RIGID as RIGID
 from .rigid_columns import link_columns as link_columns
 from .stated import WEIGHT as WEIGHT
 from .stated import stated_weight as stated_weight
+from .torque_model import BIAS_IS as BIAS_IS
 from .torque_model import BY_EFFECTS as BY_EFFECTS
 from .torque_model import CONSOLE_PARAMETER as CONSOLE_PARAMETER
 from .torque_model import NO_VERDICT as NO_VERDICT
+from .torque_model import READING as READING
 from .torque_model import REASON_PARAMETER as REASON_PARAMETER
+from .torque_model import TORQUE as TORQUE
 from .torque_model import UNCERTAINTY_PARAMETER as UNCERTAINTY_PARAMETER
 from .torque_model import VERDICT_PARAMETER as VERDICT_PARAMETER
 from .torque_model import VERDICTS as VERDICTS

@@ -55,12 +55,18 @@ VERDICT_PARAMETER = Parameter(
 REASON_PARAMETER = Parameter(
     "identification.reason", "", "", "reason of the verdict", read_only=True
 )
+READING, TORQUE = BIAS_IS = ("reading", "torque")  # what a constant of a recording may be
+SETTLED_PARAMETER = Parameter(
+    "identification.constant_is", "", "",
+    "what constant torques are, a spring's or a reading's, and what settled it", read_only=True,
+)  # fmt: skip
 UNCERTAINTY_PARAMETER = Parameter(
     "identification.uncertainty", "", "",
     "file beside the model's with its uncertainty: the parameters' covariance, the known error",
     read_only=True, adjustable=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
+CONSTANT = "identification.constant"
 # What declares the groups of parameters of models.
 BY_EFFECTS = f"installed effect (entry points {ENTRY_POINTS})"
 
@@ -81,9 +87,17 @@ def _declared(arm: Arm, effects: tuple[type[Term | SensorEffect], ...]) -> Mappi
         OFFSET, (), "rad", "error of the encoders: measured minus true position",
         lower=-1.0, upper=1.0, lengths=(arm.n,), units=arm.units,
     )  # fmt: skip
+    constant = Parameter(
+        CONSTANT, (), "N·m",
+        "constant torque that the arm may not feel: of a spring, a bias of the reading, or a hand "
+        "in the recording; the compensator's first start checks it",
+        lengths=(arm.n,), units=arm.effort_units, read_only=True,
+    )  # fmt: skip
     declared = (
         *arm_parameters(arm),
         offset,
+        constant,
+        SETTLED_PARAMETER,
         CONSOLE_PARAMETER,
         VERDICT_PARAMETER,
         REASON_PARAMETER,
@@ -115,6 +129,9 @@ class TorqueModel:
             right but for ``joint_offset``.
         verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
         reason: Why.
+        constant: (n,) constant torque that it commands and that the arm may not feel, N·m or N:
+            more than dry friction holds, and nothing has settled what it is; zero elsewhere.
+        constant_is: What such torques are and what settled it, in words; ``""``: nothing has.
         uncertainty: Its posterior and known error; ``None``: not identified, or not stored.
         unsure: Why it has none though its file names an uncertainty.
         foreign: Groups of its parameters that do not belong to the model whose identity is among
@@ -129,6 +146,8 @@ class TorqueModel:
     joint_offset: Array = field(default_factory=lambda: np.zeros(0))
     verdict: str = NO_VERDICT
     reason: str = ""
+    constant: Array = field(default_factory=lambda: np.zeros(0))
+    constant_is: str = ""
     uncertainty: ModelUncertainty | None = None
     unsure: str = ""
     foreign: tuple[str, ...] = ()
@@ -136,11 +155,12 @@ class TorqueModel:
     reading_errors: ReadingErrors = field(default_factory=lambda: ReadingErrors.none(0))
 
     def __post_init__(self) -> None:
-        """Put zeros where no offset is given, and right readings where no errors are."""
+        """Put zeros where no offset or constant is given, right readings where no errors are."""
         if not len(self.reading_errors.velocity):
             object.__setattr__(self, "reading_errors", ReadingErrors.none(self.arm.n))
-        if not len(self.joint_offset):
-            object.__setattr__(self, "joint_offset", np.zeros(self.arm.n))
+        for name in ("joint_offset", "constant"):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(self.arm.n))
 
     @classmethod
     def load(cls, path: str | Path) -> TorqueModel:
@@ -247,14 +267,18 @@ class TorqueModel:
                 ) from error
         given = tuple(term for term in built if term is not None)
         offset = as_array(checked.get(OFFSET), arm.n, 0.0)
-        verdict, reason = (
+        verdict, reason, settled = (
             str(checked.get(entry.name, entry.default))
-            for entry in (VERDICT_PARAMETER, REASON_PARAMETER)
+            for entry in (VERDICT_PARAMETER, REASON_PARAMETER, SETTLED_PARAMETER)
         )
         errors = ReadingErrors.none(arm.n)
         for effect in sensor_effects():
             errors = effect.read(arm, checked, errors)
-        model = cls(arm, given, node, document, offset, verdict, reason, reading_errors=errors)
+        constant = as_array(checked.get(CONSTANT), arm.n, 0.0)
+        model = cls(
+            arm, given, node, document, offset, verdict, reason, constant, settled,
+            reading_errors=errors,
+        )  # fmt: skip
         identity = str(checked.get(IDENTITY_PARAMETER.name, ""))
         if not identity:
             return model
@@ -279,6 +303,10 @@ class TorqueModel:
             values[VERDICT_PARAMETER.name] = self.verdict
         if self.reason:
             values[REASON_PARAMETER.name] = self.reason
+        if self.constant.any():
+            values[CONSTANT] = tuple(self.constant.tolist())
+        if self.constant_is:
+            values[SETTLED_PARAMETER.name] = self.constant_is
         # An empty array means "not given", and ROS cannot read one.
         return values | {name: value for name, value in self.node.items() if value != ()}
 

@@ -5,26 +5,30 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from math import isnan
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.identification import (
     GOOD,
     POOR,
     RULE,
+    Constant,
     Evaluation,
     ExpectedError,
     Fit,
     JointError,
     JointVerdict,
     by_errors,
+    constant_in_words,
     good_to,
     in_short,
     in_words,
     level_of,
+    scale_in_words,
 )
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
 from dvrk_gravity.recording import Coordinates
 from dvrk_gravity.report.terminal import laid_out, warning_lines
+from dvrk_gravity.units import quantity
 
 
 def error_table(
@@ -100,6 +104,7 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
     yield laid_out(f"verdict: {found}", width)
     yield f"{fit.samples} samples, held-out errors in {fit.coordinates} coordinates"
     yield from error_table(fit.held_out, fit.model.arm, verdict.joints, width)
+    yield from (laid_out(line, width) for line in (*constant_lines(fit, verbose), weight_line(fit)))
     if verdict.record:
         yield laid_out(f"record instead: {verdict.record}", width)
     warnings = [each for each in fit.warnings if str(each) not in verdict.findings]
@@ -107,6 +112,46 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
         yield laid_out(line, width)
     if verbose:
         yield from (laid_out(line, width) for line in _details(fit))
+
+
+def constant_lines(fit: Fit, everywhere: bool = True) -> Iterator[str]:
+    """Yield a line on the constant part of what holds the joints.
+
+    Args:
+        fit: The result.
+        everywhere: Joints that dry friction holds against it, too.
+    """
+    shown = [
+        f"{joint.name} {constant_in_words(found, joint)} ({_of_what(found, joint)})"
+        for joint in fit.model.arm.joints
+        if (found := fit.constants.get(joint.name)) is not None and (found.moves or everywhere)
+    ]
+    if shown:
+        yield (
+            "constant torque, of a spring, a bias of the reading or a hand in the recording: "
+            + ", ".join(shown)
+        )
+
+
+def _of_what(found: Constant, joint: Joint) -> str:
+    held = f"{100 * found.share:.2g} % of what holds it" if found.held else "all that holds it"
+    most = f"{quantity(found.least, joint.effort_unit)} moves it"
+    return f"{held}, {most}{f', stated: {found.settled}' if found.settled else ''}"
+
+
+def weight_line(fit: Fit) -> str:
+    """Return the weight that was found beside that of the arm's masses, and what of its scale."""
+    scale = scale_in_words(fit.weights)
+    if not fit.weights:
+        return scale
+    units = dict(zip(fit.model.arm.joint_names, fit.model.arm.effort_units, strict=True))
+    shown = ", ".join(
+        f"{each.joint} {quantity(each.ratio * each.weight, units[each.joint])} of "
+        f"{quantity(each.weight, units[each.joint])} ({each.ratio:.2g} ± {2 * each.error:.1g})"
+        for each in fit.weights
+    )
+    whose = "the masses in the arm's file" if fit.weights[0].stated else "a plausible such arm"
+    return f"weight found, of that of {whose}: {shown}" + (f"; {scale}" if scale else "")
 
 
 def _details(fit: Fit) -> Iterator[str]:

@@ -10,6 +10,7 @@ from dvrk_gravity.identification import POOR, RULE, Choice, Fit
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import drawn_arm
+from dvrk_gravity.report.fit_in_terminal import constant_lines, weight_line
 from dvrk_gravity.report.fit_pictures import pictures_by_joint
 from dvrk_gravity.report.fit_tables import (
     error_remarks,
@@ -56,6 +57,8 @@ def _parts(fit: Fit) -> Iterator[str]:
             "<p>The compensator refuses this model unless <code>allow_poor_model</code> is true."
             "</p>"
         )
+    for line in (*constant_lines(fit), weight_line(fit)):
+        yield f"<p>{escape(line[:1].upper() + line[1:])}.</p>" if line else ""
     yield drawn_arm(arm, error_remarks(fit.held_out, fit.verdict.joints))
     yield "<h2>Joint by joint</h2>"
     yield from pictures_by_joint(fit.traces, arm)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import sqrt
 
 from dvrk_gravity.arms import SCALES, Arm, Joint, thousandth
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification.quality.uncertainty import NARROW
+from dvrk_gravity.identification.quality.weights import scale_in_words
 from dvrk_gravity.identification.result import (
+    SIGNIFICANT,
+    Constant,
     Contradiction,
+    HeldWeight,
     Holding,
     JointError,
     JointVerdict,
@@ -17,6 +22,7 @@ from dvrk_gravity.identification.result import (
 )
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.recording import STILL, Coordinates, DataWarning
+from dvrk_gravity.units import quantity
 
 GOOD, USABLE, POOR = VERDICTS
 # What to record instead: of a motion, of static poses.
@@ -40,6 +46,10 @@ NOISE = (
     "motion?"
 )
 CLOCK = "times in seconds of one clock, and velocities that match them"
+SETTLES = (
+    "no motion settles what a constant is: a release does (`calibrate`), or --bias-is "
+    "reading|torque states it"
+)
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
 BOTH_WAYS = "every pose approached from both directions, with a `direction` column that says which"
 
@@ -141,6 +151,11 @@ def judge(
             *_of_holding(joint, holding[name], static, at_joint),
         ]
         joints[name] = max(found, key=lambda verdict: VERDICTS.index(verdict.level))
+    return _overall(joints, lines)
+
+
+def _overall(joints: Mapping[str, JointVerdict], lines: tuple[str, ...]) -> Verdict:
+    """Return the verdict of the worst joint, with all that have it."""
     level = max((verdict.level for verdict in joints.values()), key=VERDICTS.index)
     named = {n: v for n, v in joints.items() if v.level == level != GOOD}
     return Verdict(
@@ -150,6 +165,43 @@ def judge(
         joints,
         lines,
     )
+
+
+def with_constants(
+    verdict: Verdict, constants: Mapping[str, Constant], weights: Sequence[HeldWeight], arm: Arm
+) -> Verdict:
+    """Return a verdict that no constant in doubt leaves good, with what is known of the scale.
+
+    Args:
+        verdict: Of a fit's errors and of what it leaves open.
+        constants: The constant part of what holds each joint, by joint.
+        weights: The weight that was found, where the arm's masses are known.
+        arm: The arm.
+    """
+    joints = dict(verdict.joints)
+    for joint in arm.joints:
+        found = constants[joint.name]
+        if found.in_doubt and joints[joint.name].level == GOOD:
+            reason = (
+                f"a constant of {constant_in_words(found, joint)}, of a spring, a bias or a hand"
+            )
+            joints[joint.name] = JointVerdict(USABLE, reason, SETTLES)
+    if joints != verdict.joints:
+        verdict = _overall(joints, verdict.findings)
+    scale = scale_in_words(weights)
+    if verdict.level == POOR or not scale:
+        return verdict
+    return replace(verdict, reason="; ".join(filter(None, (verdict.reason, scale))))
+
+
+def constant_in_words(constant: Constant, joint: Joint) -> str:
+    """Return the size of a constant, with what it may be off by where that moves the joint."""
+    if constant.determined:
+        return quantity(constant.value, joint.effort_unit)
+    half = SIGNIFICANT * constant.error
+    if abs(constant.value) <= half:
+        return f"up to {quantity(abs(constant.most), joint.effort_unit)}"
+    return quantity(constant.value, joint.effort_unit, half)
 
 
 def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, ...]:
@@ -165,6 +217,11 @@ def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, 
         for warning in warnings
         if warning.kind == "wrong_clock"
     )
+
+
+def negligible(arm: Arm) -> Array:
+    """Return (n,) torques that move no joint, N·m or N."""
+    return _NEGLIGIBLE * _comparable(arm.effort_limit, arm)
 
 
 def _stood(joint: Joint, holding: Holding, arm: Arm) -> bool:

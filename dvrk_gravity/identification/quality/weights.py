@@ -7,7 +7,7 @@ predicts such efforts well, held out or not.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +26,12 @@ from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.quality.uncertainty import NARROW
-from dvrk_gravity.identification.result import Contradiction, FittedParameter, Holding
+from dvrk_gravity.identification.result import (
+    Contradiction,
+    FittedParameter,
+    HeldWeight,
+    Holding,
+)
 from dvrk_gravity.intake import OTHER_ARM, OTHER_SIDE
 from dvrk_gravity.model import ARM_PARAMETER, VERDICTS, WEIGHT, TorqueModel, stated_weight
 from dvrk_gravity.parameters import flatten
@@ -48,6 +53,8 @@ DEVIATIONS = 2.0  # standard errors by which a ratio is beyond a bound. Chosen
 # shipped plant's, holds .2 to .4 of what that weighs, joints of an MTMR .2 to 1.6
 # (test/test_weights.py).
 GONE = 0.1
+WEIGH = "weigh something (`diagnose --payload-at`)"
+UNKNOWN_SCALE = f"the scale is the recording's: {WEIGH}"
 SAME = 1.25  # factor within which ratios of several joints are one. Chosen
 # Part of what efforts are off their own joints' weights that they are off each other's, squared,
 # where two are exchanged. Chosen.
@@ -64,33 +71,6 @@ PLATFORM_CLEAR = 0.5  # part of it from which on the other sign is no accident. 
 # Factor by which it is off where efforts are in another unit. Chosen as ``effort_unit.OFF``; of the
 # sixteen files it is off by a twentieth.
 PLATFORM_OFF = 4.0
-
-
-@dataclass(frozen=True)
-class HeldWeight:
-    """Torque of a model at rest at one joint, beside the weight of the arm's masses.
-
-    Attributes:
-        joint: Name.
-        ratio: Torque over weight at the recorded poses: of stated masses the projection on their
-            weight, of plausible ones only the size.
-        error: Its standard error.
-        weight: RMS of the masses' weight, N·m or N.
-        stated: Whether the arm's file states the masses; else they are the shipped plant's.
-        believed: Whether efforts should be in N·m and the masses right: no other unit is stated,
-            nor N·m whatever the masses say.
-        loaded: A plausible load on the last link explains it better than a wrong scale.
-        scale: One N·m in the unit of the efforts, where the masses determined it.
-    """
-
-    joint: str
-    ratio: float
-    error: float
-    weight: float
-    stated: bool
-    believed: bool
-    loaded: bool = False
-    scale: float = 1.0
 
 
 def held_weights(
@@ -332,6 +312,19 @@ def _is_off(each: HeldWeight) -> bool:
         return False
     much = each.ratio - wide > WEIGHT.most and not each.loaded
     return each.ratio + wide < WEIGHT.least or much
+
+
+def scale_in_words(weights: Sequence[HeldWeight]) -> str:
+    """Return what is known of a model's scale; ``""``: stated masses weigh what was found.
+
+    Errors do not show it: a model of efforts of another scale predicts such efforts as well.
+    """
+    stated = [each for each in weights if each.stated and each.scale == 1.0]
+    if not stated:
+        return UNKNOWN_SCALE
+    off = [each for each in stated if not 1.0 / SAME <= each.ratio <= SAME]
+    shown = ", ".join(f"{each.joint} {each.ratio:.2g}" for each in off)
+    return f"weight found, of that of the masses in the arm's file: {shown}; {WEIGH}" if off else ""
 
 
 def _unit(each: HeldWeight, arm: Arm) -> str:

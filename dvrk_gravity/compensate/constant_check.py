@@ -1,0 +1,79 @@
+"""The first start of a model with a constant torque that nothing has settled: nothing may move.
+
+A bias of the efforts and a hand that pushed through the recording look like a spring, and at the
+start the measured effort has the same bias. Hands off, an arm that begins to move is pushed by its
+model.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+
+# A joint moves, rad (Arm.scale), that has gone so far and goes on in that direction at MOVING, or
+# has gone FAR. Chosen: more than encoders' steps (.003 rad) and noise, at half the speed that the
+# dVRK console's own test of its compensation allows; starts of a simulated MTM move no joint by 2
+# deg (test/test_start.py), drifts of a certified arm are less than .5 deg.
+BEGUN, MOVING, FAR = 0.005, 0.1, 0.035
+# s, after the ramp, within which a joint that has not BEGUN to move stays. Chosen: of a torque of a
+# tenth more than friction holds, a joint of an MTM has gone further.
+STAYS = 1.0
+# rad (Arm.scale), 5 deg: nearer than this to its limit a stop may hold a joint.
+STOP = 0.087
+
+WAY_OUT = "an effort bias? calibrate, or identify with --bias-is"
+
+
+class ConstantCheck:
+    """Watches the joints whose constant is in doubt until they have stayed where they are.
+
+    One that is on its way, or at its stop, is watched on.
+    """
+
+    def __init__(self, arm: Arm, constant: Array, position: Array, until: float) -> None:
+        """Begin.
+
+        Args:
+            arm: The arm.
+            constant: (n,) N·m or N; zero where none is in doubt.
+            position: (n,) where it is released, rad or m.
+            until: Monotonic time at which the ramp is over, s.
+        """
+        self._arm, self._constant = arm, constant
+        self._doubt = constant != 0.0
+        self._at, self._mark = position, position.copy()
+        self._until = np.full(arm.n, until + STAYS)
+        self._lower, self._upper = arm.lower + STOP * arm.scale, arm.upper - STOP * arm.scale
+
+    @property
+    def over(self) -> bool:
+        """Whether all joints have stayed where they were released."""
+        return not np.count_nonzero(self._doubt)
+
+    def check(self, position: Array, velocity: Array, now: float) -> str:
+        """Return which joint the model moves, ``""``: none.
+
+        Args:
+            position: (n,) rad or m.
+            velocity: (n,) rad/s or m/s.
+            now: Monotonic time, s.
+        """
+        moved = (position - self._at) / self._arm.scale
+        along = moved * velocity > MOVING * np.abs(moved) * self._arm.scale
+        size = np.abs(moved)
+        begun = self._doubt & ((size > FAR) | ((size > BEGUN) & along))
+        if np.count_nonzero(begun):
+            worst = int(np.argmax(begun * size))
+            joint = self._arm.joints[worst]
+            return (
+                f"the model pushes {joint.name} by {self._constant[worst]:.2g} "
+                f"{joint.effort_unit}, and hands off it moves: {WAY_OUT}"
+            )
+        on_its_way = np.abs(position - self._mark) > BEGUN * self._arm.scale
+        self._mark[on_its_way] = position[on_its_way]
+        watched = on_its_way | (position < self._lower) | (position > self._upper)
+        self._until[watched] = np.maximum(self._until[watched], now + STAYS)
+        self._doubt &= now < self._until
+        return ""
