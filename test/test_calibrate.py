@@ -20,7 +20,7 @@ from finished_calibration import (
     finished_calibration,
     work_in,
 )
-from path_driver import PathDriver, at_beginning, plan_of
+from path_driver import PathDriver
 
 from dvrk_gravity import __version__
 from dvrk_gravity.__main__ import main
@@ -29,7 +29,6 @@ from dvrk_gravity.calibration import (
     CheckedDriver,
     Logbook,
     MotionTally,
-    SimulatedRig,
     all_steps,
     calibrate,
     drawn_arm,
@@ -37,7 +36,6 @@ from dvrk_gravity.calibration import (
     release_poses,
 )
 from dvrk_gravity.cli import calibrate as calibrate_command
-from dvrk_gravity.collecting import collect
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
@@ -269,21 +267,6 @@ def test_an_arm_is_released_with_consent_at_poses_away_from_what_was_fitted(fini
         finished.take("release", folder, rig=rig)
 
 
-def test_a_simulated_arm_drifts_with_a_model_that_is_too_weak_and_hardly_with_its_own(tmp_path):
-    plant = PlantFile.of(ECM)
-    model, pose = plant.model, 0.5 * (ECM.lower + ECM.upper) + 0.3 * ECM.scale
-    model.save(tmp_path / "own.yaml")
-    weak = {
-        name: tuple(0.3 * np.array(value)) if name.startswith("link_weight") else value
-        for name, value in model.parameters().items()
-    }
-    TorqueModel.from_parameters(weak, ECM).save(tmp_path / "weak.yaml")
-    rig = SimulatedRig(plant, 1, 0.1)
-    own, fallen = (rig.release(tmp_path / name, pose, 0.5) for name in ("own.yaml", "weak.yaml"))
-    assert (own < np.radians(0.5) * ECM.scale).all()
-    assert (fallen > np.radians(2.0) * ECM.scale).any()
-
-
 def test_arms_of_one_seed_are_the_same_and_of_two_are_not():
     plant = PlantFile.of(ECM)
     first, again, other = (drawn_arm(plant, seed) for seed in (3, 3, 4))
@@ -327,22 +310,6 @@ def test_a_command_beyond_a_limit_or_no_number_is_refused_before_the_arm_moves()
     kept.follow(way.at, way.duration)
     assert kept.check.samples >= 1000.0 * way.duration
     assert 0.99 < kept.check.used <= 1.0 + 1e-9  # as quick as the limits allow
-
-
-def test_nothing_that_takes_long_is_done_between_an_approach_and_its_motion(tmp_path):
-    for rehearse in (False, True):
-        plan = plan_of("ecm")
-        driver = at_beginning(plan, away=0.1)
-        kept, done = CheckedDriver(driver, plan.limits, ECM), []
-        driver.stop = lambda phase, time, done=done: done.append("follow") if time == 0.0 else None
-
-        def look(path, duration, kept=kept, done=done):
-            done.append("look")
-            kept.look(path, duration)
-
-        collect(plan, kept, tmp_path / f"bag{rehearse}", rehearse=rehearse, look=look,
-                report=driver.report)  # fmt: skip
-        assert done == ["look", "look", "follow", "follow"] * (1 + rehearse)
 
 
 @pytest.mark.parametrize("rehearsing", [False, True])

@@ -174,27 +174,6 @@ def test_a_rehearsal_that_takes_more_than_the_motors_have_is_refused(tmp_path: P
     go(driver, tmp_path / "other", plan, model=model, rehearse=False)
 
 
-@pytest.mark.parametrize(
-    ("speed", "begin", "ramp"), [(1.0, 2.0, 1.0), (0.1, 0.0, 0.0), (0.1, 1.5, 4.0)]
-)
-def test_between_points_of_its_grid_a_motion_at_another_pace_exceeds_no_more_than_it_says(
-    speed: float, begin: float, ramp: float
-) -> None:
-    plan = plan_of("mtmr", seed=5)
-    paced, rows = Paced(plan.motion, speed, begin, ramp), plan.limits.rows
-    for step in (0.005, 0.1):
-        times, extra = paced.grid(step, rows)
-        assert times[0] == 0.0
-        assert times[-1] == pytest.approx(paced.duration)
-        assert (np.diff(times) >= 0.0).all()
-        fine = np.linspace(0.0, paced.duration, 20011)
-        after = np.clip(np.searchsorted(times, fine), 1, len(times) - 1)
-        for k, (there, here) in enumerate(zip(paced.at(times), paced.at(fine), strict=True)):
-            bound = np.maximum(*(np.abs(there @ rows.T)[after - end] for end in (0, 1)))
-            more = np.maximum(*(extra[k][after - end] for end in (0, 1)))
-            assert (np.abs(here @ rows.T) <= bound + more + 1e-12).all()
-
-
 def test_a_motion_taken_up_within_limits_is_proven_to_keep_them() -> None:
     plan = plan_of("ecm", seed=3)
     assert exceeded(Paced(plan.motion, 1.0, 1.0, 0.2), plan.limits, plan.arm) is not None
@@ -239,30 +218,6 @@ def test_an_endless_joint_goes_the_short_way_to_limits_about_its_back_or_is_not_
     kept = CheckedDriver(PathDriver(endless, np.radians([at])), plan.limits, endless)
     with pytest.raises(MotionError, match="turn") if turns else nullcontext():
         kept.connect()
-
-
-@pytest.mark.parametrize(
-    ("shown", "taught"),
-    [
-        ((-20.0, 20.0), (-18.0, 18.0)),
-        ((350.0, 370.0), (-8.0, 8.0)),  # a turn further
-        ((-560.0, -520.0), (162.0, 198.0)),  # about its back
-        ((0.0, 700.0), (2.0, 698.0)),
-    ],
-)
-def test_of_an_endless_joint_no_room_is_taught_that_nobody_showed(
-    tmp_path: Path, endless: Arm, shown: tuple[float, float], taught: tuple[float, float]
-) -> None:
-    room = TaughtLimits(endless)
-    room.show(np.radians(np.linspace(*shown, 99))[:, None])
-    save_limits(tmp_path / "limits.yaml", room.limits(np.radians(2.0)), endless, "taught")
-    limits = load_limits(tmp_path / "limits.yaml", endless)
-    found = np.degrees([limits.lower[0], limits.upper[0]])
-    turns = np.round((np.mean(found) - np.mean(taught)) / 360.0)
-    np.testing.assert_allclose(found - 360.0 * turns, taught, atol=1e-6)
-    assert abs(np.mean(found)) <= 180.0 + 1e-6
-    width = np.degrees(np.ptp(PlanLimits.of(endless).range))
-    assert room.coverage["turn"] == pytest.approx(min((shown[1] - shown[0]) / width, 1.0))
 
 
 def test_a_taught_room_is_what_was_shown_less_a_margin(tmp_path: Path) -> None:

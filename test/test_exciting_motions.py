@@ -11,7 +11,6 @@ from dvrk_gravity.planning import (
     Multisine,
     PlanLimits,
     careful,
-    covering_motion,
     covering_plan,
     exciting_motion,
     slacks,
@@ -49,21 +48,6 @@ def test_an_exciting_motion_keeps_all_limits_and_goes_as_far_or_as_hard_as_they_
             hard = np.abs(np.diff(velocity, axis=0) / STEP).max(axis=0) / limits.acceleration
             assert (np.maximum(far, hard)[[0, 2, 3, 4, 5, 6]] > 0.7).all()
             assert far[1] > 0.25  # the shoulder shares its limits with the elbow
-
-
-def test_a_covering_motion_keeps_all_limits_and_another_one_stays_within_what_it_showed() -> None:
-    limits = PlanLimits.of(Arm.load("mtmr"))
-    time = np.arange(0.0, 40.0, STEP)
-    shown, again = (covering_motion(limits, 40.0, seed).at(time) for seed in (1, 2))
-    for states in (shown, again):
-        require_within(limits, *states)
-    lowest, highest = shown[0].min(axis=0), shown[0].max(axis=0)
-    part = (highest - lowest) / (limits.used * (limits.upper - limits.lower))
-    assert (part > 0.7).all()
-    outside = ((again[0] < lowest) | (again[0] > highest)).mean(axis=0)
-    assert (outside < 0.25).all()
-    exciting = exciting_motion(limits, 40.0, 1).at(time)[0]
-    assert (np.ptp(exciting, axis=0) <= (highest - lowest) + 0.1).all()
 
 
 def test_it_begins_and_ends_at_rest_in_the_same_place_by_the_derivative_of_its_positions() -> None:

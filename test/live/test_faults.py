@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import signal
 
-import pytest
 from arm_side import PATIENT, TIMEOUT
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from running import assert_silent, calm, commanding, faulty, held, nodes_of
+from running import assert_silent, calm, commanding, faulty, held
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64
 from support import MODEL_FILE
@@ -16,12 +15,6 @@ from support import MODEL_FILE
 from dvrk_gravity.ros import Client, NodeProcess
 
 WATCHED = ("-p", f"watchdog_timeout:={TIMEOUT}")
-
-
-@pytest.fixture
-def start(arm):
-    with nodes_of(arm) as begin:
-        yield begin
 
 
 def watched(arm, times: int = 1) -> None:
