@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from support import MODEL_FILE
 
 from dvrk_gravity.arms import Arm, build_tree
 from dvrk_gravity.effects import State
-from dvrk_gravity.errors import PlanError
 from dvrk_gravity.model import ModelUncertainty, TorqueModel, coefficients_of
 from dvrk_gravity.planning import (
     Basis,
@@ -27,7 +25,6 @@ from dvrk_gravity.planning import (
     design_motion,
     design_poses,
     link_origins,
-    resting_positions,
     series_basis,
     slacks,
     tip,
@@ -174,21 +171,6 @@ def test_a_plan_keeps_every_limit_at_a_thousand_points_a_second(planned):
     assert all(slack.left >= 0.0 for slack in planned.slacks)
 
 
-def test_a_search_that_counts_finds_the_same_motion_again(ecm):
-    limits, basis = PlanLimits.of(ecm), series_basis(DURATION)
-    of = replace(BRIEF, seconds=np.inf, evaluations=10)
-    shares: list[float] = []
-    first, again, other = (
-        design_motion(ecm, limits, basis, None, seed, of, shares.append).plan.motion
-        for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first.coefficients, again.coefficients)
-    assert not np.allclose(first.coefficients, other.coefficients)
-    once = shares[: len(shares) // 3]
-    assert once == sorted(once)
-    assert shares[-1] == 1.0
-
-
 # --- limits beside the joints' own
 
 
@@ -236,18 +218,6 @@ def test_the_band_of_an_effort_holds_what_the_model_never_explained(ecm):
         for sure, of in ((True, model), (False, replace(model, uncertainty=known)))
     }  # fmt: skip
     np.testing.assert_allclose(left[True] - left[False], 1.96 * error)
-
-
-def test_an_effort_that_does_not_hold_the_arm_ends_with_by_how_much(mtmr):
-    model = TorqueModel.load(MODEL_FILE).physical()
-    limits = PlanLimits.of(mtmr)
-    effort = limits.effort.copy()
-    effort[1] = 1e-4
-    narrow = replace(limits, effort=effort, lower=limits.lower.copy(), upper=limits.upper.copy())
-    narrow.lower[1], narrow.upper[1] = 0.2, 0.21
-    narrow.lower[2], narrow.upper[2] = 0.2, 0.21
-    with pytest.raises(PlanError, match=r"shoulder_pitch's motor would have to give [\d.]+ mN"):
-        resting_positions(narrow, mtmr, model, np.random.default_rng(0))
 
 
 # --- poses

@@ -23,16 +23,8 @@ POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
 class DrivenArm:
     """Measures where it was commanded to; its node spins in a thread.
 
-    Attributes:
-        follows: Whether it goes there.
-        speaks: Whether it measures.
-        order: Of the joints in what it measures.
-        further: Joints that it measures beside them.
-        slow: Pace of its clock.
-        ahead: Of its clock, s.
-        told: Set points.
-        holds: Number of holds.
-        stamp: Of what it measured last, s.
+    It measures its joints in an ``order``, after ``further`` ones, with the stamps of a clock that
+    is ``ahead`` by some s and ``slow`` by a factor.
     """
 
     def __init__(self) -> None:

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import PlanError
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import (
     Box,
     Combination,
@@ -141,3 +143,30 @@ def test_chosen_poses_teach_more_than_as_many_random_ones(ecm, poses):
             information(found[np.random.default_rng(seed).permutation(len(found))[:count]])
         )
     assert information(path.poses) > max(others)
+
+
+def test_a_search_that_counts_finds_the_same_motion_again(ecm):
+    limits, basis = PlanLimits.of(ecm), series_basis(DURATION)
+    of = replace(BRIEF, seconds=np.inf, evaluations=10)
+    shares: list[float] = []
+    first, again, other = (
+        design_motion(ecm, limits, basis, None, seed, of, shares.append).plan.motion
+        for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.coefficients, again.coefficients)
+    assert not np.allclose(first.coefficients, other.coefficients)
+    once = shares[: len(shares) // 3]
+    assert once == sorted(once)
+    assert shares[-1] == 1.0
+
+
+def test_an_effort_that_does_not_hold_the_arm_ends_with_by_how_much(mtmr):
+    model = TorqueModel.load(MODEL_FILE).physical()
+    limits = PlanLimits.of(mtmr)
+    effort = limits.effort.copy()
+    effort[1] = 1e-4
+    narrow = replace(limits, effort=effort, lower=limits.lower.copy(), upper=limits.upper.copy())
+    narrow.lower[1], narrow.upper[1] = 0.2, 0.21
+    narrow.lower[2], narrow.upper[2] = 0.2, 0.21
+    with pytest.raises(PlanError, match=r"shoulder_pitch's motor would have to give [\d.]+ mN"):
+        resting_positions(narrow, mtmr, model, np.random.default_rng(0))
