@@ -85,12 +85,9 @@ class PathRig:
 
 @dataclass(frozen=True)
 class Finished:
-    """A calibration that was interrupted after every step, and what each process said.
+    """A calibration that was interrupted after every step, and the lines that each process said.
 
-    Attributes:
-        folder: Where its files are: to be read.
-        arm: What was calibrated.
-        runs: Lines of each process.
+    Its folder is to be read only.
     """
 
     folder: Path
@@ -116,11 +113,7 @@ class Finished:
     def take(self, name: str, folder: Path, changed: bool = False, **other):
         """Take a step once more in a folder that is as before it, and return its outcome.
 
-        Args:
-            name: Of the step.
-            folder: It.
-            changed: Whether files of earlier steps were changed.
-            other: Of the work.
+        Files of earlier steps may have been ``changed``.
         """
         (step,) = (step for step in all_steps(BRIEF) if step.name == name)
         if changed:

@@ -38,12 +38,8 @@ def plan_of(name: str, duration: float = 4.0, seed: int = 1, size: float = 1.0) 
 class PathDriver:
     """An arm that is where it is commanded to be, until something stops it.
 
-    Attributes:
-        arm: The arm.
-        at: (n,) where it is.
-        stop: Returns the error that stops it, if any, by phase and s of the phase.
-        torque: Returns (N, n) efforts by position, velocity and acceleration; ``None``: no efforts.
-        commanded: Position, velocity and acceleration of each set point.
+    ``stop`` returns the error that stops it, if any, by phase and s of the phase; ``torque`` (N, n)
+    efforts. Each set point is a position, velocity and acceleration.
     """
 
     arm: Arm

@@ -10,7 +10,6 @@ from math import nan
 import numpy as np
 import pytest
 from finished_calibration import BRIEF, RELEASED, Finished, finished_calibration
-from rival_causes import contest, offset_or_spring, twins
 
 from dvrk_gravity.calibration import (
     certify,
@@ -20,7 +19,6 @@ from dvrk_gravity.calibration import (
     shown_drift,
 )
 from dvrk_gravity.identification import POOR, identify
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Plan, PlanLimits
 
 
@@ -155,13 +153,6 @@ def test_the_band_of_what_holds_a_joint_counts_what_the_model_lacks(finished):
     assert held["part"] <= min(held["joints"].values()) == held["joints"][held["least"]]
 
 
-def test_less_gain_is_asked_of_a_term_the_more_terms_there_are(finished):
-    bag = str(finished.folder / "motion")
-    few, more = (identify(bag, finished.arm, least_gain=least) for least in (0.3, 0.0))
-    kept = [sum(each.kept for each in fit.choices) for fit in (few, more)]
-    assert kept[0] < kept[1]
-
-
 # --- further motions -----------------------------------------------------------------------
 
 
@@ -203,19 +194,3 @@ def test_no_search_is_begun_for_causes_that_no_motion_separates(further):
     assert outcome.paths == ()
     # No want, of which time would be none.
     assert further(1.0, settings=replace(BRIEF, longest=1.0)).said == ""
-
-
-@pytest.mark.parametrize("separable", [True, False])
-def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
-    finished, further, separable
-):
-    model = TorqueModel.load(finished.folder / "model_0.yaml")
-    of = offset_or_spring(model, 1e-2) if separable else contest(model, twins(model))
-    asked, more = ("plan --separate", of.to_dict()), replace(BRIEF, search=20, further=20.0)
-    outcome = further(1.0, *asked, more)
-    assert "pitch" in outcome.said
-    assert bool(outcome.paths) == separable
-    if separable:
-        assert Plan.load(outcome.paths[0]).duration == more.further
-    else:  # another motion is planned where friction may not hold the arm
-        assert further(0.5, *asked).paths

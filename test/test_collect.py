@@ -219,13 +219,10 @@ def test_a_state_that_nothing_wrote_moves_nothing(stopped) -> None:
     written = json.loads(state.read_text())
     part = {"name": "part_1", "keep": None, "marks": []}
     wrong: list[dict[str, object]] = [
-        {"motion": 1}, {"motion": -1}, {"motion": "0"}, {"moment": "2"}, {"moment": -1.0},
-        {"moment": 1e5}, {"moment": True}, {"phase": "resting"}, {"approaching": "no"}, {"why": 1},
-        {"parts": {"a": 1}}, {"parts": [part | {"name": "../bag"}]},
-        {"parts": [part | {"keep": -3}]}, {"parts": [part | {"marks": [[0, 1.0]]}]},
-        {"parts": [part | {"marks": [[0, "a", 1]]}]},
+        {"motion": 1}, {"moment": -1.0}, {"moment": 1e5}, {"moment": True}, {"phase": "resting"},
+        {"parts": [part | {"name": "../bag"}]}, {"parts": [part | {"keep": -3}]},
         {"parts": [part | {"marks": [[0, 4.1, 1]]}]}, {"parts": [part | {"marks": [[1, 1.0, 1]]}]},
-        {"format": 2}, {"format": None}, {"unheard": 1},
+        {"format": 2}, {"unheard": 1},
     ]  # fmt: skip
     for text in ("{", "{}", *(json.dumps(written | change) for change in wrong)):
         state.write_text(text)

@@ -154,9 +154,8 @@ def test_excite_records_a_motion_and_the_next_step_of_a_further_one_is_to_evalua
     assert (np.ptp(recording.position, axis=0) > 0.05 * Arm.load("ecm").scale).all()
 
 
-@pytest.mark.parametrize("other", ["ecm", None], ids=["another motion", "none"])
 def test_a_plan_that_is_replaced_after_its_rehearsal_is_one_line_and_no_motion(
-    here: Path, capsys: pytest.CaptureFixture[str], other: str | None
+    here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan = plan_of("ecm")
     short = FourierMotion(Basis(np.array([2.0]), 0.2, 0.5), plan.motion.middle, np.zeros((2, 4)))
@@ -165,9 +164,7 @@ def test_a_plan_that_is_replaced_after_its_rehearsal_is_one_line_and_no_motion(
     class Person(StringIO):
         def write(self, text: str) -> int:
             if text.startswith("rehearsal"):
-                Path("plan.yaml").unlink()
-                if other is not None:
-                    plan_of(other, seed=2).save("plan.yaml")
+                plan_of("ecm", seed=2).save("plan.yaml")
             return super().write(text)
 
     with redirect_stdout(Person()) as said:
@@ -195,32 +192,22 @@ def test_a_wrong_argument_is_one_line_and_status_2(
     for words, says in (
         ([*excites, "--duration", "3"], "--duration: got 3.0, expected 8 to 600"),
         ([*excites, "--rate", "nan"], "--rate: got nan, expected 50 to 500"),
-        ([*excites, "--seed", "-1"], "--seed: got -1"),
-        ([*excites, "--timeout", "0"], "--timeout: got 0.0"),
         ([*excites, "--motions", "0"], "--motions: got 0, expected 1 to 20"),
-        ([*excites, "--arm", "mtmx"], "arm: got 'mtmx'"),
         ([*excites, "--namespace", "a b"], "--namespace: got '/a b'"),
         ([*excites, "--namespace", "/left/PSM2"], "namespace: got '/left/PSM2'"),
         ([*excites, "--ros-args", "-r", "__ns:=/MTML"], "--ros-args: got '--ros-args -r"),
-        ([*excites, "--out", "."], "--out: got "),
         ([*excites, "--out", "no/such/bag"], "no/such"),
         (["collect"], "PLAN: got nothing"),
         (plans, "--out: got nothing"),
-        (["collect", "no.yaml", "--out", "bag", "--yes"], "no.yaml: got "),
-        ([*collects, "--rate", "7"], "--rate: got 7.0"),
         ([*collects, "--arm", "ecm"], "--arm: got 'ecm', expected --teach"),
         ([*collects, "--simulated", "psm"], "a plant of mtmr"),
         ([*collects, "--simulated", "--model", "mtml.yaml"],
          "mtml.yaml: --model: got 'mtml', expected a model of mtmr"),
         ([*plans, "--out", "link", "--yes", "--simulated"], "link"),
-        ([*plans, "--out", "bag?x", "--yes", "--simulated"], "bag?x"),
         ([*collects, "--action", "a b"], "--action: got 'a b'"),
-        ([*collects, "--action", ""], "--action: got ''"),
         ([*goals, "--measured", "states!"], "--measured: got 'states!'"),
-        ([*goals, "--namespace", "my arm"], "--namespace: got '/my arm'"),
         ([*goals, "--namespace", "/MTML"], "got '/MTML'"),
         (["collect", "--teach", "l.yaml"], "--arm: got nothing"),
-        (["collect", "--teach", "l.yaml", "--arm", "mtmr", "--out", "bag"], "--out: got 'bag'"),
         (["collect", "--teach", "l.yaml", "--arm", "mtmr", "--margin", "-1"], "--margin: got -1"),
         (["collect", "--teach", "l.yaml", "--arm", "mtmr", "--from", "ecm.csv"], "ecm.csv: "),
     ):  # fmt: skip
@@ -252,8 +239,6 @@ def test_a_plan_edited_beyond_its_limits_is_one_line_and_nothing_moves(
     for edit, says in (
         (faster, "the plan exceeds the limit of"),
         (of("limits", "joints", "yaw", "position", value=[-1.0, 1.0]), "position of yaw"),
-        (of(*pitch, value=10**400), "a finite number"),
-        (of(*pitch, value=5e-324), "pitch.velocity: got 5e-324"),
         (of(*pitch, value=1e300), "pitch.velocity: got 1e+300"),
         (of("motion", "duration", value=1e5), "motion: got '1e+05 s'"),
         (of("motion", "frequency", value=[0.5, 1e300]), "motion.frequency: got "),

@@ -16,7 +16,6 @@ from dvrk_gravity.compensate import LAG, Following, MotionError, Sample
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import ModelUncertainty, TorqueModel, coefficients_of
 from dvrk_gravity.planning import Plan, covering_plan
-from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
 
 ECM = Arm.load("ecm")
@@ -217,23 +216,6 @@ def driven(plant: PlantFile, out: Path, disturb: Callable | None = None) -> Simu
             model=plant.model,
         )  # fmt: skip
     return driver
-
-
-def test_a_simulated_arm_is_moved_and_recorded_as_planned_even_with_a_gentle_hand(
-    tmp_path: Path, ecm: PlantFile
-) -> None:
-    def hand(driver: SimulatedDriver) -> None:
-        if driver.arm.plant.time > 4.5:
-            driver.arm.push(0.02 * ECM.effort_limit * SECOND, 0.01)
-
-    driven(ecm, tmp_path / "bag", hand)
-    recording = Recording.load(tmp_path / "bag")
-    plan = plan_of("ecm", size=0.9)
-    assert recording.time is not None
-    assert recording.rate == pytest.approx(200.0)
-    late = plan.at(np.maximum(recording.time - 0.08, 0.0))[0]  # its servo lags
-    assert (np.abs(recording.position - late).max(axis=0) < 0.03 * ECM.scale).all()
-    assert recording.effort is not None
 
 
 def pushed(driver: SimulatedDriver) -> None:

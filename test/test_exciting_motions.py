@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from urdf_texts import a_joint, urdf
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.planning import (
@@ -11,7 +12,6 @@ from dvrk_gravity.planning import (
     Multisine,
     PlanLimits,
     careful,
-    covering_motion,
     covering_plan,
     exciting_motion,
     slacks,
@@ -51,21 +51,6 @@ def test_an_exciting_motion_keeps_all_limits_and_goes_as_far_or_as_hard_as_they_
             assert far[1] > 0.25  # the shoulder shares its limits with the elbow
 
 
-def test_a_covering_motion_keeps_all_limits_and_another_one_stays_within_what_it_showed() -> None:
-    limits = PlanLimits.of(Arm.load("mtmr"))
-    time = np.arange(0.0, 40.0, STEP)
-    shown, again = (covering_motion(limits, 40.0, seed).at(time) for seed in (1, 2))
-    for states in (shown, again):
-        require_within(limits, *states)
-    lowest, highest = shown[0].min(axis=0), shown[0].max(axis=0)
-    part = (highest - lowest) / (limits.used * (limits.upper - limits.lower))
-    assert (part > 0.7).all()
-    outside = ((again[0] < lowest) | (again[0] > highest)).mean(axis=0)
-    assert (outside < 0.25).all()
-    exciting = exciting_motion(limits, 40.0, 1).at(time)[0]
-    assert (np.ptp(exciting, axis=0) <= (highest - lowest) + 0.1).all()
-
-
 def test_it_begins_and_ends_at_rest_in_the_same_place_by_the_derivative_of_its_positions() -> None:
     motion = exciting_motion(PlanLimits.of(Arm.load("mtmr")), 20.0, 5)
     for moment in (0.0, 20.0, 30.0):
@@ -92,24 +77,16 @@ def test_one_seed_is_one_motion_now_and_as_of_old() -> None:
 
 
 def test_a_velocity_limit_in_the_arm_s_file_binds(tmp_path) -> None:
-    urdf = tmp_path / "arm.urdf"
-    joint = (
-        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/>'
-        '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="10" velocity="{3}"/></joint>'
-    )
-    link = (
-        '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
-        'ixz="0" iyz="0"/></inertial></link>'
-    )
-    urdf.write_text(
-        f'<robot name="two">{"".join(map(link.format, "abc"))}'
-        f"{joint.format('slow', 'a', 'b', 0.1)}{joint.format('fast', 'b', 'c', 5.0)}</robot>"
-    )
-    limits = PlanLimits.of(Arm.load(urdf))
+    joints = [
+        a_joint(*names, inner=f'<limit lower="-2" upper="2" effort="10" velocity="{fastest}"/>')
+        for names, fastest in ((("slow", "a", "b"), 0.1), (("fast", "b", "c"), 5.0))
+    ]
+    arm = Arm.load(urdf(tmp_path, *joints, links="abc"))
+    limits = PlanLimits.of(arm)
     np.testing.assert_allclose(limits.velocity, [0.1, np.radians(60.0)])
     _, velocity = exciting_motion(limits, 30.0, 1).at(np.arange(0.0, 30.0, STEP))
     assert np.abs(velocity[:, 0]).max() < 0.1 + SLACK
-    assert np.abs(careful(Arm.load(urdf))[0][0]) <= 0.1
+    assert np.abs(careful(arm)[0][0]) <= 0.1
 
 
 def test_a_move_is_as_quick_as_the_limits_that_it_is_given() -> None:

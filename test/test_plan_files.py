@@ -50,14 +50,10 @@ def test_a_plan_with_a_wrong_entry_is_refused_by_name(tmp_path):
         (motion, ("kind",), "dance", "kind: got 'dance'"),
         (motion, ("motion", "duration"), -1.0, "motion.duration: "),
         (motion, ("motion", "ramp"), 100.0, "motion.ramp: "),
-        (motion, ("motion", "middle", "yaw"), "x", "motion.middle.yaw: "),
         (motion, ("motion", "sine", "yaw"), [1.0], "motion.sine.yaw: "),
-        (motion, ("motion", "speed"), 1.0, "motion: got 'speed'"),
         (motion, ("limits", "joints", "yaw", "velocity"), 0.0, "yaw.velocity: "),
         (poses_of(motion), ("poses", "part"), 2.0, "poses.part: "),
-        (poses_of(motion), ("poses", "approach"), none, "poses.approach"),
         (poses_of(motion), ("poses", "positions"), {name: [] for name in none}, "poses.positions"),
-        (poses_of(motion), ("poses", "positions"), {"yaw": [0.0]}, "poses.positions"),
     ):
         plan.save(path)
         content = yaml.safe_load(path.read_text())
@@ -146,26 +142,19 @@ def test_an_mtms_shoulder_and_elbow_stay_limited_together_beside_another_combina
 
 
 def test_a_wrong_entry_of_a_limits_file_is_refused_by_name(tmp_path):
-    both = "combinations: [{of: {yaw: 1, pitch: 1}"
     for text, words in (
         ("speeds: 1", "got 'speeds'"),
-        ("joints: {yow: {velocity: 1}}", "got 'yow'"),
         ("joints: {yaw: {speed: 1}}", "joints.yaw: got 'speed'"),
         ("joints: {yaw: {position: [30, -20]}}", "joints.yaw.position: "),
         ("joints: {yaw: {position: [-200, 20]}}", "joints.yaw.position: "),
-        ("joints: {yaw: {velocity: .inf}}", "joints.yaw.velocity: "),
         (f"joints: {{yaw: {{velocity: {10**400}}}}}", "joints.yaw.velocity: "),
         ("joints: {yaw: {velocity: 50, acceleration: 1e5}}", "yaw.acceleration: got 100000.0"),
         ("joints: {yaw: {effort: 1000}}", "joints.yaw.effort: "),
-        ("joints: [1]", "joints: got"),
         ("combinations: [{of: {yaw: 1}, velocity: 1}]", "at least two joints"),
-        (f"{both}}}]", "combinations[0]: "),
         ("combinations: [{of: {yaw: 1, pitch: 0}, velocity: 1}]", "not zero"),
         ("combinations: [{of: {yaw: 1, pitch: 1.0e+300}, velocity: 1}]", "1e-06 to 1e+06"),
-        (f"{both}, position: [1.0e+300, 1.0e+301]}}]", "up to 1e+09"),
         ("boxes: [{lower: [-1.0e+300, 0, 0], upper: [1, 1, 1]}]", "up to 1e+09"),
         ("boxes: [{lower: [0, 0, 0], upper: [1, 1, 0]}]", "along z"),
-        ("boxes: [{lower: [0, 0], upper: [1, 1, 1]}]", "three coordinates"),
         ("boxes: [{lower: [0, 0, 0], upper: [1, 1, 1], links: [elbow]}]", "link1"),
     ):
         with pytest.raises(ConfigError) as caught:
@@ -213,7 +202,6 @@ def test_a_wrong_option_or_limits_that_nothing_keeps_are_one_line(tmp_path, caps
     for words, expected in (
         ((*ecm, "--duration", 3), "--duration: got 3.0, expected 8 to 600"),
         ((*ecm, "--time", 0), "--time: got 0.0"),
-        ((*ecm, "--seed", -1), "--seed: got -1"),
         ((*ecm, "--model", MODEL_FILE), "a model of ecm"),
         ((*ecm, "--limits", limits), "yaw + pitch"),
         ((), "--separate"),

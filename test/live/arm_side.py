@@ -5,6 +5,11 @@ from __future__ import annotations
 import time
 
 import numpy as np
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Empty
+
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.ros import Client
 
 # Silence after which nodes give up, s: as long as they allow. The arm is a thread of the tests, or
 # they themselves: a busy machine stalls it for tenths of a second.
@@ -21,12 +26,6 @@ class FakeArm:
     """Publishes measured_js as a test wants it and collects what comes back."""
 
     def __init__(self) -> None:
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import Bool
-
-        from dvrk_gravity.arms import JOINT_NAMES
-        from dvrk_gravity.ros import Client
-
         self.client = Client()
         self.names = list(JOINT_NAMES)
         self.position = [0.1, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2]
@@ -59,8 +58,6 @@ class FakeArm:
 
     def listen_to_hold(self) -> None:
         """Subscribe to ``hold``, as every arm does."""
-        from std_msgs.msg import Empty
-
         self._hold = self.client.node.create_subscription(
             Empty, "hold", lambda _: self.holds.append(time.monotonic()), 100
         )
@@ -91,8 +88,6 @@ class FakeArm:
 
     def message(self, **fields: object) -> object:
         """Return a measured_js of now, some of its fields replaced."""
-        from sensor_msgs.msg import JointState
-
         self.stamp = time.time_ns() + self.shift
         values: dict[str, object] = {
             "name": self.names,

@@ -9,9 +9,13 @@ from contextlib import contextmanager
 
 import numpy as np
 from arm_side import TIMEOUT
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.planning import Move, careful
+from dvrk_gravity.ros import Client, Mover
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
 
@@ -19,26 +23,12 @@ POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
 class DrivenArm:
     """Measures where it was commanded to; its node spins in a thread.
 
-    Attributes:
-        follows: Whether it goes there.
-        speaks: Whether it measures.
-        order: Of the joints in what it measures.
-        further: Joints that it measures beside them.
-        slow: Pace of its clock.
-        ahead: Of its clock, s.
-        told: Set points.
-        holds: Number of holds.
-        stamp: Of what it measured last, s.
+    It measures its joints in an ``order``, after ``further`` ones, with the stamps of a clock that
+    is ``ahead`` by some s and ``slow`` by a factor.
     """
 
     def __init__(self) -> None:
-        from rclpy.time import Time
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import Empty
-
-        from dvrk_gravity.ros import Client
-
-        self.client, self.message, self._time = Client(name="driven_arm"), JointState, Time
+        self.client = Client(name="driven_arm")
         self.node = self.client.node
         self.position = POSE.copy()
         self.follows, self.speaks = True, True
@@ -65,17 +55,17 @@ class DrivenArm:
 
     def command_effort(self) -> None:
         """Command the arm's efforts, as another node would."""
-        self.servo_jf.publish(self.message(effort=[0.0] * 7))
+        self.servo_jf.publish(JointState(effort=[0.0] * 7))
 
     def message_of(self, position: np.ndarray, ahead: float = 0.0):
         """Return a measured_js of a position, its stamp ahead by some s."""
         names = self.further + [JOINT_NAMES[i] for i in self.order]
         values = [0.0] * len(self.further) + position[self.order].tolist()
-        message = self.message(name=names, position=values)
+        message = JointState(name=names, position=values)
         message.effort = [0.0] * len(self.further) + list(self.effort)
         passed = round((time.time_ns() - self._origin) * self.slow)
         stamp = self._origin + passed + round(1e9 * (self.ahead + ahead))
-        message.header.stamp = self._time(nanoseconds=stamp).to_msg()
+        message.header.stamp = Time(nanoseconds=stamp).to_msg()
         self.stamp = 1e-9 * (stamp - self._origin)
         return message
 
@@ -84,7 +74,7 @@ class DrivenArm:
 
     def _speak(self) -> None:
         """Measure, where all commands lead that have arrived, however late this thread is."""
-        while taken := self._servo_jp.handle.take_message(self.message, False):
+        while taken := self._servo_jp.handle.take_message(JointState, False):
             self.on_servo_jp(taken[0])
         self.before_speaking()
         if self.speaks:
@@ -102,7 +92,7 @@ class DrivenArm:
 
     def measure_elsewhere(self) -> None:
         """Let somebody else measure an arm that stands elsewhere."""
-        other = self.node.create_publisher(self.message, "measured_js", 100)
+        other = self.node.create_publisher(JointState, "measured_js", 100)
         away = POSE + np.radians(30.0)
         self.node.create_timer(0.013, lambda: other.publish(self.message_of(away, 0.03)))
 
@@ -136,8 +126,6 @@ class DrivenArm:
 @contextmanager
 def mover() -> Iterator:
     """Yield what moves it."""
-    from dvrk_gravity.ros import Client, Mover
-
     with Client(name="excite") as client, Mover(client, Arm.load("mtmr"), 200.0, TIMEOUT) as moving:
         yield moving
 

@@ -1,45 +1,15 @@
-"""Nodes under test: how they are started, and what a test of any of them asks."""
+"""What a test of any node asks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-
 import numpy as np
-from arm_side import PATIENT, FakeArm, stamp_of
+from arm_side import FakeArm, stamp_of
 from support import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.ros import NodeProcess
 
 MODEL = TorqueModel.load(MODEL_FILE)
 AT_ONCE = ("-p", "ramp_time:=0.0", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
-
-
-@contextmanager
-def nodes_of(arm: FakeArm) -> Iterator[Callable[..., NodeProcess]]:
-    """Start nodes that end with the test; whatever happened, every command was a safe one."""
-    started: list[NodeProcess] = []
-
-    def begin(verb: str, *arguments: str, wait: bool = True, **options) -> NodeProcess:
-        given = ("--params-file", str(MODEL_FILE), *PATIENT) if verb == "compensator" else ()
-        node = NodeProcess(verb, *given, *arguments, **options)
-        started.append(node)
-        if wait:
-            arm.await_compensator("commands" if "output:=array" in arguments else "servo_jf")
-        return node
-
-    yield begin
-    for node in started:
-        node.stop()
-        assert "Traceback" not in node.output
-    for _, message in arm.commands:
-        by_name = dict(zip(message.name, message.effort, strict=True))
-        effort = np.array([by_name[name] for name in MODEL.arm.joint_names])
-        assert np.isfinite(effort).all()
-        motor = MODEL.arm.actuator_effort(effort)
-        assert (np.abs(effort) <= MODEL.arm.effort_limit + 1e-9).all()
-        assert (np.abs(motor) <= MODEL.arm.actuator_effort_limit + 1e-9).all()
 
 
 def expected(arm: FakeArm) -> np.ndarray:

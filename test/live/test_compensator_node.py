@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arm_side import PATIENT
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import DescribeParameters, ListParameters
@@ -19,20 +18,13 @@ from running import (
     expected,
     faulty,
     held,
-    nodes_of,
 )
 from std_msgs.msg import Float64MultiArray
-from support import CONFIG, MODEL_FILE
+from support import CONFIG
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.ros import PRIVATE, NodeProcess
-
-
-@pytest.fixture
-def start(arm):
-    with nodes_of(arm) as begin:
-        yield begin
+from dvrk_gravity.ros import PRIVATE
 
 
 def test_a_measurement_is_answered_with_the_model_s_torque_in_its_order_of_joints(arm, start):
@@ -229,27 +221,3 @@ def test_a_simulated_clock_is_waited_for_and_its_steps_neither_hide_nor_fake_a_s
         commanding(arm)
     assert not arm.holds
     arm.client.wait(lambda: bool(arm.holds), "the hold, while that clock stands still")
-
-
-# --- what is refused at the start ------------------------------------------------------------
-
-
-def test_bad_files_and_another_arm_s_namespace_are_one_line_and_status_2(tmp_path, domain):
-    contents = {
-        "tab.yaml": (b"/**:\n\tros__parameters:\n", "line 2"),
-        "anchors.yaml": (b"a: &a [x]\nb: &b [*a, *a]\nc: [*b, *b]\n", "anchors"),
-        "huge.yaml": (b"\0" * 3_000_000, "at most"),
-    }
-    started = []
-    for name, (content, token) in contents.items():
-        (tmp_path / name).write_bytes(content)
-        path = str(tmp_path / name)
-        started.append((NodeProcess("compensator", "--params-file", path), (path, token)))
-    for last in ("/MTML", "/lab/PSM2"):
-        given = ("--params-file", str(MODEL_FILE), *PATIENT)
-        node = NodeProcess("compensator", *given, namespace=PRIVATE + last)
-        started.append((node, (PRIVATE + last, "mtmr", "/MTMR")))
-    for node, tokens in started:
-        assert node.wait(30.0) == 2
-        assert len(node.lines) == 1
-        assert all(token in node.output for token in tokens), node.output

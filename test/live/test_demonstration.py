@@ -6,21 +6,16 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import pytest
+from std_msgs.msg import Bool
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.recording import BagReader
-
-pytest.importorskip("rclpy")
+from dvrk_gravity.ros import COMMANDS, PRIVATE, Client, Scenario, Schedule, Stage
 
 
 def test_an_arm_floats_and_is_held_and_a_console_in_its_domain_gets_nothing_of_it(
     domain: int, tmp_path: Path
 ) -> None:
-    from std_msgs.msg import Bool
-
-    from dvrk_gravity.ros import COMMANDS, PRIVATE, Client, Scenario, Schedule, Stage
-
     arm = Arm.load("mtmr")
     stage = Stage.of(arm, "", None, tmp_path)
     stage = replace(stage, poses=stage.poses[:1])

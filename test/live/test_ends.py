@@ -9,21 +9,14 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
 from rclpy.duration import Duration
-from running import calm, commanding, nodes_of
+from running import calm, commanding
 from std_msgs.msg import Empty
 from support import MODEL_FILE
 
 from dvrk_gravity.ros import Client, NodeProcess
 
 FILE = ("--params-file", str(MODEL_FILE))
-
-
-@pytest.fixture
-def start(arm):
-    with nodes_of(arm) as begin:
-        yield begin
 
 
 def catches(node: NodeProcess, number: signal.Signals, mask: str = "SigCgt") -> bool:

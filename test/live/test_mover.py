@@ -7,33 +7,27 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from driven_arm import POSE, DrivenArm, mover, to
 from path_driver import plan_of
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty, String
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.planning import Plan
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.ros import PRIVATE
-
-pytest.importorskip("rclpy")
+from dvrk_gravity.ros import PRIVATE, NodeProcess
 
 
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a busy machine suspend what moves the arm for a while."""
     monkeypatch.setattr("dvrk_gravity.ros.mover.ASLEEP", 2.0)
-
-
-@pytest.fixture
-def driven(domain: int) -> Iterator[DrivenArm]:
-    with DrivenArm() as arm:
-        yield arm
 
 
 # --- driven --------------------------------------------------------------------------------
@@ -113,8 +107,6 @@ def rival(arm: DrivenArm) -> None:
 
 def unreadable(arm: DrivenArm) -> None:
     """The types of newer consoles' commands come with the dVRK's workspace."""
-    from std_msgs.msg import String
-
     arm.node.create_publisher(String, "servo_cs", 10)
 
 
@@ -148,7 +140,7 @@ def test_an_arm_that_must_not_be_moved_is_left_alone(domain: int) -> None:
 def replaced(arm: DrivenArm) -> None:
     """Also by one that continues the count of messages, as one that began long before would."""
     first = arm.measured
-    arm.measured = arm.node.create_publisher(arm.message, "measured_js", 100)
+    arm.measured = arm.node.create_publisher(JointState, "measured_js", 100)
     for _ in range(2000):
         arm.measured.publish(arm.message_of(arm.position))
     arm.node.destroy_publisher(first)
@@ -203,8 +195,6 @@ def test_after_a_long_sleep_the_arm_is_held_and_sent_nowhere(
 
 
 def test_whoever_frees_the_arm_finds_it_free(driven: DrivenArm) -> None:
-    from std_msgs.msg import Empty
-
     other = driven.node.create_publisher(Empty, "free", 10)
     driven.soon(lambda: other.publish(Empty()))
     with mover() as moving:
@@ -238,20 +228,14 @@ def plan(tmp_path: Path) -> Plan:
     return made
 
 
-def simulator(position: np.ndarray):
-    from dvrk_gravity.ros import NodeProcess
-
-    where = f"initial_position:={position.tolist()}"
-    return NodeProcess("simulator", "-p", "rate:=200.0", "-p", where)
-
-
 def words(folder: Path) -> list[str]:
     return ["collect", str(folder / "plan.yaml"), "--out", str(folder / "bag"), "--yes",
             "--no-rehearsal", "--timeout", "1", "--namespace", PRIVATE]  # fmt: skip
 
 
 def test_the_simulator_is_driven_and_recorded(domain: int, tmp_path: Path, plan: Plan) -> None:
-    with simulator(plan.at(0.0)[0]):
+    where = f"initial_position:={plan.at(0.0)[0].tolist()}"
+    with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where):
         # Where this machine stands still the arm is held, rightly: go on, as a person would.
         ways = [main([*words(tmp_path), "--resume"])]
         while ways[-1] and len(ways) < 5:

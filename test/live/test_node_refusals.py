@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robots import UR5
 from support import MODEL_FILE
 
 from dvrk_gravity.__main__ import main
@@ -14,7 +15,15 @@ def test_a_parameter_that_a_node_cannot_use_is_named(domain, tmp_path, capsys):
     row = "arm: mtmr\n    effort_limit: [1., 1., -1., 1., 1., 1., 1.]"
     limit.write_text(text.replace("arm: mtmr", row, 1))
     nine.write_text("/**:\n  ros__parameters:\n    beta: [1.0, 2., 3., 4., 5., 6., 7., 8., 9.]\n")
+    tab = tmp_path / "tab.yaml"
+    tab.write_text("/**:\n\tros__parameters:\n")
     for verb, words, tokens in (
+        ("compensator", ["--params-file", tab], [f"{tab}", "line 2"]),
+        ("compensator", ["--params-file", MODEL_FILE, "-r", "__ns:=/lab/PSM2"], ["/lab/PSM2"]),
+        ("simulator", ["-p", "friction_scale:=-1.0"], ["friction_scale: got -1.0"]),
+        ("simulator", ["-p", "friction_scal:=1.0"], ["friction_scale?"]),
+        ("simulator", ["-p", f"initial_position:={[0.0, 3.0] + [0.0] * 5}"], ["shoulder_pitch"]),
+        ("simulator", ["-p", "arm:=mtmr", "-p", f"plant:={UR5}"], ["mtmr"]),
         ("compensator", ["--params-file", unknown], [f"{unknown}", "gravity_enabled?"]),
         ("compensator", ["--params-file", limit], [f"{limit}: effort_limit[2]: got -1.0"]),
         ("compensator", ["--params-file", nine], [f"{nine}: beta: got '9 numbers', expected 10"]),

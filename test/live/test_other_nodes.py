@@ -5,23 +5,16 @@ from __future__ import annotations
 import signal
 import time
 
-import pytest
 from arm_side import TIMEOUT, FakeArm
 from diagnostic_msgs.msg import KeyValue
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from running import assert_silent, calm, commanding, faulty, held, nodes_of
+from running import assert_silent, calm, commanding, faulty, held
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, String
 
 from dvrk_gravity.ros import COMMANDS, PRIVATE
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-@pytest.fixture
-def start(arm):
-    with nodes_of(arm) as begin:
-        yield begin
 
 
 def senders(arm: FakeArm, since: float = 0.0) -> set[str]:

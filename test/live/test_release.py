@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm_side import TIMEOUT
+from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import LinearTerm
 from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, RosRig, listen, on_sample
 from dvrk_gravity.simulate import PlantFile
-
-pytest.importorskip("rclpy")
 
 ARM = Arm.load("ecm")
 MODEL = PlantFile.of(ARM).model
@@ -128,17 +127,18 @@ def test_an_arm_that_nobody_compensates_or_watches_any_more_has_no_drift(rig, tm
 def test_a_reading_that_cannot_be_is_neither_a_drift_nor_a_room_of_the_arm(domain):
     heard: list[np.ndarray] = []
     with Client(name="arm") as arm, Client(name="calibrate_release") as client:
-        from sensor_msgs.msg import JointState
-
         publisher = arm.node.create_publisher(JointState, "measured_js", 100)
         on_sample(client, ARM, lambda sample: heard.append(sample.position))
         arm.wait(lambda: arm.connected(publisher), "the subscription")
-        for k in range(60):
-            message = JointState(name=list(ARM.joint_names), position=[0.0] * ARM.n)
-            message.header.stamp.sec, message.header.stamp.nanosec = 1, 10_000_000 * k
-            if k in (30, 40):
-                message.position[1] = 0.5 if k == 30 else np.nan
+
+        def publish(k: int, pitch: float) -> None:
+            message = JointState(name=list(ARM.joint_names), position=[0.0, pitch, 0.0, 0.0])
+            stamp = divmod(10**9 + 10_000_000 * k, 10**9)
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
             publisher.publish(message)
+
+        for k in range(60):
+            publish(k, {30: 0.5, 40: np.nan}.get(k, 0.0))
             client.spin(0.01)
         client.wait(lambda: len(heard) >= 50, "those after it, too")
         assert not np.any(heard)
@@ -147,12 +147,7 @@ def test_a_reading_that_cannot_be_is_neither_a_drift_nor_a_room_of_the_arm(domai
 
         def teach() -> None:
             for k in range(2000):  # from the 20th on, the encoder has slipped
-                message = JointState(name=list(ARM.joint_names), position=[0.0] * ARM.n)
-                message.header.stamp.sec, message.header.stamp.nanosec = divmod(
-                    10_000_000_000 + 10_000_000 * k, 1_000_000_000
-                )
-                message.position[1] = 0.5 if k >= 20 else 0.0
-                publisher.publish(message)
+                publish(1000 + k, 0.5 if k >= 20 else 0.0)
                 time.sleep(0.01)
                 position = next(shown)
                 assert position is None or not position.any()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import pytest
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import JOINT_NAMES
@@ -17,8 +16,6 @@ from dvrk_gravity.recording import (
     read_joint_states,
 )
 from testing.world import World
-
-pytest.importorskip("rclpy")
 
 
 def test_every_message_that_can_be_answered_is_answered_in_order_as_the_model_says(tmp_path):

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from made_up_arm import write
-from robots import UR5
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Empty, Float64MultiArray
+from std_msgs.msg import Bool, Empty
 
-from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.ros import Client, NodeProcess
-from dvrk_gravity.simulate import PlantFile
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
 STATES = ("measured_js", "setpoint_js", "gravity_compensation/setpoint_js")
@@ -109,43 +106,3 @@ def test_it_publishes_and_obeys_as_an_mtm_does(domain):
 
         user.wait(pushed, "moving")
         user.wait(lambda: user.speed(20) < 0.05, "coming to rest by itself")
-
-
-def test_another_arm_obeys_an_array_and_reads_its_efforts_in_amperes(tmp_path, domain):
-    gains = np.array([2.0, 4.0, 5.0, 10.0])
-    path = write(tmp_path, {"drive_gains": gains.tolist()})
-    start = [0.1, 0.2, 0.1, 0.3]
-    given = (f"arm:={path}", "output:=array", f"initial_position:={start}")
-    with (
-        simulator(*given, "builtin_gravity_compensation:=false"),
-        User(commands=Float64MultiArray) as user,
-    ):
-        user.connect()
-        made_up = Arm.load(str(path))
-        first = user.seen["measured_js"][-1]
-        assert tuple(first.name) == made_up.joint_names
-        np.testing.assert_allclose(first.position, start, atol=1e-3)
-        plant = PlantFile.of(made_up).plant()
-        plant.reset(np.array(first.position))
-        np.testing.assert_allclose(first.effort, plant.smooth_torque() / gains, atol=1e-3)
-        # No effort: the insertion slides by its weight.
-        user.send["commands"](Float64MultiArray(data=[0.0] * 4))
-        user.wait(lambda: abs(user.position[2] - start[2]) > 0.01, "sliding")
-
-
-def test_a_wrong_parameter_is_one_line_and_status_2(domain):
-    wrong = {
-        "friction_scale:=-1.0": "friction_scale: got -1.0",
-        "friction_scal:=1.0": "friction_scale?",
-        "initial_position:=[0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]": "shoulder_pitch",
-        "arm:=nothing": "arm: got 'nothing'",
-        f"plant:={UR5}": "mtmr",
-    }
-    started = [
-        (simulator(*(("arm:=mtmr", given) if "plant" in given else (given,))), token)
-        for given, token in wrong.items()
-    ]
-    for process, token in started:
-        assert process.wait(30.0) == 2
-        assert token in process.output
-        assert len(process.lines) == 1

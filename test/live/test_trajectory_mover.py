@@ -21,8 +21,6 @@ from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.planning import PlanLimits, Straight
 
-pytest.importorskip("rclpy")
-
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
 
 

@@ -18,9 +18,7 @@ from driven_arm import POSE, DrivenArm
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, load_limits
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.ros import PRIVATE
-
-pytest.importorskip("rclpy")
+from dvrk_gravity.ros import PRIVATE, private_domain
 
 PERIOD = 0.02  # s; a late set point is no further along a motion than one in time
 # As `python -m dvrk_gravity`, but that a busy machine may suspend it for a while.
@@ -34,8 +32,8 @@ sys.exit(main())
 
 
 @pytest.fixture
-def driven(domain: int) -> Iterator[DrivenArm]:
-    with DrivenArm() as arm:
+def driven() -> Iterator[DrivenArm]:
+    with private_domain(), DrivenArm() as arm:
         yield arm
 
 
