@@ -246,6 +246,7 @@ def under_compensation(known: Identified, start: np.ndarray, listen: bool) -> Re
         Client() as client,
         NodeProcess("compensator", *files, *arguments) as node,
     ):
+        client.node.declare_parameter("joints", list(known.arm.joint_names))
         measured = client.node.create_publisher(JointState, "measured_js", 10)
         client.node.create_subscription(
             Float64MultiArray, "commands", lambda m: commands.append(np.array(m.data)), 10

@@ -31,7 +31,7 @@ from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
 from dvrk_gravity.ros.executor import PromptNode
-from dvrk_gravity.ros.others import LATELY, node_names
+from dvrk_gravity.ros.others import LATELY, Endpoints
 from dvrk_gravity.ros.presence import HOLD, MEASURED, require_own
 from dvrk_gravity.ros.watchdog_node import WATCHDOG_TOPIC
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
@@ -71,6 +71,7 @@ class Compensator(PromptNode):
         self._reported: tuple[Status, str, str] | None = None
         self._warned_of_velocity = False
         self._unwatched = ""  # where no watchdog watches our commands, in words
+        self._watchdog_nodes: set[str] = set()
         self._connect()
         self.add_pre_set_parameters_callback(self._look_for_the_end)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -94,7 +95,7 @@ class Compensator(PromptNode):
             on_same_topic=self._refuse_same_topic,
             on_state=lambda reason: self._obstruct("operating_state", reason),
             order=stated_order(arm.joint_names, self.get_parameter(STATEMENT).value),
-            watchdogs=self._watchdog_nodes,
+            watchdogs=lambda: self._watchdog_nodes,
         )
         self._watchdogs = Watchdogs(self._arm.topic, self.resolve_topic_name(HOLD))
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
@@ -103,8 +104,11 @@ class Compensator(PromptNode):
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
         )
-        self._of_watchdogs = self.create_subscription(
+        watchdogs = self.create_subscription(
             DiagnosticStatus, WATCHDOG_TOPIC, self._on_watchdog, _OF_SEVERAL
+        )
+        self._of_watchdogs = Endpoints(
+            watchdogs.topic_name, self.count_publishers, self.get_publishers_info_by_topic
         )
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four checks within the time-out notice a silence at most a quarter late.
@@ -161,9 +165,6 @@ class Compensator(PromptNode):
             )
         self._settle()
 
-    def _watchdog_nodes(self) -> set[str]:
-        return node_names(self.get_publishers_info_by_topic(self._of_watchdogs.topic_name))
-
     def _on_watchdog(self, message: DiagnosticStatus) -> None:
         said = Watching.of(message.name, {entry.key: entry.value for entry in message.values})
         if said is not None:
@@ -183,8 +184,10 @@ class Compensator(PromptNode):
         We subscribe to the arm only after other nodes have had the time to be heard: a client that
         sees the subscription may rely on answers.
         """
-        obstacles = self._arm.look(self._supervisor.active, measuring=self.prompt is not None)
-        self._watchdogs.look(self._watchdog_nodes())
+        active = self._supervisor.active
+        self._watchdog_nodes = {*self._of_watchdogs.nodes(seldom=active).values()}
+        obstacles = self._arm.look(active, measuring=self.prompt is not None)
+        self._watchdogs.look(self._watchdog_nodes)
         self._unwatched = self._watchdogs.unwatched()
         obstacles["watchdog"] = self._watchdog_obstacle()
         for cause, reason in obstacles.items():

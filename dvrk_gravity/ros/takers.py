@@ -12,13 +12,11 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
 from dvrk_gravity.compensate import Takers
-from dvrk_gravity.ros.others import node_names
+from dvrk_gravity.ros.others import Endpoints
 
 JOINTS = "joints"
 """The parameter in which controllers of ros2_control list their joints, in their order."""
 
-# While the arm is commanded, subscriptions are looked up so often, s, where their number stays.
-_LOOK = 1.0
 # A question without an answer is sent again after so long, s: DDS may have known one way only.
 _AGAIN = 0.5
 
@@ -41,33 +39,26 @@ class AskedTakers:
 
         ``watchdogs`` returns the full names of nodes that subscribe to it and apply nothing.
         """
-        self._node, self._topic, self._watchdogs = node, topic, watchdogs
+        self._node, self._watchdogs = node, watchdogs
+        self._subscriptions = Endpoints(
+            topic, node.count_subscribers, node.get_subscriptions_info_by_topic
+        )
         self._takers = Takers(topic, order, stated)
         # Clients, the questions that they have sent, and when.
         self._asked: dict[bytes, tuple[Any, Any, float]] = {}
-        self._count, self._looked = 0, -math.inf
 
     def look(self, active: bool) -> str:
         """Return why the arm must not be commanded, ``""``: it may; to be called now and then."""
         now = time.monotonic()
-        count = self._node.count_subscribers(self._topic)
-        if not active or count != self._count or now - self._looked > _LOOK:
-            self._count, self._looked = count, now
-            self._takers.look(self._present(), now)
+        apart = {self._node.get_fully_qualified_name(), *self._watchdogs()}
+        found = self._subscriptions.nodes(seldom=active).items()
+        self._takers.look({each: name for each, name in found if name not in apart}, now)
         unasked = self._takers.unasked()
         for taker in self._asked.keys() - unasked.keys():
             self._forget(taker)
         for taker, name in unasked.items():
             self._ask(taker, name, now)
         return self._takers.obstacle(now, active)
-
-    def _present(self) -> dict[bytes, str]:
-        found = {}
-        apart = {self._node.get_fully_qualified_name(), *self._watchdogs()}
-        for info in self._node.get_subscriptions_info_by_topic(self._topic):
-            for name in node_names([info]) - apart:
-                found[bytes(info.endpoint_gid)] = name
-        return found
 
     def _ask(self, taker: bytes, name: str, now: float) -> None:
         if taker not in self._asked:
