@@ -8,12 +8,13 @@ from dvrk_gravity.compensate import UNWATCHED, Watchdogs, Watching, unseen_comma
 
 OURS, DEFAULT, HOLD = "/ARM/effort_controller/commands", "/ARM/servo_jf", "/ARM/hold"
 NODE = "/ARM/watchdog"
+NOW = 50.0
 
 
 def obstacle(*said: Watching, timeout: float = 0.1, active: bool = False) -> str:
     watchdogs = Watchdogs(OURS, HOLD)
     for each in said:
-        watchdogs.note(each)
+        watchdogs.note(each, NOW)
     watchdogs.look({each.node for each in said})
     return watchdogs.obstacle(timeout, active)
 
@@ -41,16 +42,28 @@ def test_our_time_out_must_not_be_longer_than_that_of_any_watchdog_of_ours():
 def test_without_a_watchdog_the_arm_is_commanded_and_that_is_said():
     watchdogs = Watchdogs(OURS, HOLD)
     assert watchdogs.obstacle(0.1, active=False) == ""
-    assert OURS in watchdogs.unwatched()
-    assert UNWATCHED in watchdogs.unwatched()
-    watchdogs.note(Watching(NODE, OURS, HOLD, 0.1))
+    assert OURS in watchdogs.unwatched(NOW)
+    assert UNWATCHED in watchdogs.unwatched(NOW)
+    watchdogs.note(Watching(NODE, OURS, HOLD, 0.1), NOW)
     watchdogs.look({NODE})
-    assert watchdogs.unwatched() == ""
+    assert watchdogs.unwatched(NOW) == ""
     watchdogs.look(())  # it has ended: what it said holds no arm
-    assert UNWATCHED in watchdogs.unwatched()
+    assert UNWATCHED in watchdogs.unwatched(NOW)
     watchdogs.look({NODE})  # another one of that name
-    assert UNWATCHED in watchdogs.unwatched()
+    assert UNWATCHED in watchdogs.unwatched(NOW)
     assert "watchdog" in watchdogs.obstacle(0.1, active=False)
+
+
+def test_one_that_has_fallen_silent_is_believed_no_longer_though_it_is_there():
+    """A process that is suspended keeps its topics, and what it has latched."""
+    watchdogs = Watchdogs(OURS, HOLD)
+    watchdogs.note(Watching(NODE, OURS, HOLD, 0.1), NOW)
+    watchdogs.look({NODE})
+    assert watchdogs.unwatched(NOW + 3.0) == ""
+    for token in (NODE, UNWATCHED):
+        assert token in watchdogs.unwatched(NOW + 6.0)
+    watchdogs.note(Watching(NODE, OURS, HOLD, 0.1), NOW + 7.0)
+    assert watchdogs.unwatched(NOW + 8.0) == ""
 
 
 def test_one_that_has_not_spoken_yet_is_waited_for_but_not_in_flight():
@@ -58,7 +71,7 @@ def test_one_that_has_not_spoken_yet_is_waited_for_but_not_in_flight():
     watchdogs.look({NODE})
     assert "watchdog" in watchdogs.obstacle(0.1, active=False)
     assert watchdogs.obstacle(0.1, active=True) == ""
-    assert UNWATCHED in watchdogs.unwatched()
+    assert UNWATCHED in watchdogs.unwatched(NOW)
 
 
 def test_what_it_says_replaces_what_one_of_its_name_said_before():

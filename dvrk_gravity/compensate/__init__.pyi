@@ -31,6 +31,7 @@ from .start import StartRefusedError as StartRefusedError
 from .start import require_within as require_within
 from .supervisor import Status as Status
 from .supervisor import Supervisor as Supervisor
+from .watchdogs import SAME_TOPIC as SAME_TOPIC
 from .watchdogs import UNWATCHED as UNWATCHED
 from .watchdogs import Watchdogs as Watchdogs
 from .watchdogs import Watching as Watching

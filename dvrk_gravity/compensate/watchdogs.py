@@ -9,7 +9,13 @@ from dataclasses import dataclass
 UNWATCHED = "nothing will hold the arm if this node dies"
 """What a compensator says that commands without a watchdog."""
 
-SAME_TOPIC = "start both with the same namespace, output, output_topic and remappings"
+SAME_TOPIC = (
+    "start watchdog and compensator with the same namespace, output, output_topic and remappings"
+)
+SILENCE = 5.0
+"""A watchdog that has said nothing for so long watches nothing, s: it says what it does every
+second. Chosen: a busy machine stalls for less."""
+
 NOT_YET = "the watchdog has not said yet what it watches"
 
 
@@ -50,11 +56,12 @@ class Watchdogs:
         """Expect one that watches commands on ``topic`` and sends its holds to ``hold``."""
         self._topic, self._hold = topic, hold
         self._said: dict[str, Watching] = {}
+        self._heard: dict[str, float] = {}  # when, s of a monotonic clock
         self._present: Collection[str] = ()
 
-    def note(self, said: Watching) -> None:
+    def note(self, said: Watching, now: float) -> None:
         """Note what a watchdog says: it replaces what one of that name said before."""
-        self._said[said.node] = said
+        self._said[said.node], self._heard[said.node] = said, now
 
     def look(self, present: Collection[str]) -> None:
         """Note the full names of the watchdogs that are there.
@@ -74,10 +81,13 @@ class Watchdogs:
             each for each in self._known() if (each.topic, each.hold) == (self._topic, self._hold)
         ]
 
-    def unwatched(self) -> str:
+    def unwatched(self, now: float) -> str:
         """Return for a person that no watchdog watches our commands, ``""``: one does."""
-        if self._ours():
+        ours = self._ours()
+        if any(now - self._heard[each.node] < SILENCE for each in ours):
             return ""
+        if ours:
+            return f"the watchdog {ours[0].node} has been silent for {SILENCE:g} s: {UNWATCHED}"
         return f"no watchdog watches {self._topic}: {UNWATCHED}"
 
     def too_soon(self, timeout: float) -> str:

@@ -15,6 +15,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from dvrk_gravity.compensate import (
+    SAME_TOPIC,
     STATEMENT,
     DroppedSampleError,
     Settings,
@@ -168,7 +169,7 @@ class Compensator(PromptNode):
     def _on_watchdog(self, message: DiagnosticStatus) -> None:
         said = Watching.of(message.name, {entry.key: entry.value for entry in message.values})
         if said is not None:
-            self._watchdogs.note(said)
+            self._watchdogs.note(said, time.monotonic())
 
     def _watchdog_obstacle(self) -> str:
         supervisor = self._supervisor
@@ -188,7 +189,7 @@ class Compensator(PromptNode):
         self._watchdog_nodes = {*self._of_watchdogs.nodes(seldom=active).values()}
         obstacles = self._arm.look(active, measuring=self.prompt is not None)
         self._watchdogs.look(self._watchdog_nodes)
-        self._unwatched = self._watchdogs.unwatched()
+        self._unwatched = self._watchdogs.unwatched(time.monotonic())
         obstacles["watchdog"] = self._watchdog_obstacle()
         for cause, reason in obstacles.items():
             self._obstruct(cause, reason)
@@ -311,7 +312,7 @@ class Compensator(PromptNode):
         text = f"{supervisor.status.value}: {supervisor.reason}"
         self._state.publish(String(data=f"{text}; {unwatched}" if unwatched else text))
         if unwatched and not (before and before[2]):
-            self.get_logger().warning(f"{unwatched}; start one, in the same way as this node")
+            self.get_logger().warning(f"{unwatched}; {SAME_TOPIC}")
         if before and before[:2] == self._reported[:2]:
             return
         if supervisor.status is Status.FAULT:

@@ -21,12 +21,12 @@ from dvrk_gravity.ros.presence import HOLD, Presence
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
 WATCHDOG_TOPIC = "watchdog_status"
-"""Latched: what the watchdog watches, to whom it sends a hold, and after how long."""
+"""Latched, and repeated: what it watches, to whom it sends a hold, and after how long."""
 
 TIMEOUT_TOPIC = "watchdog_timeout"
 """Latched: its time-out alone, s, for compensators of version 0.1; to be removed."""
 
-# Compensators are looked for so often, s.
+# Compensators are looked for, and what it does is said again, so often, s.
 _LOOK = 1.0
 
 _COMMANDS = {"sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"}
@@ -100,17 +100,17 @@ class Watchdog(PromptNode):
             )
 
     def _on_look(self) -> None:
-        """Say where compensators here command on another topic than the watched one.
+        """Say what we do, and where compensators here command on another topic than the watched.
 
         Compensators are those that subscribe to what we say of ourselves.
         """
         listeners = self.get_subscriptions_info_by_topic(self._status.topic_name)
         commands = {name: self._commands_of(name) for name in node_names(listeners)}
         unseen = unseen_commands(self._watching.topic, commands)
-        if unseen == self._unseen:
-            return
-        self._unseen = unseen
+        before, self._unseen = self._unseen, unseen
         self._publish_status()
+        if unseen == before:
+            return
         if unseen:
             self._state.publish(String(data=unseen))
             self.get_logger().warning(unseen)
