@@ -35,7 +35,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="false",
                 description="true: switch the arm's own compensation off",
             ),
-            # Before the compensator, which asks for its time-out.
+            # Of the same file: the compensator believes no watchdog of another topic.
             node("watchdog"),
             node("compensator", {"disable_builtin": LaunchConfiguration("disable_builtin")}),
         ]

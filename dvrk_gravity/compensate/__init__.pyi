@@ -1,3 +1,7 @@
+from .command_order import STATEMENT as STATEMENT
+from .command_order import Takers as Takers
+from .command_order import shifted as shifted
+from .command_order import stated_order as stated_order
 from .command_watch import CommandWatch as CommandWatch
 from .following import LAG as LAG
 from .following import Following as Following
@@ -27,3 +31,8 @@ from .start import StartRefusedError as StartRefusedError
 from .start import require_within as require_within
 from .supervisor import Status as Status
 from .supervisor import Supervisor as Supervisor
+from .watchdogs import SAME_TOPIC as SAME_TOPIC
+from .watchdogs import UNWATCHED as UNWATCHED
+from .watchdogs import Watchdogs as Watchdogs
+from .watchdogs import Watching as Watching
+from .watchdogs import unseen_commands as unseen_commands

@@ -23,7 +23,7 @@ LEAST_PACE = 0.1
 INTERVAL, TIME_CONSTANT = 0.005, 0.05
 # They may differ by five times that ripple, rad/s, and by this part of the larger one.
 SLACK, SHARE = 0.5, 0.5
-# An encoder that stands still, or drifts: positions and velocities tell ways that differ more and
+# An encoder that stands still, or drifts: the ways of positions and of velocities differ more and
 # more. Of the difference neither SLOW, rad/s, nor TRUSTED of the velocity counts; what does may add
 # up to ASTRAY, rad, and to the way of LATE, s, at the largest speed of the last RECENT, s. A real
 # MTM's wrist_yaw, which repeats old velocities for 0.2 s, reaches 0.85 of that, all other joints of

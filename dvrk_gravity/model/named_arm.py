@@ -76,7 +76,7 @@ def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
     geometry = Parameter(
         _GEOMETRY, (), "N·m",
         "fingerprint of the arm's geometry: torques that hold given masses on its links",
-        lengths=(arm.n,), read_only=True,
+        lengths=(arm.n,), read_only=True, adjustable=True,
     )  # fmt: skip
     return (ARM_PARAMETER, gains, gain_error, _UNIT, _HELD, size, geometry, read, command)
 

@@ -141,6 +141,12 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             read_only=True,
         ),
         Parameter(
+            "command_joints", "", "",
+            "order in which the controller or console takes joints, JOINT,…; default: the model's "
+            "(array), which its parameter `joints` confirms, or that of measured_js (servo_jf)",
+            read_only=True,
+        ),
+        Parameter(
             "watchdog_timeout", 0.1, "s",
             "watchdog: hold the arm after this long without a command",
             lower=0.002, upper=1.0, read_only=True,

@@ -6,7 +6,7 @@ package publishes a motion command.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate import Sample, SampleReader
+from dvrk_gravity.compensate import Sample, SampleReader, shifted
 from dvrk_gravity.ros.hold import Hold
 from dvrk_gravity.ros.others import Others, SameTopic
 from dvrk_gravity.ros.presence import Presence, on_operating_state
+from dvrk_gravity.ros.takers import AskedTakers
 from dvrk_gravity.ros.wire import CommandTopic, CommandWriter, JointStateReader, Stamp
 
 # DDS repeats lost messages seconds later: an old command must not follow a hold.
@@ -37,6 +38,7 @@ class ArmLink:
         same_topic: Nodes that command it on ours.
         measured: Joints of ``measured_js``, in its order, in which commands are written.
         further: Those of them that the arm does not have.
+        shifted: Why commands in that order would reach other joints; ``""``: they would not.
         unheard: What is missing where the arm measures and does not hear us.
     """
 
@@ -51,13 +53,17 @@ class ArmLink:
         on_other: Callable[[], None] = lambda: None,
         on_same_topic: Callable[[], None] = lambda: None,
         on_state: Callable[[str], None] = lambda reason: None,
+        order: tuple[str, ...] = (),
+        watchdogs: Callable[[], Collection[str]] = tuple,
     ) -> None:
         """Connect the topics of the node's namespace.
 
         Positions further than ``margin`` (n,), rad or m, outside the arm's limits are refused.
         ``on_other`` is called for a command of another node on another topic than ours,
         ``on_same_topic`` for one on ours, and ``on_state`` with why the arm's operating state
-        forbids commands, ``""``: it does not.
+        forbids commands, ``""``: it does not. A person may have stated the ``order`` of joints in
+        which commands are taken. ``watchdogs`` returns full names of nodes that subscribe to them
+        and apply none.
         """
         self._as_array = topic.as_array
         self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)
@@ -76,7 +82,12 @@ class ArmLink:
             arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
             arm.name, arm.held,
         ).read  # fmt: skip
-        self._joints, self._fields = arm.joint_names, topic.fields
+        self._joints, self._fields, self._stated = arm.joint_names, topic.fields, order
+        self._takers = (
+            AskedTakers(node, self.topic, order or arm.joint_names, bool(order), watchdogs)
+            if topic.as_array
+            else None
+        )
         self.further: tuple[str, ...] = ()
         self._write_in(arm.joint_names)
 
@@ -112,24 +123,28 @@ class ArmLink:
         return sample, fields.stamp
 
     def _write_in(self, names: tuple[str, ...]) -> None:
-        """Write commands in the joint order of ``measured_js``: consoles ignore their names."""
+        """Write commands in the stated order, or in that of ``measured_js``.
+
+        Consoles ignore their names. An array is in the model's order if none is stated.
+        """
         self.measured = names
-        ours = tuple(name for name in names if name in self._joints)
         self.further = tuple(name for name in names if name not in self._joints)
+        by_measured = not (self._stated or self._as_array)
+        self.shifted = shifted(self._joints, names) if by_measured else ""
+        in_order = names if by_measured else self._stated or self._joints
+        ours = tuple(name for name in in_order if name in self._joints)
         self._order = None if ours == self._joints else [self._joints.index(name) for name in ours]
         self._writer = CommandWriter(ours, self.same_topic.mark, self._fields)
 
     def publish(self, stamp: Stamp, *values: Any) -> None:
         """Command the arm: (n,) numbers for each field of its topic."""
+        ordered = values if self._order is None else [each[self._order] for each in values]
         if self._as_array:
-            (effort,) = values
+            (effort,) = ordered
             label = MultiArrayDimension(label=self.same_topic.mark, size=len(effort), stride=1)
             layout = MultiArrayLayout(dim=[label])
             self._command.publish(Float64MultiArray(layout=layout, data=effort))
-        elif self._order is None:
-            self._command.publish(self._writer.write(stamp, *values))
         else:
-            ordered = (each[self._order] for each in values)
             self._command.publish(self._writer.write(stamp, *ordered))
 
     def look(self, active: bool, measuring: bool) -> dict[str, str]:
@@ -145,6 +160,7 @@ class ArmLink:
             "others": self.others.reason() if self.others.heard_lately() else "",
             "unheard": self.others.unheard(),
             "hold": self.presence.no_hold_reason() if deaf else "",
+            "joint_order": self.shifted if self._takers is None else self._takers.look(active),
             "measured_js": self.presence.two_measure() or self.presence.another_measures(active),
         }
 

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from dvrk_gravity.compensate import DroppedSampleError, Settings, Status, Supervisor
+from dvrk_gravity.compensate import (
+    SAME_TOPIC,
+    STATEMENT,
+    DroppedSampleError,
+    Settings,
+    Status,
+    Supervisor,
+    Watchdogs,
+    Watching,
+    stated_order,
+)
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import all_parameters
 from dvrk_gravity.parameters import node_parameters
@@ -22,12 +32,13 @@ from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
 from dvrk_gravity.ros.executor import PromptNode
-from dvrk_gravity.ros.others import LATELY
-from dvrk_gravity.ros.presence import MEASURED, require_own
-from dvrk_gravity.ros.watchdog_node import TIMEOUT_TOPIC
+from dvrk_gravity.ros.others import LATELY, Endpoints
+from dvrk_gravity.ros.presence import HOLD, MEASURED, require_own
+from dvrk_gravity.ros.watchdog_node import WATCHDOG_TOPIC
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_OF_SEVERAL = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _COMMANDED = (Status.RAMPING, Status.COMMANDING)
 
 
@@ -58,10 +69,10 @@ class Compensator(PromptNode):
         self._as_taken = arm.reading_of_torque  # an arm that reads A takes A
 
         self._statistics = Statistics()
-        self._reported: tuple[Status, str] | None = None
+        self._reported: tuple[Status, str, str] | None = None
         self._warned_of_velocity = False
-        self._watchdog_timeout, self._watchdog_known = math.inf, False
-        self._watchdog_topic = self.resolve_topic_name(TIMEOUT_TOPIC)
+        self._unwatched = ""  # where no watchdog watches our commands, in words
+        self._watchdog_nodes: set[str] = set()
         self._connect()
         self.add_pre_set_parameters_callback(self._look_for_the_end)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -84,14 +95,22 @@ class Compensator(PromptNode):
             on_other=self._on_other,
             on_same_topic=self._refuse_same_topic,
             on_state=lambda reason: self._obstruct("operating_state", reason),
+            order=stated_order(arm.joint_names, self.get_parameter(STATEMENT).value),
+            watchdogs=lambda: self._watchdog_nodes,
         )
+        self._watchdogs = Watchdogs(self._arm.topic, self.resolve_topic_name(HOLD))
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
         self._diagnostics = Diagnostics(self)
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
         )
-        self.create_subscription(Float64, TIMEOUT_TOPIC, self._on_watchdog_timeout, _LATCHED)
+        watchdogs = self.create_subscription(
+            DiagnosticStatus, WATCHDOG_TOPIC, self._on_watchdog, _OF_SEVERAL
+        )
+        self._of_watchdogs = Endpoints(
+            watchdogs.topic_name, self.count_publishers, self.get_publishers_info_by_topic
+        )
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four checks within the time-out notice a silence at most a quarter late.
         self._watch = self._timer(settings.timeout / 4, self._on_watch)
@@ -110,6 +129,8 @@ class Compensator(PromptNode):
             self._supervisor.obstruct("measured_js", several)
         try:
             sample, stamp = self._arm.read(data)
+            if self._arm.shifted:
+                self._supervisor.obstruct("joint_order", self._arm.shifted)
             effort = self._supervisor.command(sample, now, self._now())
         except DroppedSampleError as error:
             self._supervisor.drop(error)
@@ -145,19 +166,14 @@ class Compensator(PromptNode):
             )
         self._settle()
 
-    def _on_watchdog_timeout(self, message: Float64) -> None:
-        valid = math.isfinite(message.data) and message.data > 0.0
-        self._watchdog_timeout = message.data if valid else math.inf
-        self._watchdog_known = True
-        self._obstruct("watchdog", self._too_slow_for_watchdog(self._supervisor.settings.timeout))
+    def _on_watchdog(self, message: DiagnosticStatus) -> None:
+        said = Watching.of(message.name, {entry.key: entry.value for entry in message.values})
+        if said is not None:
+            self._watchdogs.note(said, time.monotonic())
 
-    def _too_slow_for_watchdog(self, timeout: float) -> str:
-        if timeout <= self._watchdog_timeout:
-            return ""
-        return (
-            f"the watchdog holds the arm after {self._watchdog_timeout:g} s without a command, "
-            f"sooner than timeout ({timeout:g} s): raise watchdog_timeout or lower timeout"
-        )
+    def _watchdog_obstacle(self) -> str:
+        supervisor = self._supervisor
+        return self._watchdogs.obstacle(supervisor.settings.timeout, supervisor.active)
 
     def _on_watch(self) -> None:
         self._supervisor.check_input(time.monotonic())
@@ -169,13 +185,12 @@ class Compensator(PromptNode):
         We subscribe to the arm only after other nodes have had the time to be heard: a client that
         sees the subscription may rely on answers.
         """
-        obstacles = self._arm.look(self._supervisor.active, measuring=self.prompt is not None)
-        if self.count_publishers(self._watchdog_topic) == 0:
-            self._watchdog_timeout, self._watchdog_known = math.inf, False
-            obstacles["watchdog"] = ""
-        elif not self._watchdog_known and not self._supervisor.active:
-            # A latched message may come seconds after its publisher is known.
-            obstacles["watchdog"] = "the watchdog's time-out is not known yet"
+        active = self._supervisor.active
+        self._watchdog_nodes = {*self._of_watchdogs.nodes(seldom=active).values()}
+        obstacles = self._arm.look(active, measuring=self.prompt is not None)
+        self._watchdogs.look(self._watchdog_nodes)
+        self._unwatched = self._watchdogs.unwatched(time.monotonic())
+        obstacles["watchdog"] = self._watchdog_obstacle()
         for cause, reason in obstacles.items():
             self._obstruct(cause, reason)
         if self.prompt is not None:
@@ -258,7 +273,7 @@ class Compensator(PromptNode):
             values = runtime.given_parameters(self)
             values |= {change.name: runtime.plain(change.value) for change in own}
             settings = Settings.from_parameters(values, self._supervisor.settings)
-            conflict = self._too_slow_for_watchdog(settings.timeout)
+            conflict = self._watchdogs.too_soon(settings.timeout)
             if conflict and settings.timeout > self._supervisor.settings.timeout:
                 raise ConfigError("timeout", settings.timeout, f"a shorter one: {conflict}")
         except ConfigError as error:
@@ -271,7 +286,7 @@ class Compensator(PromptNode):
         settings = self._checked
         self._supervisor.configure(settings, time.monotonic())
         self._watch.timer_period_ns = int(settings.timeout / 4 * 1e9)
-        self._obstruct("watchdog", self._too_slow_for_watchdog(settings.timeout))
+        self._obstruct("watchdog", self._watchdog_obstacle())
         if self._arm.same_topic.heard_lately():
             self._refuse_same_topic()
         self._settle()
@@ -286,14 +301,20 @@ class Compensator(PromptNode):
             supervisor.hold_due = False
         elif supervisor.active and self._arm.hold.pending:
             self._arm.hold.drop()
-        if self._reported != (supervisor.status, supervisor.reason):
-            self._report_status()
+        unwatched = self._unwatched if supervisor.active else ""
+        if self._reported != (supervisor.status, supervisor.reason, unwatched):
+            self._report_status(unwatched)
 
-    def _report_status(self) -> None:
+    def _report_status(self, unwatched: str) -> None:
         supervisor = self._supervisor
-        before, self._reported = self._reported, (supervisor.status, supervisor.reason)
+        before = self._reported
+        self._reported = (supervisor.status, supervisor.reason, unwatched)
         text = f"{supervisor.status.value}: {supervisor.reason}"
-        self._state.publish(String(data=text))
+        self._state.publish(String(data=f"{text}; {unwatched}" if unwatched else text))
+        if unwatched and not (before and before[2]):
+            self.get_logger().warning(f"{unwatched}; {SAME_TOPIC}")
+        if before and before[:2] == self._reported[:2]:
+            return
         if supervisor.status is Status.FAULT:
             self.get_logger().error(f"{text} — no commands until ~/enable is called")
         elif supervisor.status is Status.WAITING and before and before[0] in _COMMANDED:
@@ -307,7 +328,9 @@ class Compensator(PromptNode):
 
     def _publish_diagnostics(self) -> None:
         statistics = self._statistics.take(time.monotonic())
-        self._diagnostics.publish(self._supervisor, statistics, self._arm.hold.missing)
+        self._diagnostics.publish(
+            self._supervisor, statistics, self._arm.hold.missing, self._unwatched
+        )
 
     def finish(self) -> bool:
         """Hold the arm if it is under our command; return whether that is acknowledged."""

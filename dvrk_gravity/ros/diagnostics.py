@@ -59,10 +59,19 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
     def publish(
-        self, supervisor: Supervisor, statistics: Mapping[str, str], not_held: bool
+        self,
+        supervisor: Supervisor,
+        statistics: Mapping[str, str],
+        not_held: bool,
+        unwatched: str,
     ) -> None:
-        """Publish the state, further figures by name, and whether a hold has no receiver."""
+        """Publish the state, further figures by name, and whether a hold has no receiver.
+
+        ``unwatched``: in words, that no watchdog watches the commands.
+        """
         warned = warnings(supervisor)
+        if unwatched and supervisor.active:
+            warned.insert(0, unwatched)
         if not_held:
             warned.insert(0, "hold has no subscriber: the arm may keep its last effort")
         state = f"{supervisor.status.value}: {supervisor.reason}"
@@ -71,6 +80,7 @@ class Diagnostics:
             "reason": supervisor.reason,
             "warnings": "; ".join(warned) or "none",
             **statistics,
+            "watchdog": unwatched or "watches our commands",
             "started from": supervisor.origin or "not started",
             "saturated joints": _joints(supervisor, supervisor.saturated) or "none",
             "builtin compensation": "on" if supervisor.builtin_active else "off or not seen",

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import MotionError, Sample
+from dvrk_gravity.compensate import UNWATCHED, MotionError, Sample
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.listening import on_sample
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
@@ -120,7 +120,8 @@ class RosRig:
                     return f"the compensator stopped: {state}" if state.startswith("fault") else ""
 
                 def commands() -> bool:
-                    return client.state("compensator").startswith("commanding")
+                    state = client.state("compensator")
+                    return state.startswith("commanding") and UNWATCHED not in state
 
                 try:
                     client.wait(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -21,6 +21,7 @@ from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.ros import runtime
+from dvrk_gravity.ros.takers import JOINTS
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, initial_position
 
@@ -115,6 +116,9 @@ class Simulator(Node):
             plant, truth.sensors if sensors else None, int(value["seed"]), builtin, STEP
         )
         self._names = simulated.joint_names
+        self.declare_parameter(  # as ros2_control's controllers
+            JOINTS, list(self._names), ParameterDescriptor(read_only=True)
+        )
         self._as_read = simulated.reading_of_torque  # efforts in A, where the arm reads A
         self._push_timeout = value["push_timeout"] * value["realtime_factor"]
         self._steps_per_second = value["realtime_factor"] / STEP

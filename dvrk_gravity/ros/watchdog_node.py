@@ -5,20 +5,31 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty, Float64, String
 
-from dvrk_gravity.compensate import CommandWatch
+from dvrk_gravity.compensate import CommandWatch, Watching, unseen_commands
 from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.hold import Hold
+from dvrk_gravity.ros.others import node_names
 from dvrk_gravity.ros.presence import HOLD, Presence
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
+WATCHDOG_TOPIC = "watchdog_status"
+"""Latched, and repeated: what it watches, to whom it sends a hold, and after how long."""
+
 TIMEOUT_TOPIC = "watchdog_timeout"
-"""Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""
+"""Latched: its time-out alone, s, for compensators of version 0.1; to be removed."""
+
+# Compensators are looked for, and what it does is said again, so often, s.
+_LOOK = 1.0
+
+_COMMANDS = {"sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"}
 
 OWN_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
 
@@ -49,14 +60,24 @@ class Watchdog(PromptNode):
         self._hold = Hold(self, Presence(self, any_subscriber=topic.as_array).listens)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = self.create_publisher(String, "~/state", latched)
+        self._status = self.create_publisher(DiagnosticStatus, WATCHDOG_TOPIC, latched)
+        self.create_publisher(Float64, TIMEOUT_TOPIC, latched).publish(Float64(data=timeout))
         on_command: Any = self._on_command  # takes the message's information, too
         self.prompt = self.create_subscription(
             topic.message_type, topic.name, on_command, 1, raw=True
         )
         self.create_subscription(Empty, HOLD, self._on_hold, 10)
-        self.create_publisher(Float64, TIMEOUT_TOPIC, latched).publish(Float64(data=timeout))
+        self._watching = Watching(
+            self.get_fully_qualified_name(),
+            str(self.prompt.topic_name),
+            self.resolve_topic_name(HOLD),
+            timeout,
+        )
+        self._unseen = ""
         self.create_timer(timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
+        self.create_timer(_LOOK, self._on_look, clock=runtime.STEADY_CLOCK)
         self._report(f"watching {topic.name}: hold after {timeout:g} s without a command")
+        self._publish_status()
 
     def _on_command(self, data: bytes, info: object) -> None:
         if self._watch.note_command(time.monotonic()):
@@ -77,6 +98,43 @@ class Watchdog(PromptNode):
             self.get_logger().error(
                 f"{text}; to resume, call ~/enable of the compensator, or restart it"
             )
+
+    def _on_look(self) -> None:
+        """Say what we do, and where compensators here command on another topic than the watched.
+
+        Compensators are those that subscribe to what we say of ourselves.
+        """
+        listeners = self.get_subscriptions_info_by_topic(self._status.topic_name)
+        commands = {name: self._commands_of(name) for name in node_names(listeners)}
+        unseen = unseen_commands(self._watching.topic, commands)
+        before, self._unseen = self._unseen, unseen
+        self._publish_status()
+        if unseen == before:
+            return
+        if unseen:
+            self._state.publish(String(data=unseen))
+            self.get_logger().warning(unseen)
+        else:
+            self._report(f"watching {self._watching.topic}")
+
+    def _commands_of(self, name: str) -> list[str]:
+        namespace, _, base = name.rpartition("/")
+        try:
+            topics = self.get_publisher_names_and_types_by_node(base, namespace or "/")
+        except NodeNameNonExistentError:  # it has just ended
+            return []
+        return [topic for topic, types in topics if _COMMANDS.intersection(types)]
+
+    def _publish_status(self) -> None:
+        words = self._watching.values().items()
+        self._status.publish(
+            DiagnosticStatus(
+                level=DiagnosticStatus.WARN if self._unseen else DiagnosticStatus.OK,
+                name=self._watching.node,
+                message=self._unseen or f"watching {self._watching.topic}",
+                values=[KeyValue(key=key, value=value) for key, value in words],
+            )
+        )
 
     def _report(self, text: str) -> None:
         self._state.publish(String(data=text))

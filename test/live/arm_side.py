@@ -62,6 +62,22 @@ class FakeArm:
             Empty, "hold", lambda _: self.holds.append(time.monotonic()), 100
         )
 
+    def takes_array(self, joints: list[str]) -> list:
+        """Take arrays of efforts, as a controller of ros2_control that lists these joints.
+
+        Returns what it receives from now on.
+        """
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from std_msgs.msg import Float64MultiArray
+
+        received: list[Float64MultiArray] = []
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.client.node.declare_parameter("joints", joints)
+        self.client.node.create_subscription(
+            Float64MultiArray, "commands", received.append, profile
+        )
+        return received
+
     def turn_deaf(self) -> None:
         """Listen to ``hold`` no longer."""
         self.client.node.destroy_subscription(self._hold)

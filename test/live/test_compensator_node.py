@@ -33,9 +33,9 @@ def test_a_measurement_is_answered_with_the_model_s_torque_in_its_order_of_joint
     np.testing.assert_allclose(arm.answer(), expected(arm), atol=1e-12)
     order = [6, 2, 0, 5, 1, 4, 3]
     effort = arm.answer(
-        name=["gripper", *(arm.names[i] for i in order)],
-        position=[9.0, *(arm.position[i] for i in order)],
-        velocity=[9.0, *(arm.velocity[i] for i in order)],
+        name=[*(arm.names[i] for i in order), "gripper"],
+        position=[*(arm.position[i] for i in order), 9.0],
+        velocity=[*(arm.velocity[i] for i in order), 9.0],
         effort=[0.0] * 8,
     )
     np.testing.assert_allclose(effort, expected(arm)[order], atol=1e-12)
@@ -46,6 +46,13 @@ def test_a_measurement_is_answered_with_the_model_s_torque_in_its_order_of_joint
     bare = MODEL.torque(arm.position)
     assert np.abs(bare - expected(arm)).max() > 1e-3
     arm.run_until(lambda: np.abs(arm.efforts[-1] - bare).max() < 1e-12, "no friction", velocity=[])
+    # Before the arm's joints, a gripper shifts what a console takes by index.
+    mark, first = arm.stamp, {"name": ["gripper", *arm.names], "effort": [0.0] * 8}
+    first |= {"position": [0.0, *arm.position], "velocity": []}
+    tokens = (f"gripper,{','.join(arm.names)}", "command_joints")
+    arm.run_until(lambda: bool(arm.holds) and all(t in arm.state for t in tokens), "hold", **first)
+    assert answers_since(arm, mark) == 0
+    faulty(arm, "command_joints")
 
 
 BAD_MESSAGES = [
@@ -196,17 +203,26 @@ def test_an_array_for_ros2_control_and_a_rival_that_its_controller_would_obey(ar
     profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     node = arm.client.node
     rival = node.create_publisher(Float64MultiArray, "commands", profile)
-    obeyed: list[Float64MultiArray] = []
-    node.create_subscription(Float64MultiArray, "commands", obeyed.append, profile)
-    start("compensator", *AT_ONCE, "-p", "output:=array")
+    obeyed = arm.takes_array(arm.names[::-1])
+    stated = f"command_joints:={','.join(arm.names[::-1])}"
+    start("compensator", *AT_ONCE, "-p", "output:=array", "-p", stated)
     arm.run_until(lambda: len(obeyed) > 20, "commands beside an idle client")
-    np.testing.assert_allclose(obeyed[-1].data, expected(arm), atol=1e-12)
+    np.testing.assert_allclose(obeyed[-1].data[::-1], expected(arm), atol=1e-12)
     assert not arm.commands
     assert not arm.holds
     while not arm.holds:
         rival.publish(Float64MultiArray())
         arm.run(0.01)
     faulty(arm, f"{PRIVATE}/commands")
+
+
+def test_a_controller_of_another_order_of_joints_is_sent_nothing(arm, start):
+    obeyed = arm.takes_array(arm.names[::-1])
+    start("compensator", *AT_ONCE, "-p", "output:=array")
+    both = (",".join(arm.names), f"command_joints:={','.join(arm.names[::-1])}")
+    arm.run_until(lambda: all(token in arm.state for token in both), "the refusal")
+    arm.run(0.5)
+    assert not obeyed
 
 
 def test_a_simulated_clock_is_waited_for_and_its_steps_neither_hide_nor_fake_a_silence(arm, start):

@@ -5,14 +5,16 @@ from __future__ import annotations
 import signal
 
 from arm_side import PATIENT, TIMEOUT
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import assert_silent, calm, commanding, faulty, held
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty, Float64
+from std_msgs.msg import Empty
 from support import MODEL_FILE
 
-from dvrk_gravity.ros import Client, NodeProcess
+from dvrk_gravity.compensate import UNWATCHED, Watching
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess
 
 WATCHED = ("-p", f"watchdog_timeout:={TIMEOUT}")
 
@@ -160,12 +162,14 @@ def test_who_ends_holds_a_commanded_arm_and_says_by_its_status_whether_that_arri
 
 def test_a_watchdog_s_time_out_is_waited_for_and_must_not_be_the_shorter_one(arm, start):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    watchdog = arm.client.node.create_publisher(Float64, "watchdog_timeout", latched)
+    watchdog = arm.client.node.create_publisher(DiagnosticStatus, "watchdog_status", latched)
     start("compensator")
     arm.run_until(lambda: "watchdog" in arm.state, "the reason")
     assert_silent(arm)
     assert not arm.commands
-    watchdog.publish(Float64(data=0.8))
+    said = Watching(f"{PRIVATE}/client", f"{PRIVATE}/servo_jf", f"{PRIVATE}/hold", 0.8)
+    values = [KeyValue(key=key, value=value) for key, value in said.values().items()]
+    watchdog.publish(DiagnosticStatus(name=said.node, values=values))
     arm.run_until(lambda: "0.8 s" in arm.state, "the other reason")
     assert_silent(arm)
     assert arm.client.set_parameters({"timeout": 0.8})[0]
@@ -174,3 +178,25 @@ def test_a_watchdog_s_time_out_is_waited_for_and_must_not_be_the_shorter_one(arm
     assert not taken
     assert "timeout" in reason
     assert not arm.holds
+
+
+def test_a_watchdog_of_another_topic_is_refused_and_one_of_ours_holds_after_a_kill(arm, start):
+    """Without any the arm is commanded, and that nothing would hold it is said."""
+    obeyed = arm.takes_array(arm.names)
+    deaf = start("watchdog", *WATCHED, wait=False)
+    compensator = start("compensator", "-p", "output:=array")
+    both = f"{PRIVATE}/servo_jf", f"{PRIVATE}/commands"
+    for name in ("compensator", "watchdog"):
+        state = arm.client.states[name]
+        arm.run_until(lambda said=state: all(token in said[-1] for token in both), "who is deaf")
+    arm.run(0.3)
+    assert not obeyed
+    deaf.stop()
+    arm.run_until(lambda: bool(obeyed) and UNWATCHED in arm.state, "commands without a watchdog")
+    assert compensator.output.count(UNWATCHED) == 1
+    start("watchdog", *WATCHED, "-p", "output:=array", wait=False)
+    arm.run_until(lambda: UNWATCHED not in arm.state, "a watchdog of ours")
+    watched(arm)
+    assert not arm.holds
+    compensator.signal(signal.SIGKILL)
+    held(arm)

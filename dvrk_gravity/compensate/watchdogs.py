@@ -1,0 +1,134 @@
+"""Which watchdog holds the arm if the compensator dies, without ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+UNWATCHED = "nothing will hold the arm if this node dies"
+"""What a compensator says that commands without a watchdog."""
+
+SAME_TOPIC = (
+    "start watchdog and compensator with the same namespace, output, output_topic and remappings"
+)
+SILENCE = 5.0
+"""A watchdog that has said nothing for so long watches nothing, s: it says what it does every
+second. Chosen: a busy machine stalls for less."""
+
+NOT_YET = "the watchdog has not said yet what it watches"
+
+
+@dataclass(frozen=True)
+class Watching:
+    """What one watchdog does; topics by their full names.
+
+    Attributes:
+        node: Its full name.
+        topic: Topic of the commands that it watches.
+        hold: Topic on which it sends a hold.
+        timeout: Silence after which it does, s.
+    """
+
+    node: str
+    topic: str
+    hold: str
+    timeout: float
+
+    def values(self) -> dict[str, str]:
+        """Return all but the node, in words, as the watchdog publishes them."""
+        return {"topic": self.topic, "hold": self.hold, "timeout s": repr(self.timeout)}
+
+    @classmethod
+    def of(cls, node: str, values: Mapping[str, str]) -> Watching | None:
+        """Return what published values say, ``None``: they are not a watchdog's."""
+        try:
+            topic, hold, timeout = values["topic"], values["hold"], float(values["timeout s"])
+        except (KeyError, ValueError):
+            return None
+        return cls(node, topic, hold, timeout) if 0.0 < timeout < math.inf else None
+
+
+class Watchdogs:
+    """The watchdogs in a compensator's namespace, by what they say of themselves."""
+
+    def __init__(self, topic: str, hold: str) -> None:
+        """Expect one that watches commands on ``topic`` and sends its holds to ``hold``."""
+        self._topic, self._hold = topic, hold
+        self._said: dict[str, Watching] = {}
+        self._heard: dict[str, float] = {}  # when, s of a monotonic clock
+        self._present: Collection[str] = ()
+
+    def note(self, said: Watching, now: float) -> None:
+        """Note what a watchdog says: it replaces what one of that name said before."""
+        self._said[said.node], self._heard[said.node] = said, now
+
+    def look(self, present: Collection[str]) -> None:
+        """Note the full names of the watchdogs that are there.
+
+        What one has said that is gone does not hold for another one of its name. What is published
+        may arrive before its publisher is known.
+        """
+        for name in set(self._present).difference(present):
+            self._said.pop(name, None)
+        self._present = present
+
+    def _known(self) -> list[Watching]:
+        return [self._said[name] for name in sorted(self._present) if name in self._said]
+
+    def _ours(self) -> list[Watching]:
+        return [
+            each for each in self._known() if (each.topic, each.hold) == (self._topic, self._hold)
+        ]
+
+    def unwatched(self, now: float) -> str:
+        """Return for a person that no watchdog watches our commands, ``""``: one does."""
+        ours = self._ours()
+        if any(now - self._heard[each.node] < SILENCE for each in ours):
+            return ""
+        if ours:
+            return f"the watchdog {ours[0].node} has been silent for {SILENCE:g} s: {UNWATCHED}"
+        return f"no watchdog watches {self._topic}: {UNWATCHED}"
+
+    def too_soon(self, timeout: float) -> str:
+        """Return why our ``timeout``, s, is longer than our watchdog allows, ``""``: it is not."""
+        shortest = min((each.timeout for each in self._ours()), default=math.inf)
+        if timeout <= shortest:
+            return ""
+        return (
+            f"the watchdog holds the arm after {shortest:g} s without a command, "
+            f"sooner than timeout ({timeout:g} s): raise watchdog_timeout or lower timeout"
+        )
+
+    def obstacle(self, timeout: float, active: bool) -> str:
+        """Return why the arm must not be commanded, ``""``: it may; ``timeout`` is ours, s.
+
+        Without any watchdog it may: see :meth:`unwatched`. One that has not spoken yet is waited
+        for, unless the arm is commanded already: what it publishes may arrive seconds after it.
+        """
+        others = self._known()
+        if self._ours():
+            return self.too_soon(timeout)
+        if others:
+            other = others[0]
+            return (
+                f"the watchdog {other.node} watches {other.topic} and sends hold to {other.hold}, "
+                f"we command {self._topic} and the arm holds at {self._hold}: {SAME_TOPIC}"
+            )
+        return NOT_YET if self._present and not active else ""
+
+
+def unseen_commands(topic: str, commands: Mapping[str, Collection[str]]) -> str:
+    """Return for a person whose commands a watchdog of ``topic`` does not see, ``""``: nobody's.
+
+    ``commands`` has the command topics of each compensator in its namespace, by the node's name.
+    """
+    elsewhere = {node: topics for node, topics in commands.items() if topics}
+    if not elsewhere or any(topic in topics for topics in elsewhere.values()):
+        return ""
+    node = min(elsewhere)
+    return (
+        f"nobody commands {topic}, which is watched here: {node} commands "
+        f"{', '.join(sorted(elsewhere[node]))}, and nothing will hold the arm if it dies: "
+        f"{SAME_TOPIC}"
+    )

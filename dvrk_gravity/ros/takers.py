@@ -1,0 +1,78 @@
+"""Asks the controllers that take an array of efforts for the order of their joints."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+
+from dvrk_gravity.compensate import Takers
+from dvrk_gravity.ros.others import Endpoints
+
+JOINTS = "joints"
+"""The parameter in which controllers of ros2_control list their joints, in their order."""
+
+# A question without an answer is sent again after so long, s: DDS may have known one way only.
+_AGAIN = 0.5
+
+
+class AskedTakers:
+    """Knows in which order of joints the subscribers to a command topic take efforts.
+
+    Questions are sent and answers fetched without waiting: see :meth:`look`.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        order: Sequence[str],
+        stated: bool,
+        watchdogs: Callable[[], Collection[str]],
+    ) -> None:
+        """Expect subscribers to ``topic`` to take efforts in ``order``, which may be ``stated``.
+
+        ``watchdogs`` returns the full names of nodes that subscribe to it and apply nothing.
+        """
+        self._node, self._watchdogs = node, watchdogs
+        self._subscriptions = Endpoints(
+            topic, node.count_subscribers, node.get_subscriptions_info_by_topic
+        )
+        self._takers = Takers(topic, order, stated)
+        # Clients, the questions that they have sent, and when.
+        self._asked: dict[bytes, tuple[Any, Any, float]] = {}
+
+    def look(self, active: bool) -> str:
+        """Return why the arm must not be commanded, ``""``: it may; to be called now and then."""
+        now = time.monotonic()
+        apart = {self._node.get_fully_qualified_name(), *self._watchdogs()}
+        found = self._subscriptions.nodes(seldom=active).items()
+        self._takers.look({each: name for each, name in found if name not in apart}, now)
+        unasked = self._takers.unasked()
+        for taker in self._asked.keys() - unasked.keys():
+            self._forget(taker)
+        for taker, name in unasked.items():
+            self._ask(taker, name, now)
+        return self._takers.obstacle(now, active)
+
+    def _ask(self, taker: bytes, name: str, now: float) -> None:
+        if taker not in self._asked:
+            client = self._node.create_client(GetParameters, f"{name}/get_parameters")
+            self._asked[taker] = client, None, -math.inf
+        client, question, sent = self._asked[taker]
+        if question is not None and question.done():
+            values = question.result().values  # none: it has no such parameter
+            listed = [v for v in values if v.type == ParameterType.PARAMETER_STRING_ARRAY]
+            self._takers.answer(taker, listed[0].string_array_value if listed else ())
+            self._forget(taker)
+        elif now - sent > _AGAIN and client.service_is_ready():
+            question = client.call_async(GetParameters.Request(names=[JOINTS]))
+            self._asked[taker] = client, question, now
+
+    def _forget(self, taker: bytes) -> None:
+        self._node.destroy_client(self._asked.pop(taker)[0])
