@@ -240,8 +240,8 @@ class CoulombFriction(Friction):
 
     @classmethod
     def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
-        """Of each joint, the same in both directions."""
-        for each in cls.hypotheses(motion):
+        """Of each joint, the same in both directions; a reference's has a step of its own."""
+        for each in cls.hypotheses(motion) if motion.reference is None else ():
             if isinstance(each, CoulombHypothesis) and each.one_level and each.of_joint:
                 yield each, np.ones(1)
 

@@ -430,23 +430,25 @@ class CrossValidation:
         return torque * self.choice.usable
 
     def not_made_up_for(
-        self, torque: Array, candidates: Sequence[Candidate]
+        self, torques: Array, candidates: Sequence[Candidate]
     ) -> tuple[Array, Array]:
-        """Return what a fit of the model's own parameters and of candidates leaves of a torque.
+        """Return what a fit of the model's own parameters and of candidates leaves of torques.
 
         Args:
-            torque: (R, n) over the samples of choice, N·m.
+            torques: (R, n, m) over the samples of choice, N·m.
             candidates: The candidates.
 
         Returns:
-            (R, n) what is left, scaled so that its mean over all samples is that over the usable
-            ones, and the (d,) parameters of the model, in standard deviations.
+            (R, n, m) what is left, scaled so that its mean over all samples is that over the usable
+            ones, and the (d, m) parameters of the model, in standard deviations.
         """
         regression = self.regression(candidates)
-        target = (torque * self.weight).reshape(-1)
+        target = (torques * self.weight[:, None]).reshape(-1, torques.shape[2])
         theta = regression.coefficients(target)
-        left = self._unweighted(target - regression.design @ theta)
-        return left * np.sqrt(len(left) / self.choice.counts), theta[: self.model_size]
+        left = (target - regression.design @ theta).reshape(torques.shape)
+        scale = np.sqrt(len(left) / self.choice.counts)
+        scale = scale / np.where(self.weight > 0.0, self.weight, 1.0)
+        return left * scale[:, None], theta[: self.model_size]
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice.

@@ -9,9 +9,10 @@ evidence a non-central chi-square, leaves less than the threshold in one of twen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -62,18 +63,47 @@ def detectable(
     """
     data = beside.validation.data
     there = {(each.hypothesis.key, each.size): each for each in pool}
+    asked = list[tuple[Candidate, Array]]()
+    for effect in effects.effects():
+        for hypothesis, theta in effect.unit_changes(data.motion):
+            candidate = there.get((hypothesis.key, len(theta)))
+            if candidate is None or candidate.hypothesis.setting != hypothesis.setting:
+                candidate = data.candidate(hypothesis)
+            asked.append((candidate, theta))
     search, found = _SizeSearch(beside, multiplicity), dict[tuple[str, str], Detectable]()
-    asked = (pair for effect in effects.effects() for pair in effect.unit_changes(data.motion))
-    for hypothesis, theta in asked:
-        candidate = there.get((hypothesis.key, len(theta)))
-        if candidate is None or candidate.hypothesis.setting != hypothesis.setting:
-            candidate = data.candidate(hypothesis)
+    for (candidate, theta), (left, moved) in zip(asked, _seen(beside, asked), strict=True):
+        hypothesis = candidate.hypothesis
         key = hypothesis.effect, hypothesis.names[0] if hypothesis.of_joint else ""
-        size = search.smallest(candidate, theta)
+        size = search.smallest(candidate, theta, left, moved)
         if key not in found or size > found[key].size:  # the direction that shows least
             parameter = next(iter(hypothesis.parameters(theta)))
             found[key] = Detectable(*key, parameter, size, hypothesis.unit(parameter))
     return tuple(found.values())
+
+
+def _seen(
+    beside: Beside, asked: Sequence[tuple[Candidate, Array]]
+) -> Iterator[tuple[Array, Array]]:
+    """Yield of each change what is not made up for, see ``CrossValidation.not_made_up_for``.
+
+    Beside the effects that were found, itself excepted, if it was.
+    """
+    validation = beside.validation
+    there = {(each.hypothesis.effect, each.hypothesis.joints) for each in beside.candidates}
+
+    def kind(pair: tuple[Candidate, Array]) -> tuple[str, tuple[int, ...]]:
+        key = pair[0].hypothesis.effect, pair[0].hypothesis.joints
+        return key if key in there else ("", ())
+
+    for found, pairs in groupby(asked, kind):
+        rest = [
+            each
+            for each in beside.candidates
+            if (each.hypothesis.effect, each.hypothesis.joints) != found
+        ]
+        torque = np.stack([validation.torque(*pair) for pair in pairs], axis=2)
+        left, moved = validation.not_made_up_for(torque, rest)
+        yield from ((left[:, :, i], moved[:, i]) for i in range(torque.shape[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,17 +126,23 @@ class _SizeSearch:
         validation = self.beside.validation
         return HeldOut(validation).samples / max(len(validation.choice.rows), 1)
 
-    def smallest(self, candidate: Candidate, theta: Array) -> float:
-        """Return the least multiple of (k,) parameters that is found; infinite: none is."""
+    def smallest(self, candidate: Candidate, theta: Array, left: Array, moved: Array) -> float:
+        """Return the least multiple of (k,) parameters that is found; infinite: none is.
+
+        Args:
+            candidate: The hypothesis.
+            theta: The parameters.
+            left: (R, n) what of their torque is not made up for, N·m.
+            moved: (d,) by how much that moves the model's parameters, in standard deviations.
+        """
         validation, settings, rest = self.beside.validation, SelectionSettings(), self.beside
-        torque, rms = validation.torque(candidate, theta), validation.size(candidate, theta)
+        rms = validation.size(candidate, theta)
         judged = (validation.weight > 0.0) & (rms > 0.0)
         if not judged.any():
             return np.inf
-        left, moved = validation.not_made_up_for(torque, rest.candidates)
         added, cost = np.mean(left**2, axis=0), 0.5 * float(moved @ moved)
         known = rest.score.rms**2
-        samples = validation.samples / validation.inflation(rest.score.error, left)
+        samples = validation.samples / validation.inflation(rest.score.error, left * judged)
         samples = np.where(validation.weight > 0.0, samples, 0.0)
         counted = np.array([samples, self._held_out * samples])
         comparisons = self.multiplicity.n_comparisons(candidate)
@@ -114,23 +150,29 @@ class _SizeSearch:
         least = settings.least(validation, rest.friction.uncertain)
         significance = validation.significance
 
-        def is_found(size: float) -> bool:
+        def is_significant(size: float) -> bool:
             with_it = known + size**2 * added
             removed = 1.0 - np.sqrt(known / np.maximum(with_it, 1e-300))
             if not np.any(removed[judged] > JudgementSettings().least_removed):
                 return False
             gain, confirmed = significance.gain(with_it, known, counted).sum(axis=1).tolist()
-            if gain + significance.of_model(size**2 * cost) < among or confirmed < alone:
-                return False
-            estimate = size - scatter
-            matters = judged & (estimate * rms >= least)
-            expected = rest.friction.explains(candidate.hypothesis.effect, estimate * torque)
-            return bool(matters.any() and (not expected.any() or np.any(matters & ~expected)))
+            enough = gain + significance.of_model(size**2 * cost) >= among and confirmed >= alone
+            return enough and bool(np.any((size - scatter) * rms[judged] >= least[judged]))
+
+        def is_found(size: float) -> bool:
+            torque = (size - scatter) * validation.torque(candidate, theta)
+            expected = rest.friction.explains(candidate.hypothesis.effect, torque)
+            matters = judged & ((size - scatter) * rms >= least)
+            unexpected = not expected.any() or bool(np.any(matters & ~expected))
+            return unexpected and is_significant(size)
 
         variance = np.maximum(np.maximum(known, validation.known_error**2), 1e-300)
         scatter = _BELOW / np.sqrt(max(float(samples @ (added / variance)) + 2.0 * cost, 1e-300))
-        size = _least(is_found, scatter)
-        return size if candidate.hypothesis.plausible(size * theta) else np.inf
+        size = _least(is_significant, scatter)
+        if np.isfinite(size) and not is_found(size):  # as friction changes from day to day
+            size = _least(is_found, size)
+        possible = np.isfinite(size) and candidate.hypothesis.plausible(size * theta)
+        return size if possible else np.inf
 
     def _needed(self, parameters: int, comparisons: int) -> float:
         """Return the gain by some parameters of which noise leaves enough.

@@ -304,12 +304,12 @@ def _fit(
 
 
 def _verdict(findings: Sequence[Finding], in_part: bool, blind: Sequence[str]) -> Verdict:
-    """Return the verdict; where others may be there, findings that are certain stand alone."""
-    if blind and not any(finding.certain for finding in findings):
+    """Return the verdict; where others may be there unseen, findings explain a part at best."""
+    unknown = [finding.effect == Unknown.NAME for finding in findings]
+    if blind and not any(unknown) and not any(finding.certain for finding in findings):
         return "cannot_judge"
     if not findings:
         return "nothing_to_explain"
-    unknown = [finding.effect == Unknown.NAME for finding in findings]
     if all(unknown):
         return "unexplained"
     if any(unknown) or in_part or blind:
