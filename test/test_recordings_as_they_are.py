@@ -637,7 +637,7 @@ def test_a_message_of_hundreds_of_megabytes_is_left_out_unread(tmp_path):
 
 
 def test_bz2_of_a_ros1_bag_unpacks_no_further_than_declared(tmp_path):
-    from dvrk_gravity.recording import UnpackError, unpacked
+    from dvrk_gravity.recording import Allowance, UnpackError, unpacked
 
     with pytest.raises(UnpackError, match="another size than the 1000 bytes"):
-        unpacked(bz2.compress(bytes(50_000_000)), "bz2", 1000)
+        unpacked(bz2.compress(bytes(50_000_000)), "bz2", 1000, Allowance(100))

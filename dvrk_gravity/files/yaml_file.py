@@ -20,6 +20,11 @@ from dvrk_gravity.files import text_file
 DEEPEST = 50
 """Levels that lists and mappings may be nested; loaders take seconds to refuse thousands."""
 
+MOST_NODES = 200_000
+"""Values, lists and mappings of a file: half as many as a long plan has digits. Chosen."""
+
+LONGEST_INTEGER = 1024  # bits, as a double has at most: of a longer one no text can be made
+
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
     """Safe loader (libyaml's if available) that refuses duplicate keys."""
@@ -46,7 +51,10 @@ def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
     if ":" in node.value:
         return str(node.value)
     if node.tag.endswith(":int"):
-        return int(loader.construct_yaml_int(node))
+        value = int(loader.construct_yaml_int(node))
+        if value.bit_length() > LONGEST_INTEGER:
+            raise ValueError(f"an integer of {value.bit_length()} bits")
+        return value
     return float(loader.construct_yaml_float(node))
 
 
@@ -59,9 +67,9 @@ def _parsed(text: str) -> Any:
     """Return the content of a text; cached, for an arm's file is read many times.
 
     Raises:
-        yaml.YAMLError: Not YAML, or with aliases (anchor bombs) or endless nesting.
+        yaml.YAMLError: Not YAML, or with aliases (anchor bombs), endless nesting, too much.
     """
-    depth = 0
+    depth = nodes = 0
     # Before the nodes are built, which recurses into any nesting.
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.AliasEvent):
@@ -70,6 +78,9 @@ def _parsed(text: str) -> Any:
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
             raise yaml.YAMLError(f"nested deeper than {DEEPEST} levels")
+        nodes += isinstance(event, yaml.NodeEvent)
+        if nodes > MOST_NODES:
+            raise yaml.YAMLError(f"more than {MOST_NODES} values")
     return yaml.load(text, Loader=_Loader)
 
 

@@ -27,7 +27,7 @@ from dvrk_gravity.arms import FASTEST, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.files.entries import mapping, sequence
+from dvrk_gravity.files.entries import check_count, mapping, sequence
 from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
 from dvrk_gravity.planning.places import tip
 
@@ -37,6 +37,8 @@ KEYS = ("joints", "combinations", "boxes")
 LEAST = 1e-6
 # Of positions and coordinates; what a solver takes for infinite begins at 1e20. Chosen.
 MOST = 1e9
+# Each combination is compared with the others, each box with every position. Chosen
+_MOST = {"combinations": 50, "boxes": 500}
 _ROUNDING = 1e-9  # of numbers that were written in degrees
 
 
@@ -66,6 +68,8 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
         k = arm.joint_names.index(name)
         _put(values, k, where, entry, arm)
     combinations = limits.combinations
+    for name, most in _MOST.items():
+        check_count(name, len(sequence(name, content.get(name, []))), most)
     for k, entry in enumerate(sequence("combinations", content.get("combinations", []))):
         given = _combination(f"combinations[{k}]", entry, arm)
         for known in combinations:
