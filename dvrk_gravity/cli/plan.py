@@ -48,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path,
                         help="limits .yaml: of joints, combinations of joints, and boxes to stay "
                         "out of (default: the arm's)")  # fmt: skip
+    options.add_beyond_defaults(parser)
     parser.add_argument("--duration", type=float, metavar="S",
                         help="duration of the motion, s (default: 60; with --separate "
                         "40)")  # fmt: skip

@@ -125,20 +125,24 @@ class Plan:
         }
 
     @classmethod
-    def load(cls, path: str | Path) -> Plan:
+    def load(cls, path: str | Path, beyond_defaults: bool = False) -> Plan:
         """Read a plan.
+
+        Args:
+            path: The file.
+            beyond_defaults: See :func:`~dvrk_gravity.planning.load_limits`, of its own limits.
 
         Raises:
             ConfigError: Naming the file, the entry, the value and what was expected.
         """
         content = yaml_file.load(path)
         try:
-            return cls._from(content, Path(path).parent)
+            return cls._from(content, Path(path).parent, beyond_defaults)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
 
     @classmethod
-    def _from(cls, content: Mapping[str, Any], folder: Path) -> Plan:
+    def _from(cls, content: Mapping[str, Any], folder: Path, beyond_defaults: bool) -> Plan:
         kind = content.get("kind")
         if kind not in (MOTION, POSES):
             raise ConfigError("kind", kind, f"{MOTION} or {POSES}, as `plan` writes it")
@@ -148,7 +152,7 @@ class Plan:
             raise ConfigError("format", content["format"], f"{FORMAT}, as `plan` writes it")
         mapping("limits", content["limits"], KEYS, KEYS)  # a file that was cut lacks some
         arm = arm_of(arm_beside(flatten(mapping("arm", content["arm"])), folder))
-        limits = limits_from(content["limits"], arm)
+        limits = limits_from(content["limits"], arm, beyond_defaults)
         entry = content[kind]
         read = _read_motion(entry, arm) if kind == MOTION else _read_poses(entry, arm, limits)
         if not read.duration <= LONGEST:
