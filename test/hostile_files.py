@@ -29,6 +29,7 @@ from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, load_l
 from dvrk_gravity.recording import JOINT_STATE, Recording, encode_joint_state
 
 CHUNK = 60_000_000  # bytes that a chunk unpacks to: less than is refused at once
+PAGE = 1024  # bytes of a page of sqlite3
 PACKED = 13_000  # bytes of a bag, about
 TEXT = 990_000  # characters of a text file
 PACK: dict[str, Callable[[bytes], bytes]] = {
@@ -121,31 +122,31 @@ def db3(path: Path, random: Random, script: str = "", rows: int = 100) -> Path:
 
 def looped(path: Path, random: Random) -> Path:
     """Write a sqlite3 file whose pages name each other as children: its rows have no end."""
-    db3(path, random, "PRAGMA page_size=4096; VACUUM", 3000)
+    db3(path, random, "PRAGMA page_size=1024; VACUUM", 60)
     raw = bytearray(path.read_bytes())
     connection = sqlite3.connect(path)
     root = connection.execute("SELECT rootpage FROM sqlite_master WHERE name='messages'")
-    at = (root.fetchone()[0] - 1) * 4096
+    at = (root.fetchone()[0] - 1) * PAGE
     connection.close()
     assert raw[at] == 5  # an inner page of a table
     children = struct.unpack_from(">H", raw, at + 3)[0]
     cells = struct.unpack_from(f">{children}H", raw, at + 12)
     leaf = struct.unpack_from(">I", raw, at + cells[0])[0]
-    inner = bytes(raw[at : at + 4096])
+    inner = bytes(raw[at : at + PAGE])
     for level in range(6):  # each page has all children of the next one: children ** 6 leaves
         page = bytearray(inner)
-        number = len(raw) // 4096 + 2 if level < 5 else leaf
+        number = len(raw) // PAGE + 2 if level < 5 else leaf
         struct.pack_into(">I", page, 8, number)
         for cell in cells:
             struct.pack_into(">I", page, cell, number)
         if level:
             raw += page
         else:
-            struct.pack_into(">I", page, 8, len(raw) // 4096 + 1)
+            struct.pack_into(">I", page, 8, len(raw) // PAGE + 1)
             for cell in cells:
-                struct.pack_into(">I", page, cell, len(raw) // 4096 + 1)
-            raw[at : at + 4096] = page
-    struct.pack_into(">I", raw, 28, len(raw) // 4096)
+                struct.pack_into(">I", page, cell, len(raw) // PAGE + 1)
+            raw[at : at + PAGE] = page
+    struct.pack_into(">I", raw, 28, len(raw) // PAGE)
     path.write_bytes(raw)
     return path
 
@@ -163,8 +164,9 @@ def packed_messages(path: Path, random: Random) -> Path:
     return path
 
 
-def repeated(part: str, count: int = TEXT) -> str:
-    """Return a text of so many characters that repeats a part."""
+def repeated(part: str, count: int = 0) -> str:
+    """Return a text of so many characters, ``TEXT`` if none is given, that repeats a part."""
+    count = count or TEXT
     return (part * (count // len(part) + 1))[:count]
 
 

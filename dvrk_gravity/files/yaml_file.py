@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, printable
 from dvrk_gravity.files import text_file
 
 DEEPEST = 50
@@ -23,7 +23,7 @@ DEEPEST = 50
 MOST_NODES = 200_000
 """Values, lists and mappings of a file: half as many as a long plan has digits. Chosen."""
 
-LONGEST_INTEGER = 1024  # bits, as a double has at most: of a longer one no text can be made
+LONGEST_INTEGER = 10_000  # bits: Python makes no text of more than 4300 digits
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -58,6 +58,12 @@ def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
     return float(loader.construct_yaml_float(node))
 
 
+def _text(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> str:
+    """Return a text that can be shown: of names, and of what is said about a model."""
+    return printable(str(loader.construct_yaml_str(node)))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:str", _text)
 for _kind in ("int", "float"):
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _number)
 

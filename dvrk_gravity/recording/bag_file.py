@@ -13,6 +13,8 @@ from typing import Any, Protocol
 from backports import zstd
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
+from dvrk_gravity.errors import printable
+
 # A JointState of 7 joints takes 400 bytes, of 1000 joints 60 kB.
 LARGEST_MESSAGE = 1_000_000
 # Bytes of a chunk, packed or not. Recorders close one at some 800 kB, after the message that
@@ -84,6 +86,11 @@ class Channel:
     topic: str
     msgtype: str
     encoding: str
+
+    def __post_init__(self) -> None:
+        """Make the names printable."""
+        for name in ("topic", "msgtype", "encoding"):
+            object.__setattr__(self, name, printable(getattr(self, name)))
 
 
 class BagFile(ABC):

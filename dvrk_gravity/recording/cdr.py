@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.errors import printable
+
 ENCAPSULATION = 4  # bytes before the data; alignment counts from their end
 STAMP = slice(4, 12)  # int32 s, uint32 ns
 MAX_PADDING = 3  # some writers pad the data to a multiple of four
@@ -68,7 +70,7 @@ class JointStateLayout:
             value = raw[at : at + size].rstrip(b"\0")
             at += size
             try:
-                return value.decode()
+                return printable(value.decode())
             except UnicodeDecodeError as error:
                 raise CdrError(f"text at byte {at - size} is not UTF-8") from error
 

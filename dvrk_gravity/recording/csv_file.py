@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import RecordingError, printable
 from dvrk_gravity.recording.csv_columns import WAY_OUT, Columns, Header, read_columns
 from dvrk_gravity.recording.csv_header import HeaderReader
 from dvrk_gravity.recording.data_warning import Note
@@ -170,7 +170,7 @@ class RowReader:
         first = plain[0][1] if plain else ""
         self._first_lines = plain
         self._delimiter = _delimiter(head, first)
-        names = [name.strip().strip('"') for name in self._cells(head)]
+        names = [printable(name.strip().strip('"')) for name in self._cells(head)]
         where = f"{self.source}: line {number}"
         cells = self._cells(first)
         return HeaderReader(where, self.arm, self.given, self.time_base, names, cells).read()
@@ -190,6 +190,7 @@ class RowReader:
                     "'1=time,2=<joint>.position,…' by their numbers"
                 )  # fmt: skip
             names = [str(k + 1) for k in range(len(cells))]
+        names = [printable(name) for name in names]
         if not names:
             raise RecordingError(
                 where, "looks like `ros2 topic echo --csv`, of which two fields were sent, and it "

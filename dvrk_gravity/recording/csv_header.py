@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import RecordingError, printable
 from dvrk_gravity.recording.csv_columns import (
     EXPECTED,
     OF_READINGS,
@@ -149,7 +149,7 @@ class HeaderReader:
             return {at: column for at, column in columns.items() if column.quantity != "name"}
         numbers = sorted({c.number for c in numbered.values() if c.quantity == "position"})
         joints = {
-            column.number: self.first[at].strip().strip('"')
+            column.number: printable(self.first[at].strip().strip('"'))
             for at, column in numbered.items()
             if column.quantity == "name" and at < len(self.first)
         }
