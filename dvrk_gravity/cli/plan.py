@@ -106,6 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
         "my_bag" if separate is None else str(arguments.out.with_name(f"{arguments.out.stem}_bag"))
     )
     watched = f" --model {arguments.model}" if arguments.model and separate is None else ""
+    watched += " --beyond-defaults" if arguments.beyond_defaults else ""
     following = "Next" if enough else "It is not expected to separate them; to try all the same"
     # Of an arm from a file it is not known what moves it.
     by_action = (
