@@ -4,9 +4,9 @@
 
 The same cases as in the tests, but more of them, and others with every seed. The first that brings
 another error is made as small as it can be and printed; the exit status is then 1. Then hostile
-files, one of each kind and seed: a few kB that unpack, compare or recur without end. Each is read in
-a process of its own, within `CPU` s of the processor's time and `MEMORY` bytes, and ends within
-`ENDS` s of Ctrl-C.
+files, one of each kind and seed: a few kB that unpack, compare or recur without end. Each is read
+in a process of its own, within `CPU` s of the processor and `MEMORY` bytes, and ends within `ENDS`
+s of Ctrl-C.
 """
 
 from __future__ import annotations

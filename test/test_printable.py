@@ -21,7 +21,7 @@ from dvrk_gravity.command_line import CLEAR_LINE, PrintableStream, one_line
 from dvrk_gravity.errors import ConfigError, DvrkGravityError, PlanError, RecordingError, printable
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.recording import BagReader, DataWarning, Recording
-from dvrk_gravity.report.html import escape, listed, table
+from dvrk_gravity.report import html
 
 CLEAR, TURN = "\x1b[2J\x1b[H", "\u202eevil\u2066"
 HOSTILE = f"a{CLEAR}b{TURN}\r\n\u2028\x9b1m\udc80c"
@@ -67,8 +67,8 @@ def test_an_error_of_the_system_is_printable():
 
 
 def test_pages_are_printable():
-    assert not obeyed(escape(HOSTILE) + listed([HOSTILE]).replace("\n", ""))
-    assert not obeyed(table([HOSTILE], [[HOSTILE]]).replace("\n", ""))
+    assert not obeyed(html.escape(HOSTILE) + html.listed([HOSTILE]).replace("\n", ""))
+    assert not obeyed(html.table([HOSTILE], [[HOSTILE]]).replace("\n", ""))
 
 
 def test_a_terminal_gets_lines_and_nothing_else_to_obey():
