@@ -15,16 +15,17 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, redirect_stderr, redirect_stdout
 from functools import partial
 from types import SimpleNamespace
-from typing import Self
+from typing import Any, Self, TextIO, cast
 
 # Matrices are small: threads of one product wait for each other for longer than they work, the more
 # so on a busy machine. NumPy reads this when it is loaded, which every import below does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from dvrk_gravity import __version__
-from dvrk_gravity.errors import DvrkGravityError, EffectError
+from dvrk_gravity.errors import DvrkGravityError, EffectError, printable
 
 # Verb -> (module, or module:class; one line for the overview). Either has NAME, EXAMPLE,
 # add_arguments(parser) and run(arguments) -> int; its docstring begins with a description. It is
@@ -54,13 +55,48 @@ VERSION = f"dvrk_gravity {__version__}"
 _INTERRUPTED = 128 + signal.SIGINT
 
 
+CLEAR_LINE = "\r\033[K"  # of a terminal
+
+
+class PrintableStream:
+    """A stream of text that shows what its terminal would obey; see :func:`printable`.
+
+    Attributes:
+        unchecked: The stream that it writes to.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        """Write to a stream."""
+        self.unchecked = stream
+
+    def write(self, text: str) -> int:
+        """Write a text; ends of lines stay, and a line that begins by clearing itself."""
+        clear = CLEAR_LINE if text.startswith(CLEAR_LINE) else ""
+        lines = text[len(clear) :].split("\n")
+        return self.unchecked.write(clear + "\n".join(map(printable, lines)))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.unchecked, name)
+
+
 def run(name: str, argv: Sequence[str] | None = None) -> int:
     """Run a module or class of :data:`VERBS` and return the exit status.
+
+    What it prints is printable.
 
     Args:
         name: ``package.module`` or ``package.module:Class``.
         argv: Arguments after the verb; ``None`` means ``sys.argv[1:]``.
     """
+    with ExitStack() as stack:
+        if sys.stdout is not None:  # it is closed
+            stack.enter_context(redirect_stdout(cast(TextIO, PrintableStream(sys.stdout))))
+        if sys.stderr is not None:
+            stack.enter_context(redirect_stderr(cast(TextIO, PrintableStream(sys.stderr))))
+        return _run(name, argv)
+
+
+def _run(name: str, argv: Sequence[str] | None) -> int:
     # A node handles signals once there is something to leave in order (ros/runtime.py). Before that
     # Ctrl-C just ends it: an exception would come out of some half-done import.
     is_node = name.startswith(f"{__package__}.ros.")
@@ -158,8 +194,8 @@ def _slip_of_an_effect(error: Exception) -> EffectError | None:
 def one_line(error: Exception) -> str:
     """Return an error's text on one line, with the file first for an ``OSError``."""
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror or error}"
-    return " ".join(str(error).split())
+        return printable(f"{error.filename}: {error.strerror or error}")
+    return printable(" ".join(str(error).split()))
 
 
 class Progress:
@@ -187,14 +223,14 @@ class Progress:
         due = self.AGAIN if terminal and self._shown else 0.0 if terminal else self.EVERY
         if line == self._shown or now - self._said < due:
             return
-        before, after = ("\r\033[K", "") if terminal else ("", "\n")
+        before, after = (CLEAR_LINE, "") if terminal else ("", "\n")
         print(f"{before}{line}", end=after, file=sys.stderr, flush=True)
         self._shown, self._said = line, now
 
     def done(self) -> None:
         """Clear the line."""
         if self._shown and sys.stderr.isatty():
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+            print(CLEAR_LINE, end="", file=sys.stderr, flush=True)
 
     def __enter__(self) -> Self:
         return self

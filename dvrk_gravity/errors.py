@@ -7,13 +7,36 @@ can print it unchanged.
 
 from __future__ import annotations
 
+import unicodedata
 from pathlib import Path
 
 import numpy as np
 
 
+def printable(text: str) -> str:
+    r"""Return a text in which what a terminal or a page obeys instead of showing it is spelled out.
+
+    That is, control characters (escape sequences, the ends of lines), marks that turn the direction
+    of writing, and bytes that are no text: ``\x1b[2J`` clears no screen. Names of joints, columns,
+    topics and files may have anything in them; this is what becomes of them in errors, messages,
+    logs and reports.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter
+        if letter.isprintable() or unicodedata.category(letter) == "Zs"
+        else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
 class DvrkGravityError(Exception):
     """Base of every error that this package raises on purpose."""
+
+    def __str__(self) -> str:
+        """Return the text on one line, as a terminal can show it."""
+        return printable(super().__str__())
 
 
 class ConfigError(DvrkGravityError):
@@ -41,10 +64,13 @@ class ConfigError(DvrkGravityError):
         where = "".join(f"{part}: " for part in (self.source, self.field) if part)
         # NumPy's numbers would show their type.
         value = self.value.item() if isinstance(self.value, np.generic) else self.value
-        shown = "nothing" if value is None else " ".join(repr(value).split())
+        try:
+            shown = "nothing" if value is None else " ".join(repr(value).split())
+        except ValueError:  # of an integer of thousands of digits
+            shown = "a number of thousands of digits"
         if len(shown) > 80:
             shown = shown[:77] + "..."
-        return " ".join(f"{where}got {shown}, expected {self.expected}".split())
+        return printable(" ".join(f"{where}got {shown}, expected {self.expected}".split()))
 
     def in_file(self, source: str | Path) -> ConfigError:
         """Return the same error naming the file that it came from."""

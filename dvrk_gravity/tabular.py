@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.errors import PackageError
+from dvrk_gravity.errors import PackageError, printable
 
 if TYPE_CHECKING:
     import pandas
@@ -36,14 +36,14 @@ class Tabular:
     def _repr_html_(self) -> str:
         """Show the sentence and the table where HTML is shown, as in notebooks."""
         columns = self._columns()
-        head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+        head = "".join(f"<th>{escape(printable(name))}</th>" for name in columns)
         rows = (
-            "".join(f"<td>{escape(_shown(cell))}</td>" for cell in row)
+            "".join(f"<td>{escape(printable(_shown(cell)))}</td>" for cell in row)
             for row in zip(*columns.values(), strict=True)
         )
         body = "".join(f"<tr>{row}</tr>" for row in rows)
         table = f"<table><tr>{head}</tr>{body}</table>" if body else ""
-        return f"<p><b>{escape(self._headline())}</b></p>{table}"
+        return f"<p><b>{escape(printable(self._headline()))}</b></p>{table}"
 
 
 def frame_of(columns: Columns) -> pandas.DataFrame:

@@ -148,7 +148,7 @@ def test_messages_may_be_compressed_and_one_of_megabytes_is_left_out_and_named(t
 
 
 def test_what_is_compressed_unpacks_no_further_than_declared():
-    from dvrk_gravity.recording import UnpackError, unpacked
+    from dvrk_gravity.recording import Allowance, UnpackError, unpacked
 
     with pytest.raises(UnpackError, match="1000"):
-        unpacked(bz2.compress(bytes(5_000_000)), "bz2", 1000)
+        unpacked(bz2.compress(bytes(5_000_000)), "bz2", 1000, Allowance(100))

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, printable
 
 JointKind = Literal["revolute", "prismatic"]
 
@@ -206,6 +206,9 @@ class Description:
         """Freeze the arrays."""
         rows = (body.row for body in self.bodies)
         names = [*(joint.name for joint in self.joints), *(body.name for body in self.bodies)]
+        for name in (self.name, *names):
+            if printable(name) != name:
+                raise ConfigError("name", name, "one of characters that can be printed")
         for name in names:
             if "." in name:  # a parameter is called link_weight.NAME
                 raise ConfigError("name", name, "one without dots, which group parameters")

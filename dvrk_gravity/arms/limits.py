@@ -70,6 +70,9 @@ def require_drivable(arm: Description) -> None:
 # Chosen: no arm's length (m), mass (kg), effort (N·m, N), angle (deg) or ratio is as large, and the
 # products of some of them that a fit makes are far from overflow.
 LARGEST = 1e6
+# Joints that move, of an arm. Chosen: a humanoid with its hands has eighty; matrices have as many
+# rows and columns.
+MOST_JOINTS = 200
 
 
 def check_range(field: str, values: Sequence[float]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arms.description import Body, Description, Joint
+from dvrk_gravity.arms.limits import MOST_JOINTS
 from dvrk_gravity.arms.plausible_effort import with_plausible_efforts
 from dvrk_gravity.arms.urdf_file import (
     KINDS,
@@ -35,6 +36,7 @@ from dvrk_gravity.arms.urdf_inertia import doubts
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
+from dvrk_gravity.files.entries import check_count
 
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -73,6 +75,7 @@ def _parse(robot: ElementTree.Element, name: str, tip: str | None, source: str) 
     root = find_root(robot, described)
     moving = {name: joint for name, joint in described.items() if joint.get("type") != "fixed"}
     chain = set(moving) if tip is None else _chain(described, root, tip)
+    check_count("joint", len(chain), MOST_JOINTS)
     check(robot, described, chain)
     try:
         model = pin.buildModelFromXML(dynamics(robot))

@@ -14,6 +14,7 @@ import numpy as np
 from dvrk_gravity.arms.description import JointKind
 from dvrk_gravity.arms.limits import check_range, check_travel
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files.entries import check_count
 
 KINDS: dict[str, JointKind] = {
     "revolute": "revolute",
@@ -36,6 +37,9 @@ _OF_JOINTS = {
 # Chosen: an axis is written as a unit vector, or as a difference of points in m or mm. Pinocchio's
 # reader takes one whose square is no number of its own for z.
 _SHORTEST, _LONGEST = 1e-3, 1e3
+# Of the elements of a file, and of their levels. Chosen: a humanoid has 300 links, and a link's
+# parts are four levels deep; each level takes one of the C stack where a copy is made.
+_MOST_LINKS, _DEEPEST = 2000, 50
 # kg: links of a file for pictures alone weigh nothing, or what a reader wants at least.
 PLACEHOLDER = 1e-3
 # The limit that SDF's readers write where a joint has none.
@@ -52,7 +56,7 @@ def parse(text: str) -> ElementTree.Element:
     if "<!DOCTYPE" in text:  # entities: nothing that a robot needs, and some are bombs
         raise ConfigError("", "a document type", "a URDF: XML without one")
     try:
-        robot = ElementTree.fromstring(text)
+        robot = ElementTree.XML(text, ElementTree.XMLParser(target=_ShallowTree()))
     except (ElementTree.ParseError, ValueError) as error:
         if "<xacro:" in text:  # its namespace may be missing
             raise _of_xacro("<xacro:…>") from error
@@ -61,6 +65,24 @@ def parse(text: str) -> ElementTree.Element:
     if robot.tag != "robot":
         raise ConfigError("", f"<{robot.tag}>", 'a URDF: <robot name="…">')
     return robot
+
+
+class _ShallowTree(ElementTree.TreeBuilder):
+    """Builds a tree of a bounded depth."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._depth = 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise ConfigError(f"<{tag}>", "deeper nesting", f"at most {_DEEPEST} levels")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ElementTree.Element:
+        self._depth -= 1
+        return super().end(tag)
 
 
 def _check_expanded(robot: ElementTree.Element) -> None:
@@ -92,6 +114,8 @@ def read_joints(robot: ElementTree.Element) -> dict[str, ElementTree.Element]:
     Raises:
         ConfigError: A name that is missing or taken, a type or a link that there is not.
     """
+    for tag in ("link", "joint"):
+        check_count(tag, len(robot.findall(tag)), _MOST_LINKS)
     links = _links(robot)
     joints: dict[str, ElementTree.Element] = {}
     for joint in robot.findall("joint"):

@@ -57,7 +57,7 @@ import pinocchio as pin
 from dvrk_gravity.arms import urdf_arm
 from dvrk_gravity.arms.description import Description, Joint, JointKind, in_newtons
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
-from dvrk_gravity.arms.limits import LARGEST, check_travel
+from dvrk_gravity.arms.limits import LARGEST, MOST_JOINTS, check_travel
 from dvrk_gravity.arms.mtm import bodies
 from dvrk_gravity.arms.mtm.defaults import PUBLISHED_ERROR, SIZES
 from dvrk_gravity.arrays import Array
@@ -216,6 +216,7 @@ def _sizes(given: Any, bodies: Sequence[str]) -> dict[str, tuple[float, float]]:
 def _joints(rows: Any) -> tuple[tuple[Joint, ...], tuple[DHRow, ...]]:
     if not isinstance(rows, list) or not rows:
         raise ConfigError("joints", rows, "a list of joints")
+    entries.check_count("joints", len(rows), MOST_JOINTS)
     parsed = [_joint(f"joints[{i}]", row) for i, row in enumerate(rows)]
     names = [joint.name for joint, _ in parsed]
     for i, name in enumerate(names):
@@ -321,6 +322,7 @@ def _followers(
     rows = content.get("followers", [])
     if not isinstance(rows, list):
         raise ConfigError("followers", rows, "a list of links")
+    entries.check_count("followers", len(rows), MOST_JOINTS)
     links = link_frames(table, convention)
     frames = {"base": pin.SE3.Identity()} | {
         f"link{i}": frame for i, frame in enumerate(links, start=1)

@@ -116,9 +116,12 @@ class Logbook:
         Raises:
             ConfigError: One was changed or removed.
         """
+        found_of: dict[str, str | None] = {}
         for entry in self.entries:
             for name, known in entry.files.items():
-                found = _hash_or_none(self.folder / name)
+                if name not in found_of:
+                    found_of[name] = _hash_or_none(self.folder / name)
+                found = found_of[name]
                 if found != known:
                     what = "no file" if found is None else "a file that was changed since"
                     raise ConfigError(
@@ -205,8 +208,8 @@ def file_hash(path: Path) -> str:
 
 
 def _hash_or_none(path: Path) -> str | None:
-    try:
-        return file_hash(path)
+    try:  # a pipe or a device has no end
+        return file_hash(path) if path.is_file() else None
     except OSError:
         return None
 

@@ -148,7 +148,9 @@ def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:
     """
     if book.entry(f"plan {name}") is None or not work.at(f"{name}.yaml").exists():
         return Outcome()
-    plan, bag, of = Plan.load(work.at(f"{name}.yaml")), work.at(name), work.settings
+    # It was planned within limits that were accepted, and its file has not changed since.
+    plan = Plan.load(work.at(f"{name}.yaml"), beyond_defaults=True)
+    bag, of = work.at(name), work.settings
     if bag.exists():
         _require_of(plan, bag)
         discard(bag)  # what a process that was killed just then has left

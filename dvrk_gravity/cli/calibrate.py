@@ -55,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path,
                         help="limits .yaml: of joints, combinations of joints, and boxes to stay "
                         "out of (default: the arm's)")  # fmt: skip
+    options.add_beyond_defaults(parser)
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",
                         help="duration of the motion that is identified, s; those after it last "
                         "half of it, and two thirds (default: 60)")  # fmt: skip

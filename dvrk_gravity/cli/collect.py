@@ -70,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path,
                         help="limits .yaml to keep; before every phase the file is read again "
                         "(default: the plan's own)")  # fmt: skip
+    options.add_beyond_defaults(parser)
     parser.add_argument(
         "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
     )
@@ -105,7 +106,8 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.collecting import EffortSettings, fingerprint
     from dvrk_gravity.planning import Plan, load_limits
 
-    plan = Plan.load(arguments.plan)
+    beyond = arguments.beyond_defaults
+    plan = Plan.load(arguments.plan, beyond)
     model = options.planned_model(arguments, plan.arm)
     if model is not None and model.uncertainty is None:
         print(
@@ -117,8 +119,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     def limits() -> PlanLimits:
         if arguments.limits is not None:
-            return load_limits(arguments.limits, plan.arm)
-        now = Plan.load(arguments.plan)
+            return load_limits(arguments.limits, plan.arm, beyond)
+        now = Plan.load(arguments.plan, beyond)
         if fingerprint([now]) != fingerprint([plan]):
             raise ConfigError("", "another plan meanwhile", "the one that it began with",
                               arguments.plan)  # fmt: skip

@@ -52,8 +52,16 @@ def limits_of(arguments: argparse.Namespace, arm: Arm) -> PlanLimits:
     """Return the limits of ``--limits``, else the arm's own."""
     from dvrk_gravity.planning import PlanLimits, load_limits
 
-    path = arguments.limits
-    return PlanLimits.of(arm) if path is None else load_limits(path, arm)
+    path, beyond = arguments.limits, arguments.beyond_defaults
+    return PlanLimits.of(arm) if path is None else load_limits(path, arm, beyond)
+
+
+def add_beyond_defaults(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--beyond-defaults``."""
+    parser.add_argument(
+        "--beyond-defaults", action="store_true",
+        help="take limits of more than twice the arm's default speeds and accelerations, too",
+    )  # fmt: skip
 
 
 def plant_of(arguments: argparse.Namespace, arm: Arm) -> PlantFile:

@@ -48,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path,
                         help="limits .yaml: of joints, combinations of joints, and boxes to stay "
                         "out of (default: the arm's)")  # fmt: skip
+    options.add_beyond_defaults(parser)
     parser.add_argument("--duration", type=float, metavar="S",
                         help="duration of the motion, s (default: 60; with --separate "
                         "40)")  # fmt: skip
@@ -105,6 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
         "my_bag" if separate is None else str(arguments.out.with_name(f"{arguments.out.stem}_bag"))
     )
     watched = f" --model {arguments.model}" if arguments.model and separate is None else ""
+    watched += " --beyond-defaults" if arguments.beyond_defaults else ""
     following = "Next" if enough else "It is not expected to separate them; to try all the same"
     # Of an arm from a file it is not known what moves it.
     by_action = (

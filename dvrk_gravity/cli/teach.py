@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 from dvrk_gravity.cli import options
+from dvrk_gravity.command_line import CLEAR_LINE
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
 
@@ -86,7 +87,7 @@ def _listen(arm: Arm, given: str | None, taught: TaughtLimits) -> None:
                 taught.show(position)
             if time.monotonic() >= due:
                 due = time.monotonic() + EVERY
-                before, after = ("\r\033[K", "") if terminal else ("", "\n")
+                before, after = (CLEAR_LINE, "") if terminal else ("", "\n")
                 nothing = f"nothing on {namespace}/measured_js yet"
                 line = _line(taught) if taught.samples else nothing
                 print(f"{before}{line}", end=after, file=sys.stderr, flush=True)

@@ -152,9 +152,12 @@ class Journal:
                 raise ValueError(f"{name}: {getattr(self, name)!r}")
         counts = [self.motion, *(part.keep or 0 for part in self.parts)]
         moments = [(self.motion, self.moment)]
+        names = [part.name for part in self.parts]
         for part in self.parts:
             if not re.fullmatch("part_[0-9]+", part.name):
                 raise ValueError(f"parts: {part.name!r}")
+            if len(names) != len(set(names)):
+                raise ValueError(f"parts: {part.name!r} or another one twice")
             part.marks = [(motion, moment, count) for motion, moment, count in part.marks]
             counts += [number for motion, _, count in part.marks for number in (motion, count)]
             moments += [(motion, moment) for motion, moment, _ in part.marks]

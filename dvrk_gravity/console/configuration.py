@@ -11,6 +11,8 @@ from dvrk_gravity.files import json_file
 
 # In an arm's file, up to dVRK 2.3 and since 2.4.
 KEYS = ("gravity-compensation", "gravity_compensation")
+# Files that lead to each other. Chosen: a console with its arms has ten.
+_MOST_FILES = 100
 # What is in files of arms, consoles and systems, and in no calibration file.
 _OTHERS = ("kinematic", "arms", "arm_collections", "io", "teleops", *KEYS)
 
@@ -47,7 +49,12 @@ def _named(content: Any, folder: Path, seen: set[str]) -> Iterator[str]:
         elif key in KEYS:
             beside = folder / value
             yield str(beside) if beside.is_file() else value
-        elif value.endswith(".json") and value not in seen and (folder / value).is_file():
+        elif (
+            value.endswith(".json")
+            and value not in seen
+            and len(seen) < _MOST_FILES
+            and (folder / value).is_file()
+        ):
             seen.add(value)
             try:
                 other = json_file.load(folder / value)

@@ -42,6 +42,16 @@ def sequence(where: str, value: Any, length: int | None = None) -> list[Any]:
     return value
 
 
+def check_count(where: str, count: int, most: int) -> None:
+    """Check that there are not too many of something, before work grows with their square.
+
+    Raises:
+        ConfigError: There are more than ``most``.
+    """
+    if count > most:
+        raise ConfigError(where, f"{count} of them", f"at most {most}")
+
+
 def number(where: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
     """Return a finite number within bounds, or raise ConfigError."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)

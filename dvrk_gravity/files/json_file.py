@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -17,8 +18,11 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
 
 MAX_DEPTH = 20
-_TEXT = r'"(?:\\.|[^"\\])*"'
-_COMMENT = re.compile(rf"{_TEXT}|//[^\n]*|/\*.*?\*/", re.DOTALL)
+MOST_ODDITIES = 100  # that are listed. Chosen: nobody reads more
+# A text, or a comment, without an end is one up to the file's end: from each of its characters, the
+# search for an end would begin again.
+_TEXT = r'"[^"\\]*+(?:\\.[^"\\]*+)*+(?:"|\\?\Z)'
+_COMMENT = re.compile(rf"{_TEXT}|//[^\n]*|/\*.*?(?:\*/|(?P<endless>\Z))", re.DOTALL)
 _LOOSE = re.compile(rf"{_TEXT}|(?P<comma>,)(?=\s*[]}}])|(?P<number>-?\d[\d.eE+-]*)", re.DOTALL)
 
 
@@ -72,10 +76,12 @@ def _parse(text: str, finite: bool) -> tuple[dict[str, Any], tuple[Oddity, ...]]
     oddities: list[Oddity] = []
 
     def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        keys = [key for key, _ in pairs]
-        for key in dict.fromkeys(key for key in keys if keys.count(key) > 1):
-            oddities.append(Oddity(f"{key} appears twice, the last one counts", False))
-        return dict(pairs)
+        content = dict(pairs)
+        if len(content) < len(pairs):
+            for key, times in Counter(key for key, _ in pairs).items():
+                if times > 1:
+                    oddities.append(Oddity(f"{key} appears twice, the last one counts", False))
+        return content
 
     plain, commas = _plain(text)
     decoder = json.JSONDecoder(
@@ -101,20 +107,28 @@ def _parse(text: str, finite: bool) -> tuple[dict[str, Any], tuple[Oddity, ...]]
         level = [item for items in inner for item in items if isinstance(item, dict | list)]
     if level:
         raise ConfigError("", "deeper nesting", f"at most {MAX_DEPTH} levels of nesting")
-    return content, (*commas, *oddities)
+    found = [*commas, *oddities]
+    if left := found[MOST_ODDITIES:]:
+        refused = any(oddity.refused for oddity in left)
+        found[MOST_ODDITIES:] = [Oddity(f"and {len(left)} more such deviations", refused)]
+    return content, tuple(found)
 
 
 def _plain(text: str) -> tuple[str, list[Oddity]]:
     """Return strict JSON text with the same lines, and the superfluous commas."""
     commas: list[Oddity] = []
+    line, counted = 1, 0  # number of the line at a character
 
     def blank(match: re.Match[str]) -> str:
         found = match[0]
-        return found if found.startswith('"') else re.sub(r"[^\n]", " ", found)
+        plain = found.startswith('"') or match["endless"] is not None
+        return found if plain else re.sub(r"[^\n]", " ", found)
 
     def strict(match: re.Match[str]) -> str:
+        nonlocal line, counted
         if match["comma"]:
-            line = match.string.count("\n", 0, match.start()) + 1
+            line += match.string.count("\n", counted, match.start())
+            counted = match.start()
             commas.append(Oddity(f"line {line}: a comma after the last item", True))
             return " "
         number = match["number"]

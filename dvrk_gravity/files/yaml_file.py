@@ -14,11 +14,16 @@ from typing import Any
 
 import yaml
 
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, printable
 from dvrk_gravity.files import text_file
 
 DEEPEST = 50
 """Levels that lists and mappings may be nested; loaders take seconds to refuse thousands."""
+
+MOST_NODES = 200_000
+"""Values, lists and mappings of a file: half as many as a long plan has digits. Chosen."""
+
+LONGEST_INTEGER = 10_000  # bits: Python makes no text of more than 4300 digits
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -46,10 +51,19 @@ def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
     if ":" in node.value:
         return str(node.value)
     if node.tag.endswith(":int"):
-        return int(loader.construct_yaml_int(node))
+        value = int(loader.construct_yaml_int(node))
+        if value.bit_length() > LONGEST_INTEGER:
+            raise ValueError(f"an integer of {value.bit_length()} bits")
+        return value
     return float(loader.construct_yaml_float(node))
 
 
+def _text(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> str:
+    """Return a text that can be shown: of names, and of what is said about a model."""
+    return printable(str(loader.construct_yaml_str(node)))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:str", _text)
 for _kind in ("int", "float"):
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _number)
 
@@ -59,9 +73,9 @@ def _parsed(text: str) -> Any:
     """Return the content of a text; cached, for an arm's file is read many times.
 
     Raises:
-        yaml.YAMLError: Not YAML, or with aliases (anchor bombs) or endless nesting.
+        yaml.YAMLError: Not YAML, or with aliases (anchor bombs), endless nesting, too much.
     """
-    depth = 0
+    depth = nodes = 0
     # Before the nodes are built, which recurses into any nesting.
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.AliasEvent):
@@ -70,6 +84,9 @@ def _parsed(text: str) -> Any:
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
             raise yaml.YAMLError(f"nested deeper than {DEEPEST} levels")
+        nodes += isinstance(event, yaml.NodeEvent)
+        if nodes > MOST_NODES:
+            raise yaml.YAMLError(f"more than {MOST_NODES} values")
     return yaml.load(text, Loader=_Loader)  # noqa: S506  # derived from the safe one
 
 

@@ -27,7 +27,7 @@ from dvrk_gravity.arms import FASTEST, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.files.entries import mapping, sequence
+from dvrk_gravity.files.entries import check_count, mapping, sequence
 from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
 from dvrk_gravity.planning.places import tip
 
@@ -37,24 +37,35 @@ KEYS = ("joints", "combinations", "boxes")
 LEAST = 1e-6
 # Of positions and coordinates; what a solver takes for infinite begins at 1e20. Chosen.
 MOST = 1e9
+# Each combination is compared with the others, each box with every position. Chosen
+_MOST = {"combinations": 50, "boxes": 500}
+# Times the arm's default speed and acceleration, beyond which a limit is taken for a slip. Chosen:
+# 900 deg/s for 90 is ten times, rad/s for deg/s fifty-seven.
+MOST_TIMES_DEFAULT = 2.0
 _ROUNDING = 1e-9  # of numbers that were written in degrees
 
 
-def load_limits(path: str | Path, arm: Arm) -> PlanLimits:
+def load_limits(path: str | Path, arm: Arm, beyond_defaults: bool = False) -> PlanLimits:
     """Return an arm's limits with those of a file.
+
+    Args:
+        path: The file.
+        arm: The arm.
+        beyond_defaults: Take more than twice the arm's default speeds and accelerations, too.
 
     Raises:
         ConfigError: Naming the file, the entry, the value and what was expected: an unknown key,
-            joint or link, no numbers, or more than the arm's own stops, speeds and efforts.
+            joint or link, no numbers, or more than the arm's own stops, speeds and efforts, or
+            than twice its defaults.
     """
     try:
-        return limits_from(yaml_file.load(path), arm)
+        return limits_from(yaml_file.load(path), arm, beyond_defaults)
     except ConfigError as error:
         raise error if error.source else error.in_file(path) from None
 
 
-def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
-    """Return an arm's limits with those of the content of such a file."""
+def limits_from(content: Mapping[str, Any], arm: Arm, beyond_defaults: bool = False) -> PlanLimits:
+    """Return an arm's limits with those of the content of such a file; see :func:`load_limits`."""
     limits = PlanLimits.of(arm)
     mapping("", content, KEYS)
     values = {name: getattr(limits, name).copy() for name in ("lower", "upper", *_RATES, "effort")}
@@ -65,7 +76,11 @@ def limits_from(content: Mapping[str, Any], arm: Arm) -> PlanLimits:
         mapping(where, entry, ("position", *_RATES, "effort"))
         k = arm.joint_names.index(name)
         _put(values, k, where, entry, arm)
+        if not beyond_defaults:
+            _require_usual(limits, values, k, where, entry, arm)
     combinations = limits.combinations
+    for name, most in _MOST.items():
+        check_count(name, len(sequence(name, content.get(name, []))), most)
     for k, entry in enumerate(sequence("combinations", content.get("combinations", []))):
         given = _combination(f"combinations[{k}]", entry, arm)
         for known in combinations:
@@ -157,6 +172,25 @@ def _put(values: dict[str, Array], k: int, where: str, entry: Mapping[str, Any],
             expected = f"at most the motor's, {most:g} {joint.effort_unit}"
             raise ConfigError(f"{where}.effort", effort, expected)
         values["effort"][k] = effort
+
+
+def _require_usual(
+    defaults: PlanLimits, values: Mapping[str, Array], k: int, where: str,
+    entry: Mapping[str, Any], arm: Arm,
+) -> None:  # fmt: skip
+    """Refuse a speed or an acceleration of a joint far beyond the arm's defaults."""
+    joint = arm.joints[k]
+    for name, unit in zip(_RATES, ("/s", "/s^2"), strict=True):
+        usual = float(getattr(defaults, name)[k])
+        if values[name][k] > MOST_TIMES_DEFAULT * usual * (1.0 + _ROUNDING):
+            most, known = (
+                f"{joint.shown(each)}{unit}" for each in (MOST_TIMES_DEFAULT * usual, usual)
+            )
+            raise ConfigError(
+                f"{where}.{name}", entry.get(name),
+                f"at most {most}, twice the arm's default of {known}; or --beyond-defaults, if it "
+                "is meant",
+            )  # fmt: skip
 
 
 def _combination(where: str, entry: Any, arm: Arm) -> Combination:

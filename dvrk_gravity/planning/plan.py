@@ -13,7 +13,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.files.entries import mapping
+from dvrk_gravity.files.entries import check_count, mapping
 from dvrk_gravity.model import arm_beside, arm_of, seen_from, values_of
 from dvrk_gravity.parameters import flatten, unflatten
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
@@ -25,8 +25,10 @@ from dvrk_gravity.recording import STILL
 FORMAT = 1
 MOTION, POSES = "motion", "poses"
 CSV_RATE = 1000.0  # Hz
+_BLOCK = 1000  # samples worked on at a time
 SEEN_RATE = 10.0  # Hz: of .6 Hz a crest is missed by 2 % of its height at most
 LONGEST = 10_000.0  # s; `plan` makes 7200 s at most
+MOST_WAVES = 1000  # of a motion; `plan` and `excite` make a hundred at most
 _MOST = 1e6  # no position, time or frequency is greater, rad, m, s or Hz
 _MOTION_KEYS = ("duration", "ramp", "frequency", "middle", "cosine", "sine")
 _POSES_KEYS = ("stand", "approach", "part", "positions")
@@ -58,7 +60,12 @@ class Plan:
     @property
     def still(self) -> dict[str, float]:
         """Ways, rad or m, of the joints that move by less than a recording shows (``STILL``)."""
-        way = np.ptp(self.at(np.arange(0.0, self.duration, 1.0 / SEEN_RATE))[0], axis=0)
+        times = np.arange(0.0, self.duration, 1.0 / SEEN_RATE)
+        blocks = np.array_split(times, max(len(times) // _BLOCK, 1))  # in bounded memory
+        ends = np.vstack(
+            [end for block in blocks for q in self.at(block)[:1] for end in (q.min(0), q.max(0))]
+        )
+        way = np.ptp(ends, axis=0)
         return {
             name: float(way[k])
             for k, name in enumerate(self.arm.joint_names)
@@ -118,20 +125,24 @@ class Plan:
         }
 
     @classmethod
-    def load(cls, path: str | Path) -> Plan:
+    def load(cls, path: str | Path, beyond_defaults: bool = False) -> Plan:
         """Read a plan.
+
+        Args:
+            path: The file.
+            beyond_defaults: See :func:`~dvrk_gravity.planning.load_limits`, of its own limits.
 
         Raises:
             ConfigError: Naming the file, the entry, the value and what was expected.
         """
         content = yaml_file.load(path)
         try:
-            return cls._from(content, Path(path).parent)
+            return cls._from(content, Path(path).parent, beyond_defaults)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
 
     @classmethod
-    def _from(cls, content: Mapping[str, Any], folder: Path) -> Plan:
+    def _from(cls, content: Mapping[str, Any], folder: Path, beyond_defaults: bool) -> Plan:
         kind = content.get("kind")
         if kind not in (MOTION, POSES):
             raise ConfigError("kind", kind, f"{MOTION} or {POSES}, as `plan` writes it")
@@ -141,7 +152,7 @@ class Plan:
             raise ConfigError("format", content["format"], f"{FORMAT}, as `plan` writes it")
         mapping("limits", content["limits"], KEYS, KEYS)  # a file that was cut lacks some
         arm = arm_of(arm_beside(flatten(mapping("arm", content["arm"])), folder))
-        limits = limits_from(content["limits"], arm)
+        limits = limits_from(content["limits"], arm, beyond_defaults)
         entry = content[kind]
         read = _read_motion(entry, arm) if kind == MOTION else _read_poses(entry, arm, limits)
         if not read.duration <= LONGEST:
@@ -175,6 +186,7 @@ def _read_motion(entry: Any, arm: Arm) -> FourierMotion:
         expected = f"frequencies above 0 and up to {most:g} Hz"
         raise ConfigError(f"{MOTION}.frequency", frequency.tolist(), expected)
     count = len(frequency)
+    check_count(f"{MOTION}.frequency", count, MOST_WAVES)
     middle, cosine, sine = (
         _by_joint(f"{MOTION}.{name}", entry[name], arm, size)
         for name, size in (("middle", 1), ("cosine", count), ("sine", count))

@@ -32,7 +32,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 ROSBAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 SUFFIXES = (*ROSBAG2_SUFFIXES, ".bag", ".bag.active")
 METADATA = "metadata.yaml"
-_KINDS: tuple[tuple[bytes, Callable[[Path], BagFile]], ...] = (
+_KINDS: tuple[tuple[bytes, Callable[[Path, int], BagFile]], ...] = (
     (sqlite_file.MAGIC, sqlite_file.SqliteFile),
     (record_files.MCAP_MAGIC, record_files.McapFile),
     (record_files.ROS1_MAGIC, record_files.Ros1File),
@@ -172,6 +172,7 @@ class BagReader:
         """Open one file; raise ``BagFileError`` if it is no bag's."""
         if not text_file.is_file(path):
             raise RecordingError(path, "is a pipe or device, expected a file of a bag")
+        size = path.stat().st_size
         with path.open("rb") as file:
             head = file.read(max(len(magic) for magic, _ in _KINDS))
         if head.startswith(ZSTD_MAGIC):
@@ -180,7 +181,7 @@ class BagReader:
                 head = file.read(len(head))
         for magic, kind in _KINDS:
             if head.startswith(magic):
-                return kind(path)
+                return kind(path, size)
         raise BagFileError("is empty" if not head else "does not begin like a file of a bag")
 
     def _unpacked(self, path: Path) -> Path:
@@ -273,15 +274,18 @@ class BagReader:
                         f"{received!r:.40}, expected bytes received at a whole number of ns",
                     )
                 try:
-                    data = unpacked_message(data)
+                    data = unpacked_message(data, file.allowance)
                 except UnpackError as error:
-                    file.left_out[f"message that {error}"] += 1
+                    file.leave_out(f"message that {error}")
                     continue
+                except BagFileError as error:  # too much for the file's size
+                    file.broken = f"is damaged from there on ({error})"
+                    break
                 if channel.encoding == "ros1" and channel.msgtype == JOINT_STATE:
                     try:
                         data = from_ros1(data)
                     except CdrError as error:
-                        file.left_out[f"message that is not a JointState: {error}"] += 1
+                        file.leave_out(f"message that is not a JointState: {error}")
                         continue
                 count += 1
                 yield channel.topic, received, data
@@ -310,7 +314,7 @@ class BagReader:
 
 def _guarded(file: BagFile, wanted: Sequence[Any]) -> Iterator[tuple[Any, Any, Any]]:
     """Yield messages up to where damaged bytes make the parser fail."""
-    messages = file.messages(wanted)
+    messages = file.read(wanted)
     while True:
         try:
             found = next(messages)

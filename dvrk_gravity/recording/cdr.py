@@ -15,9 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.errors import printable
+
 ENCAPSULATION = 4  # bytes before the data; alignment counts from their end
 STAMP = slice(4, 12)  # int32 s, uint32 ns
 MAX_PADDING = 3  # some writers pad the data to a multiple of four
+MOST_JOINTS = 10_000  # of one message; each name takes a step of Python
 
 
 class CdrError(ValueError):
@@ -67,7 +70,7 @@ class JointStateLayout:
             value = raw[at : at + size].rstrip(b"\0")
             at += size
             try:
-                return value.decode()
+                return printable(value.decode())
             except UnicodeDecodeError as error:
                 raise CdrError(f"text at byte {at - size} is not UTF-8") from error
 
@@ -83,7 +86,7 @@ class JointStateLayout:
             return start, size
 
         text()  # frame_id
-        names = tuple(text() for _ in range(count()))
+        names = tuple(text() for _ in range(_joints(count())))
         fields = (numbers(), numbers(), numbers())
         if len(raw) - at > MAX_PADDING:
             raise CdrError(f"{len(raw) - at} bytes left over after a JointState")
@@ -157,6 +160,13 @@ def encode_joint_state(
     return bytes(raw)
 
 
+def _joints(count: int) -> int:
+    """Return a number of joints; raise ``CdrError`` if no message has so many."""
+    if count > MOST_JOINTS:
+        raise CdrError(f"names {count} joints, expected at most {MOST_JOINTS}")
+    return count
+
+
 def from_ros1(raw: bytes) -> bytes:
     """Return a JointState in ROS 1's bytes as little-endian CDR bytes, or raise ``CdrError``."""
     try:
@@ -180,7 +190,7 @@ def from_ros1(raw: bytes) -> bytes:
             return struct.unpack_from(f"<{size}d", raw, at - 8 * size)
 
         text()  # frame_id
-        names = [text() for _ in range(count())]
+        names = [text() for _ in range(_joints(count()))]
         fields = [numbers() for _ in range(3)]
     except (struct.error, MemoryError) as error:
         raise CdrError(f"{len(raw)} bytes end too early ({error})") from error

@@ -52,7 +52,6 @@ _SECONDS, _NANOSECONDS = {"sec", "secs"}, {"nanosec", "nsec", "nsecs", "nanosecs
 _COMMANDS = ("target", "desired", "setpoint", "command", "cmd", "goal", "reference")
 _INDEXES = {"", "index", "unnamed: 0", "#", "row"}  # of rows, that pandas and others write first
 
-_UNIT = re.compile(r"\s*[\[(]\s*([^\[\]()\d][^\[\]()]*?)\s*[\])]$")
 _SUFFIX = re.compile(r"^(time|timestamp|stamp|t|position|pos|angle)_(ns|us|ms|s|deg|rad)$")
 _NUMBERED = re.compile(r"^(.*?)_?v?(\d+)$")
 _JOINT_NUMBER = re.compile(r"^(?:joint|axis|motor|j|a|q)_?(\d+)$")
@@ -87,10 +86,8 @@ def recognised(text: str, known: Collection[str] = ()) -> ColumnName | None:
     """Return the meaning of a header's text, ``None`` if unknown; ``known``: an arm's joints."""
     if text.lower() in _INDEXES:
         return ColumnName("nothing")
-    unit = ""
-    if found := _UNIT.search(text):
-        unit, text = found[1], text[: found.start()]
-    elif found := _SUFFIX.match(text.lower()):
+    text, unit = _without_unit(text)
+    if not unit and (found := _SUFFIX.match(text.lower())):
         text, unit = found[1], found[2]
     if text in ("time", "direction"):
         return ColumnName("time" if text == "time" else "direction", unit=unit, native=True)
@@ -111,6 +108,20 @@ def recognised(text: str, known: Collection[str] = ()) -> ColumnName | None:
     made, prefix = column
     command = _commanded(text.replace(made.joint, ""))
     return ColumnName(made.quantity, made.joint, made.number, unit, prefix, command=command)
+
+
+def _without_unit(text: str) -> tuple[str, str]:
+    """Return a text without the unit in brackets at its end, and that; ``""``: it has none.
+
+    A number in brackets is an index.
+    """
+    begin = max(text.rfind("["), text.rfind("("))
+    unit = text[begin + 1 : -1].strip()
+    if begin < 0 or text[-1] not in "])" or not unit or unit[0].isdigit():
+        return text, ""
+    if any(mark in unit for mark in "])"):
+        return text, ""
+    return text[:begin].rstrip(), unit
 
 
 def _commanded(text: str) -> bool:

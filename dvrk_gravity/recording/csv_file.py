@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 from typing import TextIO
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import RecordingError, printable
 from dvrk_gravity.recording.csv_columns import WAY_OUT, Columns, Header, read_columns
 from dvrk_gravity.recording.csv_header import HeaderReader
 from dvrk_gravity.recording.data_warning import Note
@@ -25,6 +25,8 @@ from dvrk_gravity.recording.table import Assembly, RowTable
 
 LATEST_TIME = 9e9  # s; beyond it ns since 1970 overflow 64 bits: certainly not seconds
 LINE_LIMIT = 100_000  # characters; a longer line is neither a header nor a row
+# Characters of rows read at a time, beside one line: those of 100 columns have half of it.
+_PART_CHARACTERS = 8_000_000
 _MOST_COMMENTS = 200  # lines before the header
 _DELIMITERS = (",", ";", "\t", " ")
 # Part of the rows that may be unreadable, of so many. Chosen: few are in a file that was cut off.
@@ -93,18 +95,30 @@ class RowReader:
         """
         header = self._header()
         notes = header.notes
-        lines = self._numbered()
-        while part := list(islice(lines, chunk)):
-            numbers, rows_of = [number for number, _ in part], [line for _, line in part]
-            part.clear()  # its memory serves the next read
+        for numbers, rows_of in self._parts(chunk):
             table = self._table(header, numbers, rows_of, notes)
-            rows_of.clear()
+            rows_of.clear()  # its memory serves the next read
             notes = ()
             yield table
         if self._problem is not None and self._unreadable > _UNREADABLE * self._read:
             raise self._problem
         if not self._read:
             raise RecordingError(self.source, "has a header but no rows")
+
+    def _parts(self, chunk: int) -> Iterator[tuple[list[int], list[str]]]:
+        """Yield numbers and texts of consecutive lines, ``chunk`` at a time, or fewer long ones."""
+        numbers: list[int] = []
+        lines: list[str] = []
+        size = 0
+        for number, line in self._numbered():
+            numbers.append(number)
+            lines.append(line)
+            size += len(line)
+            if len(lines) == chunk or size > _PART_CHARACTERS:
+                yield numbers, lines
+                numbers, lines, size = [], [], 0
+        if lines:
+            yield numbers, lines
 
     def _numbered(self) -> Iterator[tuple[int, str]]:
         """Yield number and text of the lines that are not blank, the header's first rows first."""
@@ -156,7 +170,7 @@ class RowReader:
         first = plain[0][1] if plain else ""
         self._first_lines = plain
         self._delimiter = _delimiter(head, first)
-        names = [name.strip().strip('"') for name in self._cells(head)]
+        names = [printable(name.strip().strip('"')) for name in self._cells(head)]
         where = f"{self.source}: line {number}"
         cells = self._cells(first)
         return HeaderReader(where, self.arm, self.given, self.time_base, names, cells).read()
@@ -176,6 +190,7 @@ class RowReader:
                     "'1=time,2=<joint>.position,…' by their numbers"
                 )  # fmt: skip
             names = [str(k + 1) for k in range(len(cells))]
+        names = [printable(name) for name in names]
         if not names:
             raise RecordingError(
                 where, "looks like `ros2 topic echo --csv`, of which two fields were sent, and it "

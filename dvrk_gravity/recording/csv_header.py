@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import RecordingError, printable
 from dvrk_gravity.recording.csv_columns import (
     EXPECTED,
     OF_READINGS,
@@ -149,7 +149,7 @@ class HeaderReader:
             return {at: column for at, column in columns.items() if column.quantity != "name"}
         numbers = sorted({c.number for c in numbered.values() if c.quantity == "position"})
         joints = {
-            column.number: self.first[at].strip().strip('"')
+            column.number: printable(self.first[at].strip().strip('"'))
             for at, column in numbered.items()
             if column.quantity == "name" and at < len(self.first)
         }
@@ -223,21 +223,24 @@ class HeaderReader:
         self, columns: Mapping[int, ColumnName], read: Mapping[int, ColumnName]
     ) -> TimeColumns | None:
         """Return the places of the times."""
-        prefixes = {column.prefix.lower() for column in read.values()}
+        prefixes = {column.prefix.lower().strip("/") for column in read.values()}
         times = {at: column for at, column in columns.items() if column.quantity == "time"}
         mapped = [at for at in times if self.names[at] in self.given]
         if mapped:
             return self._one_time(mapped[0], times[mapped[0]])
         stamps: list[tuple[str, tuple[int, ...]]] = []
+        below: dict[str, int] = {}  # of nanoseconds, the first by prefix
+        for at, column in times.items():
+            if column.part == "nanosec":
+                below.setdefault(column.prefix, at)
         for at, column in times.items():
             if column.part == "stamp":
                 stamps.append((column.prefix, (at,)))
             elif column.part == "sec":
-                below = [other for other, more in times.items()
-                         if more.part == "nanosec" and more.prefix == column.prefix]  # fmt: skip
-                stamps.append((column.prefix, (at, *below[:1])))
+                rest = (below[column.prefix],) if column.prefix in below else ()
+                stamps.append((column.prefix, (at, *rest)))
         if len(stamps) > 1:
-            stamps = [(prefix, at) for prefix, at in stamps if _belongs(prefix, prefixes)]
+            stamps = [each for each in stamps if each[0].strip("/").lower() in prefixes]
         plain = sorted(
             (at for at, column in times.items() if column.part == "plain"),
             key=lambda at: _rank(self.names[at]),
@@ -315,11 +318,6 @@ class HeaderReader:
         if others:
             lines.append(f"columns not read: {_some(others)}")
         return (Note("columns", "; ".join(lines)),) if lines else ()
-
-
-def _belongs(prefix: str, prefixes: Iterable[str]) -> bool:
-    """Return whether a stamp's prefix is that of the columns that are read."""
-    return any(prefix.strip("/").lower() == other.strip("/") for other in prefixes)
 
 
 def _rank(name: str) -> int:

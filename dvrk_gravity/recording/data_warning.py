@@ -8,7 +8,7 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Literal
 
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import RecordingError, printable
 
 Kind = Literal[
     "invalid_stamps", "repeated_stamps", "stamps_back", "unreadable", "other_messages",
@@ -48,7 +48,7 @@ class DataWarning:
 
     def __str__(self) -> str:
         """Return ``file: joint: text``."""
-        return ": ".join(part for part in (self.recording, self.joint, self.text) if part)
+        return printable(": ".join(filter(None, (self.recording, self.joint, self.text))))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +29,8 @@ from dvrk_gravity.recording.table import Assembly, RowTable
 
 # Layouts tried on all of a chunk's messages; a more irregular stream is decoded singly.
 SHARED_LAYOUTS = 8
+# Bytes of messages decoded at a time: so many JointStates of 7 joints have a tenth.
+_PART_BYTES = 16_000_000
 NO_STAMP = bytes(8)  # of data that the dVRK marks as invalid, and of drivers that never stamp
 
 
@@ -79,6 +80,22 @@ def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
     return batches, wrong
 
 
+def _parts(
+    messages: Iterator[tuple[str, int, bytes]], chunk: int
+) -> Iterator[list[tuple[str, int, bytes]]]:
+    """Yield consecutive messages, ``chunk`` at a time, or fewer that are large."""
+    part: list[tuple[str, int, bytes]] = []
+    size = 0
+    for message in messages:
+        part.append(message)
+        size += len(message[2])
+        if len(part) == chunk or size > _PART_BYTES:
+            yield part
+            part, size = [], 0
+    if part:
+        yield part
+
+
 def read_joint_states(
     path: str | Path, topic: str | None = None, chunk: int = 1000
 ) -> Iterator[JointStateSample]:
@@ -88,9 +105,8 @@ def read_joint_states(
         RecordingError: If the bag or a message cannot be read.
     """
     with BagReader(path) as bag:
-        messages = bag.raw(bag.joint_state_topic(topic))
         first = 0
-        while part := list(islice(messages, chunk)):
+        for part in _parts(bag.raw(bag.joint_state_topic(topic)), chunk):
             samples: list[Any] = [None] * len(part)
             batches, wrong = _decode([data for _, _, data in part])
             for i, why in sorted(wrong.items()):
@@ -144,8 +160,7 @@ def _tables(
         stamped = time_base == "stamp" or any(
             data[STAMP] != NO_STAMP for _, _, data in bag.raw(name)
         )
-        messages = bag.raw(name)
-        while part := list(islice(messages, chunk)):
+        for part in _parts(bag.raw(name), chunk):
             read = messages_of.read(first, [data for _, _, data in part])
             first += len(part)
             valid = read.used & ((read.stamps != 0) | (not stamped))

@@ -17,6 +17,7 @@ from zlib import crc32
 from dvrk_gravity.recording.bag_file import (
     LARGEST_CHUNK,
     LARGEST_MESSAGE,
+    LONGEST_NAME,
     TOO_LARGE,
     BagFile,
     BagFileError,
@@ -38,15 +39,15 @@ class RecordFile(BagFile):
         BagFileError: It is none.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, size: int) -> None:
         """Open the file and list its channels: from its index, else from its records."""
-        super().__init__()
+        super().__init__(size)
         self._file = path.open("rb")
         self._size = os.fstat(self._file.fileno()).st_size
         try:
             self._read_index()
             if not self.channels:
-                for _ in self.messages(()):
+                for _ in self.read(()):
                     pass
                 self.broken = ""
                 self.left_out.clear()
@@ -71,18 +72,18 @@ class RecordFile(BagFile):
         """Return the content of a chunk, empty if it cannot be read, and whether it is complete."""
         declared = max(size, packed)
         if declared > LARGEST_CHUNK:
-            self.left_out[
+            self.leave_out(
                 f"chunk that declares {declared / 1e6:.4g} MB "
                 f"(at most {LARGEST_CHUNK / 1e6:g} are read)"
-            ] += 1
+            )
             return b"", False
         self._file.seek(start)
         data = self._file.read(packed)
         whole = len(data) == packed
         try:
-            return unpacked(data, kind, size, whole), whole
+            return unpacked(data, kind, size, self.allowance, whole), whole
         except UnpackError as error:
-            self.left_out[f"chunk that {error}"] += 1
+            self.leave_out(f"chunk that {error}")
             return b"", False
 
 
@@ -127,6 +128,7 @@ class McapFile(RecordFile):
 
     def _records(self, start: int) -> Iterator[_McapRecord]:
         while start + _HEAD.size <= self._size:
+            self.allowance.record()
             self._file.seek(start)
             kind, length = _HEAD.unpack(self._file.read(_HEAD.size))
             start += _HEAD.size
@@ -144,7 +146,7 @@ class McapFile(RecordFile):
             elif cut:
                 break
             elif record.kind == _MESSAGE and record.length > LARGEST_MESSAGE:
-                self.left_out[TOO_LARGE] += 1
+                self.leave_out(TOO_LARGE)
             elif record.kind in (_SCHEMA, _CHANNEL, _MESSAGE):
                 content = self._read(record.start, record.there)
                 if record.kind == _MESSAGE:
@@ -165,7 +167,7 @@ class McapFile(RecordFile):
             topic, at = _text(content, 4)
             encoding, _ = _text(content, at)
             msgtype = ros2_type(self._schemas.get(schema, ""))
-            self.channels[number] = Channel(topic, msgtype, encoding)
+            self.add_channel(number, Channel(topic, msgtype, encoding))
 
     def _chunk(
         self, record: _McapRecord, wanted: Collection[int]
@@ -182,13 +184,14 @@ class McapFile(RecordFile):
         (packed,) = struct.unpack_from("<Q", head, at - 8)
         content, whole = self._unpacked_chunk(record.start + at, packed, kind, size)
         if whole and checksum and crc32(content) != checksum:
-            self.left_out["chunk of another checksum than it states"] += 1
+            self.leave_out("chunk of another checksum than it states")
             return
         yield from sorted(self._inside(content, wanted), key=lambda message: message[1])
 
     def _inside(self, content: bytes, wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         at, end = 0, len(content)
         while at + _HEAD.size <= end:
+            self.allowance.record()
             kind, length = _HEAD.unpack_from(content, at)
             at += _HEAD.size
             if at + length > end:  # the file breaks off there
@@ -197,7 +200,7 @@ class McapFile(RecordFile):
                 channel, _, received, _ = _MESSAGE_HEAD.unpack_from(content, at)
                 if channel in wanted:
                     if length > LARGEST_MESSAGE:
-                        self.left_out[TOO_LARGE] += 1
+                        self.leave_out(TOO_LARGE)
                     else:
                         yield channel, received, content[at + _MESSAGE_HEAD.size : at + length]
             elif kind in (_SCHEMA, _CHANNEL):
@@ -209,14 +212,15 @@ def _text(content: bytes, at: int) -> tuple[str, int]:
     """Return a text and where it ends."""
     (length,) = _U32.unpack_from(content, at)
     at += 4
-    if at + length > len(content):
-        raise BagFileError(f"a text of {length} bytes at byte {at} of {len(content)}")
+    if length > LONGEST_NAME or at + length > len(content):
+        raise BagFileError(f"a name of {length} bytes at byte {at} of {len(content)}")
     return content[at : at + length].decode(errors="replace"), at + length
 
 
 _VERSION = ROS1_MAGIC + b"2.0\n"
 _ROS1_MESSAGE, _ROS1_BAG, _ROS1_CHUNK, _ROS1_CONNECTION = 2, 3, 5, 7
 _LARGEST_HEADER = 100_000  # bytes; that of a connection holds a topic's name
+_MOST_FIELDS = 50  # of a header: those of connections have eight
 
 
 class _BagRecord(NamedTuple):
@@ -231,7 +235,7 @@ class _BagRecord(NamedTuple):
         return self.fields.get(b"op", b"\0")[0]
 
     def number(self, name: bytes) -> int:
-        return int.from_bytes(self.fields.get(name, b""), "little")
+        return int.from_bytes(self.fields.get(name, b"")[:8], "little")
 
     @property
     def time(self) -> int:
@@ -257,6 +261,7 @@ class Ros1File(RecordFile):
     def _records(self, start: int) -> Iterator[_BagRecord]:
         """Yield the records from a place on, the last one's data perhaps cut off."""
         while start + 4 <= self._size:
+            self.allowance.record()
             self._file.seek(start)
             (length,) = _U32.unpack(self._file.read(4))
             header = self._file.read(min(length, _LARGEST_HEADER) + 4)
@@ -289,15 +294,15 @@ class Ros1File(RecordFile):
             self._note(record, data)
         elif record.kind == _ROS1_MESSAGE and record.number(b"conn") in wanted:
             if record.length > LARGEST_MESSAGE:
-                self.left_out[TOO_LARGE] += 1
+                self.leave_out(TOO_LARGE)
             else:
                 yield record.number(b"conn"), record.time, data
 
     def _note(self, record: _BagRecord, data: bytes) -> None:
-        topic = record.fields.get(b"topic", b"").decode(errors="replace")
-        msgtype = _fields(data).get(b"type", b"").decode(errors="replace")
+        topic = record.fields.get(b"topic", b"")[:LONGEST_NAME].decode(errors="replace")
+        msgtype = _fields(data).get(b"type", b"")[:LONGEST_NAME].decode(errors="replace")
         channel = Channel(topic, ros2_type(msgtype), "ros1")
-        self.channels[record.number(b"conn")] = channel
+        self.add_channel(record.number(b"conn"), channel)
 
     def _chunk(
         self, record: _BagRecord, wanted: Collection[int]
@@ -307,9 +312,10 @@ class Ros1File(RecordFile):
         content, _ = self._unpacked_chunk(record.start, record.length, kind, size)
         at, end = 0, len(content)
         while at + 4 <= end:
+            self.allowance.record()
             (length,) = _U32.unpack_from(content, at)
             start = at + 8 + length
-            if start > end:
+            if length > _LARGEST_HEADER or start > end:
                 return
             (count,) = _U32.unpack_from(content, at + 4 + length)
             inner = _BagRecord(_fields(content[at + 4 : at + 4 + length]), start, count)
@@ -320,8 +326,11 @@ class Ros1File(RecordFile):
 
 def _fields(header: bytes) -> dict[bytes, bytes]:
     """Return the fields ``name=value`` of a header."""
-    found, at = {}, 0
-    while at + 4 <= len(header):
+    found: dict[bytes, bytes] = {}
+    at = 0
+    for _ in range(_MOST_FIELDS):
+        if at + 4 > len(header):
+            break
         (length,) = _U32.unpack_from(header, at)
         name, _, value = header[at + 4 : at + 4 + length].partition(b"=")
         found[name] = value

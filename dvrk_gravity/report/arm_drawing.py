@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning import link_origins
+from dvrk_gravity.report.html import escape
 
 Level = Literal["", "good", "fair", "poor"]
 _LEVELS: tuple[Level, ...] = ("", "good", "fair", "poor")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from html import escape
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally, shown_drift
@@ -13,6 +12,7 @@ from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
 from dvrk_gravity.report.fit_pictures import torque_pictures
 from dvrk_gravity.report.fit_tables import level_of_verdict
+from dvrk_gravity.report.html import escape
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import effort_in_table
 from dvrk_gravity.units import fixed, interval

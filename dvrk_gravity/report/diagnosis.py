@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -35,6 +34,7 @@ from dvrk_gravity.report.findings import (
     parameter_rows,
     size_of,
 )
+from dvrk_gravity.report.html import escape
 from dvrk_gravity.report.in_simulation import section
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from html import escape
 
 from dvrk_gravity.identification import RULE, Evaluation, by_errors
 from dvrk_gravity.intake import contradiction
@@ -19,6 +18,7 @@ from dvrk_gravity.report.fit_tables import (
     level_of_verdict,
     verdict_in_short,
 )
+from dvrk_gravity.report.html import escape
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import effort_in_table
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
-from dvrk_gravity.report.html import beside, erase, inline, legend, panel, picture
+from dvrk_gravity.report.html import beside, erase, escape, inline, legend, panel, picture
 from dvrk_gravity.report.units import effort_in_picture
 
 if TYPE_CHECKING:

@@ -6,8 +6,10 @@ import base64
 import io
 import re
 from collections.abc import Iterable, Sequence
-from html import escape
+from html import escape as html_escape
 from typing import TYPE_CHECKING
+
+from dvrk_gravity.errors import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +20,11 @@ _PANEL = (4.0, 2.6)  # inches
 # picture, costs as much as drawing.
 _ROOM = {"left": 0.17, "right": 0.98, "bottom": 0.18, "top": 0.89}
 _NUMBER = re.compile(r"(< |[-+−])?(\d[\d.]*|\.\d+)(e[-+]?\d+)?( … .*)?")
+
+
+def escape(text: str) -> str:
+    """Return a text as HTML that shows it; see :func:`printable`."""
+    return html_escape(printable(text))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from html import escape
 
 from dvrk_gravity.identification import POOR, RULE, Choice, Fit
 from dvrk_gravity.intake import contradiction
@@ -19,6 +18,7 @@ from dvrk_gravity.report.fit_tables import (
     level_of_verdict,
     verdict_in_short,
 )
+from dvrk_gravity.report.html import escape
 from dvrk_gravity.report.page import page
 
 

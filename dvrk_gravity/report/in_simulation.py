@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
-from dvrk_gravity.report.html import beside, erase, inline, legend, panel, picture, table
+from dvrk_gravity.report.html import beside, erase, escape, inline, legend, panel, picture, table
 from dvrk_gravity.report.units import milli_position, shown_position
 from dvrk_gravity.units import fixed
 

@@ -6,9 +6,9 @@ Dark and light by what the reader's system prefers, light in print; as wide as a
 from __future__ import annotations
 
 from collections.abc import Iterable
-from html import escape
 
 from dvrk_gravity.report.arm_drawing import Level
+from dvrk_gravity.report.html import escape
 
 # Text on its ground has a contrast of 4.5 or more in either scheme (WCAG 2.2, 1.4.3). Pictures are
 # drawn dark on transparent; inverted, with their hues turned back, they are light on dark.

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64MultiArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DroppedSampleError
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, printable
 from dvrk_gravity.recording import ENCAPSULATION, STAMP, CdrError, JointStateLayout
 
 Stamp = tuple[int, int]
@@ -176,4 +176,4 @@ def _unpacked_by_ros(raw: bytes) -> Fields:
         raise DroppedSampleError("malformed", f"{len(raw)} bytes, no JointState") from error
     numbers = (np.array(field) for field in (message.position, message.velocity, message.effort))
     stamp = message.header.stamp
-    return Fields((stamp.sec, stamp.nanosec), tuple(message.name), *numbers)
+    return Fields((stamp.sec, stamp.nanosec), tuple(map(printable, message.name)), *numbers)

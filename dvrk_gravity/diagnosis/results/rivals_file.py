@@ -15,10 +15,12 @@ from dvrk_gravity.diagnosis.results.sentences import rejoining_command
 from dvrk_gravity.effects import ReadingErrors, State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
+from dvrk_gravity.files.entries import check_count
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Rival, Unseparated
 
 ENTRY = "unseparated"
+_MOST_PAIRS = 1000  # Chosen: all pairs of 45 causes
 
 
 def load_unseparated(
@@ -55,6 +57,7 @@ def _unseparated(
     if not entry.get("pairs"):
         expected = "at least two causes that could not be separated: this diagnosis is clear"
         raise ConfigError(f"{ENTRY}.pairs", [], expected)
+    check_count(f"{ENTRY}.pairs", len(entry["pairs"]), _MOST_PAIRS)
     if model is None:
         model = _model_path(entry.get("model"), folder)
     tested = TorqueModel.of(model)
