@@ -11,12 +11,11 @@ from known_mtm import ARM, truth
 from support import MODEL_FILE
 
 from dvrk_gravity import command_line
-from dvrk_gravity.calibration.release import settled_by
+from dvrk_gravity.calibration import settled_by
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import ElasticCable
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import Constant, HeldWeight, identify, scale_in_words
-from dvrk_gravity.identification.quality.constant import settle
+from dvrk_gravity.identification import Constant, HeldWeight, identify, scale_in_words, settle
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
@@ -163,10 +162,10 @@ def test_the_scale_of_a_recording_stays_on_the_verdict_where_no_masses_are_known
     for fit in (clean, small):
         assert "weigh something" in fit.verdict.reason
         assert "weigh something" in fit.model.reason
-    one, half = (
+    whole_weight, small_weight = (
         next(each.ratio for each in fit.weights if each.joint == NAME) for fit in (clean, small)
     )
-    assert half / one == pytest.approx(0.45, rel=0.02)
+    assert small_weight / whole_weight == pytest.approx(0.45, rel=0.02)
 
 
 @pytest.mark.parametrize(("ratio", "said"), [(1.0, False), (0.9, False), (1.4, True), (0.5, True)])

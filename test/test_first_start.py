@@ -12,9 +12,14 @@ import pytest
 from support import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.compensate import Sample, Settings, Status, Supervisor
-from dvrk_gravity.compensate.constant_check import ConstantCheck
-from dvrk_gravity.compensate.supervisor import HANDS_OFF
+from dvrk_gravity.compensate import (
+    HANDS_OFF,
+    ConstantCheck,
+    Sample,
+    Settings,
+    Status,
+    Supervisor,
+)
 from dvrk_gravity.effects import ElasticCable
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 

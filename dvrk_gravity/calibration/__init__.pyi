@@ -10,6 +10,7 @@ from .logbook import file_hash as file_hash
 from .release import holding as holding
 from .release import random_poses as random_poses
 from .release import release_poses as release_poses
+from .release import settled_by as settled_by
 from .rig import Rig as Rig
 from .rig import SimulatedRig as SimulatedRig
 from .settings import CalibrationSettings as CalibrationSettings

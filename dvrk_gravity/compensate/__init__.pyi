@@ -3,6 +3,7 @@ from .command_order import Takers as Takers
 from .command_order import shifted as shifted
 from .command_order import stated_order as stated_order
 from .command_watch import CommandWatch as CommandWatch
+from .constant_check import ConstantCheck as ConstantCheck
 from .following import LAG as LAG
 from .following import Following as Following
 from .following import MotionError as MotionError
@@ -29,6 +30,7 @@ from .speed_guard import SpeedGuard as SpeedGuard
 from .start import DRY_SPEED as DRY_SPEED
 from .start import StartRefusedError as StartRefusedError
 from .start import require_within as require_within
+from .supervisor import HANDS_OFF as HANDS_OFF
 from .supervisor import Status as Status
 from .supervisor import Supervisor as Supervisor
 from .watchdogs import SAME_TOPIC as SAME_TOPIC
