@@ -28,7 +28,7 @@ _PINNED_SHARE = 0.02  # part of static poses with the same extreme effort. Chose
 # Part of the torque that ripple puts into the fitted band. Real recordings (MTM, PSM, UR10e) have
 # 0.000 to 0.005, simulated ones without steps 0.000 to 0.004 (`Multisine.draw`, seeds 0 to 7, at
 # 100, 200, 1000 Hz); a stiff servo that follows steps at 50 to 500 Hz leaves 0.03 to 0.15 at
-# 200 Hz, 0.01 to 0.04 at 1 kHz (seeds 1 to 4 of `stepped` in test/test_set_points.py).
+# 200 Hz, 0.01 to 0.04 at 1 kHz (seeds 1 to 4 of `stepped` in test/trials/test_set_points.py).
 _RIPPLE = 0.01
 _RIPPLE_BAND = 5.65  # Hz, that is fitted: `DEFAULT_CUTOFF`
 _SLOWEST = 1e-6  # rad/s; a slower joint shows no jitter. Chosen: rounding
