@@ -15,7 +15,14 @@ from dvrk_gravity.calibration import settled_by
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import ElasticCable
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import Constant, HeldWeight, identify, scale_in_words, settle
+from dvrk_gravity.identification import (
+    Constant,
+    HeldWeight,
+    constants,
+    identify,
+    scale_in_words,
+    settle,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
@@ -84,13 +91,8 @@ def test_a_model_s_file_carries_constants_in_doubt_as_part_of_the_model(fit, tmp
         Settings.from_parameters({**values, "identification.constant": [0.0] * 7})
 
 
-@pytest.fixture(scope="module")
-def as_reading(recording):
-    return identify([recording], ARM, "joint", TERMS, bias_is={NAME: "reading"})
-
-
-def test_a_bias_of_the_reading_is_predicted_and_not_compensated(fit, as_reading, tmp_path):
-    model = as_reading.model
+def test_a_bias_of_the_reading_is_predicted_and_not_compensated(fit, tmp_path):
+    model = settle(fit.model, fit.constants, {NAME: "reading"})
     np.testing.assert_allclose(model.torque(Q), fit.model.torque(Q), atol=1e-9)
     torque, with_it = (
         np.array([Settings.from_parameters(each.parameters()).torque(q, None) for q in Q])
@@ -98,14 +100,20 @@ def test_a_bias_of_the_reading_is_predicted_and_not_compensated(fit, as_reading,
     )
     found = fit.constants[NAME].value * np.eye(7)[SHOULDER]
     np.testing.assert_allclose(with_it - torque, np.tile(found, (len(Q), 1)), atol=1e-9)
-    assert not model.constant[SHOULDER]
     assert NAME in model.constant_is
-    assert as_reading.verdict.joints[NAME].level == "good"
-    assert fit.model.constant[4] == model.constant[4] != 0.0, "of others nothing was stated"
     model.save(tmp_path / "model.yaml")
     loaded = TorqueModel.load(tmp_path / "model.yaml")
     assert loaded.uncertainty is not None, loaded.unsure
     assert loaded.constant_is == model.constant_is
+
+
+def test_what_is_stated_of_a_joint_is_in_doubt_no_longer(fit):
+    found = constants(fit.model, fit.holding, {NAME: "torque"})
+    assert not found[NAME].in_doubt
+    assert found["wrist_pitch"].in_doubt, "of others nothing was stated"
+    model = settle(fit.model, found, {NAME: "torque"})
+    assert not model.constant[SHOULDER]
+    assert model.constant[4] == fit.model.constant[4] != 0.0
 
 
 def test_a_torque_that_is_stated_is_compensated_and_not_in_doubt(recording, tmp_path, capsys):

@@ -75,7 +75,9 @@ def test_known_parameters_come_out(fit):
 def test_what_does_not_improve_is_left_out(fit):
     dropped = {choice.term for choice in fit.choices if not choice.kept}
     assert any(term.startswith("presliding_hysteresis wrist_pitch") for term in dropped)
-    assert fit.verdict.level == fit.model.verdict == "good"
+    doubtful = {name for name, each in fit.verdict.joints.items() if each.level != "good"}
+    assert doubtful == {"wrist_pitch"}, "which has a spring: is its mean a bias?"
+    assert fit.verdict.level == fit.model.verdict == "usable"
 
 
 def test_elastic_torque_is_held_at_the_edge_of_the_data(fit):
@@ -122,7 +124,7 @@ def test_torque_that_friction_held_at_a_joint_that_stood_still_is_not_in_the_mod
     stiction += NOISE[6] * np.random.default_rng(3).normal(size=(len(stiction), 1)) * (1 - held)
     standing = replace(moving, position=position, velocity=held * moving.velocity, effort=stiction)
     effects = ["coulomb_friction", "elastic_cable"]
-    found = identify([standing], ARM, "joint", effects, physical=False)
+    found = identify([standing], ARM, "joint", effects, physical=False, bias_is="torque")
     cable = found.model.term("elastic_cable")
     assert cable is None or not cable.coefficients[:, 6].any()
     assert abs(found.model.torque(position[0])[6]) < 0.005

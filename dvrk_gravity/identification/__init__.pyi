@@ -15,6 +15,7 @@ from .poses.solver import Composition as Composition
 from .poses.solver import Table as Table
 from .poses.solver import joint_columns as joint_columns
 from .poses.solver import pose_uncertainty as pose_uncertainty
+from .quality.constant import constants as constants
 from .quality.constant import settle as settle
 from .quality.identifiability import base_parameters as base_parameters
 from .quality.identifiability import base_weights as base_weights
