@@ -56,15 +56,13 @@ def test_a_model_without_the_file_works_and_does_not_tell(saved):
     assert np.isfinite(model.torque(np.zeros(4))).all()
 
 
-def test_coefficients_changed_by_hand_are_no_longer_what_it_is_about(saved):
+def test_coefficients_changed_by_hand_are_refused_beside_their_former_uncertainty(saved):
     text = saved.read_text()
     line = next(each for each in text.splitlines() if each.strip().startswith("joint_positive:"))
     saved.write_text(text.replace(line, line.replace("[", "[1.0, ", 1).rsplit(",", 1)[0] + "]"))
 
-    model = TorqueModel.load(saved)
-
-    assert model.uncertainty is None
-    assert str(saved) in model.unsure
+    with pytest.raises(ConfigError, match=r"identification\.uncertainty.*coulomb_friction"):
+        TorqueModel.load(saved)
 
 
 IMPOSSIBLE = [
@@ -85,7 +83,7 @@ IMPOSSIBLE = [
 def test_an_array_that_cannot_be_is_refused_by_its_name(saved, model):
     known = model.uncertainty
     for name, change in IMPOSSIBLE:
-        replace(known, **change(known)).save(uncertainty_file(saved))
+        replace(known, **change(known)).save(uncertainty_file(saved), "")
         with pytest.raises(ConfigError, match=f"{uncertainty_file(saved).name}.*expected .*{name}"):
             TorqueModel.load(saved)
 
