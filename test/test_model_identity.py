@@ -87,8 +87,8 @@ def test_no_parameter_of_a_term_of_the_arm_itself_is_adjustable():
     table = model_parameters(TorqueModel.load(MODEL_FILE).arm)
     adjustable = {name.partition(".")[0] for name, entry in table.items() if entry.adjustable}
     assert adjustable <= {
-        "arm", "arm_geometry", "console", "effort_has_gravity", "effort_unit", "gravity_enabled", "gravity_vector",
-        "identification", "payload", "reading",
+        "arm", "arm_geometry", "console", "effort_has_gravity", "effort_unit", "gravity_enabled",
+        "gravity_vector", "identification", "payload", "reading",
     }  # fmt: skip
     assert {term.NAME for term in terms()} & adjustable == {"payload"}
 
