@@ -116,18 +116,16 @@ class Logbook:
         Raises:
             ConfigError: One was changed or removed.
         """
-        found_of: dict[str, str | None] = {}
-        for entry in self.entries:
-            for name, known in entry.files.items():
-                if name not in found_of:
-                    found_of[name] = _hash_or_none(self.folder / name)
-                found = found_of[name]
-                if found != known:
-                    what = "no file" if found is None else "a file that was changed since"
-                    raise ConfigError(
-                        "", what, f"it as the step {entry.step!r} left it; put it back, or begin "
-                        "with another --out", self.folder / name,
-                    )  # fmt: skip
+        # Of the last step that wrote it: a release writes the model again, once it has settled it.
+        left_by = {name: entry for entry in self.entries for name in entry.files}
+        for name, entry in left_by.items():
+            found = _hash_or_none(self.folder / name)
+            if found != entry.files[name]:
+                what = "no file" if found is None else "a file that was changed since"
+                raise ConfigError(
+                    "", what, f"it as the step {entry.step!r} left it; put it back, or begin "
+                    "with another --out", self.folder / name,
+                )  # fmt: skip
 
     @staticmethod
     def steps_in(folder: Path) -> list[str]:
