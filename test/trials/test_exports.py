@@ -152,7 +152,8 @@ def test_convert_writes_a_model_by_the_ending_and_its_cost_as_json(tmp_path, cap
     for other in ("out.mjfc", "nowhere/out.urdf"):
         assert run(CONVERT, [str(model), str(tmp_path / other)]) == 2
         error = capsys.readouterr().err
-        assert "OUT" in error and "expected" in error
+        assert "OUT" in error
+        assert "expected" in error
         assert error.count("\n") == 1
 
 
