@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import Collected, CollectSettings, collect
+from dvrk_gravity.collecting import Collected, CollectSettings, SimulatedDriver, collect
 from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, slacks
 from dvrk_gravity.recording import Recording, encode_joint_state
+from dvrk_gravity.simulate import PlantFile
 
 STEP = 5e-3  # s
 WHOLE = 801  # samples of a motion of 4 s
@@ -107,3 +108,16 @@ def once(phase: str, moment: float, error: BaseException) -> Callable[..., BaseE
 def positions(out: Path) -> np.ndarray:
     """Return what was recorded."""
     return Recording.load(out).position
+
+
+def driven(plant: PlantFile, out: Path, disturb: Callable | None = None) -> SimulatedDriver:
+    """Go with a simulated ECM along a plan of 4 s, and return the driver."""
+    plan = plan_of("ecm", size=0.9)
+    with SimulatedDriver(plant, at=plan.at(0.0)[0] - 0.02 * Arm.load("ecm").scale) as driver:
+        if disturb is not None:
+            driver.disturb = lambda arm: disturb(driver)
+        collect(
+            plan, driver, out, rehearse=False, settings=BRIEF, report=lambda line: None,
+            model=plant.model,
+        )  # fmt: skip
+    return driver

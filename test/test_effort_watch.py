@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from path_driver import BRIEF, plan_of
+from path_driver import driven, plan_of
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import EffortWatch, MotionStoppedError, SimulatedDriver, collect
+from dvrk_gravity.collecting import EffortWatch, MotionStoppedError, SimulatedDriver
 from dvrk_gravity.compensate import LAG, Following, MotionError, Sample
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import ModelUncertainty, TorqueModel, coefficients_of
@@ -203,19 +203,6 @@ def test_a_stopped_joint_goes_on_by_its_lag_and_no_further_than_its_set_point() 
 @pytest.fixture(scope="module")
 def ecm() -> PlantFile:
     return PlantFile.of(ECM)
-
-
-def driven(plant: PlantFile, out: Path, disturb: Callable | None = None) -> SimulatedDriver:
-    """Go along a plan of 4 s, and return the driver."""
-    plan = plan_of("ecm", size=0.9)
-    with SimulatedDriver(plant, at=plan.at(0.0)[0] - 0.02 * ECM.scale) as driver:
-        if disturb is not None:
-            driver.disturb = lambda arm: disturb(driver)
-        collect(
-            plan, driver, out, rehearse=False, settings=BRIEF, report=lambda line: None,
-            model=plant.model,
-        )  # fmt: skip
-    return driver
 
 
 def pushed(driver: SimulatedDriver) -> None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from path_driver import BRIEF, plan_of
+from path_driver import driven, plan_of
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import SimulatedDriver, collect
+from dvrk_gravity.collecting import SimulatedDriver
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
 
@@ -23,19 +22,6 @@ SECOND = np.eye(ECM.n)[1]
 @pytest.fixture(scope="module")
 def ecm() -> PlantFile:
     return PlantFile.of(ECM)
-
-
-def driven(plant: PlantFile, out: Path, disturb: Callable | None = None) -> SimulatedDriver:
-    """Go along a plan of 4 s, and return the driver."""
-    plan = plan_of("ecm", size=0.9)
-    with SimulatedDriver(plant, at=plan.at(0.0)[0] - 0.02 * ECM.scale) as driver:
-        if disturb is not None:
-            driver.disturb = lambda arm: disturb(driver)
-        collect(
-            plan, driver, out, rehearse=False, settings=BRIEF, report=lambda line: None,
-            model=plant.model,
-        )  # fmt: skip
-    return driver
 
 
 def test_a_simulated_arm_is_moved_and_recorded_as_planned_even_with_a_gentle_hand(
