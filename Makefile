@@ -64,9 +64,10 @@ test: install/.done
 	@$(IN_WORKSPACE) $(BIN)/python -m pytest test/live
 WORKERS ?= 2
 
-# Properties, sweeps over all arms, what pages say, packaging, a browser.
+# Properties, sweeps over all arms, what pages say, packaging, a browser; then nodes as above.
 test-long: install/.done
-	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile test/trials
+	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile test/trials --ignore test/trials/live
+	@$(IN_WORKSPACE) $(BIN)/python -m pytest test/trials/live
 EXAMPLES ?= 1
 
 lint: $(VENV)/.done

@@ -73,11 +73,19 @@ def test_nothing_is_commanded_before_the_controller_has_answered_with_our_order(
     asked = Asked()
     assert TOPIC in asked.obstacle()
     asked.comes(b"1")
-    assert asked.takers.unasked() == {b"1": NODE}
     assert NODE in asked.obstacle()
     asked.takers.answer(b"1", JOINTS)
-    assert asked.takers.unasked() == {}
+    assert asked.takers.unanswered() == {}
     assert asked.obstacle() == ""
+
+
+def test_one_that_has_just_appeared_is_not_asked_in_case_it_is_a_watchdog():
+    asked = Asked()
+    asked.comes(b"1")
+    asked.comes(b"2", "/watchdog")
+    assert asked.takers.to_ask(asked.now + 0.1) == {}
+    asked.goes(b"2")  # now it is known for one, and not looked at any more
+    assert asked.takers.to_ask(asked.now + 0.5) == {b"1": NODE}
 
 
 @pytest.mark.parametrize("stated", [False, True])
@@ -138,7 +146,7 @@ def test_a_controller_that_starts_again_is_asked_again_before_it_gets_another_co
     asked.comes(b"2")
     if not lingers:  # DDS keeps a killed one for 20 s
         asked.goes(b"1")
-    assert asked.takers.unasked() == {b"2": NODE}
+    assert asked.takers.unanswered() == {b"2": NODE}
     assert NODE in asked.obstacle(active=True)
     asked.takers.answer(b"2", TURNED)
     assert ",".join(TURNED) in asked.obstacle(active=True)

@@ -17,6 +17,11 @@ PATIENCE = 2.0
 """A node that has not answered for so long cannot be asked, s. Chosen: ROS answers in
 milliseconds, and a node on a busy machine in tenths of a second."""
 
+BECOMES_KNOWN = 0.3
+"""A node that has just appeared is not asked for so long, s: that it is a watchdog, which access
+policies let nobody ask, becomes known apart from its subscription. Chosen: on an idle machine
+both are known within some milliseconds."""
+
 
 def stated_order(joints: Sequence[str], stated: str) -> tuple[str, ...]:
     """Return the order that :data:`STATEMENT` states, ``()``: it states none.
@@ -67,9 +72,17 @@ class Takers:
         self._since = {taker: self._since.get(taker, now) for taker in nodes}
         self._answers = {taker: each for taker, each in self._answers.items() if taker in nodes}
 
-    def unasked(self) -> dict[bytes, str]:
+    def unanswered(self) -> dict[bytes, str]:
         """Return the takers that have not answered, late ones included."""
         return {each: node for each, node in self._nodes.items() if each not in self._answers}
+
+    def to_ask(self, now: float) -> dict[bytes, str]:
+        """Return those of them that have been there for :data:`BECOMES_KNOWN`."""
+        return {
+            each: node
+            for each, node in self.unanswered().items()
+            if now - self._since[each] >= BECOMES_KNOWN
+        }
 
     def answer(self, taker: bytes, joints: Sequence[str]) -> None:
         """Note the joints of a taker in its order, none: it has no such parameter."""
@@ -91,7 +104,7 @@ class Takers:
                 return self._differs(node, joints)
             agreed = agreed or bool(joints)
         pending = [
-            node for taker, node in self.unasked().items() if now - self._since[taker] < PATIENCE
+            node for taker, node in self.unanswered().items() if now - self._since[taker] < PATIENCE
         ]
         if active:
             pending = [node for node in pending if node in self._known]

@@ -53,10 +53,9 @@ class AskedTakers:
         apart = {self._node.get_fully_qualified_name(), *self._watchdogs()}
         found = self._subscriptions.nodes(seldom=active).items()
         self._takers.look({each: name for each, name in found if name not in apart}, now)
-        unasked = self._takers.unasked()
-        for taker in self._asked.keys() - unasked.keys():
+        for taker in self._asked.keys() - self._takers.unanswered().keys():
             self._forget(taker)
-        for taker, name in unasked.items():
+        for taker, name in self._takers.to_ask(now).items():
             self._ask(taker, name, now)
         return self._takers.obstacle(now, active)
 
