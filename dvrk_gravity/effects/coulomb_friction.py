@@ -26,6 +26,7 @@ from dvrk_gravity.effects.base.friction import (
     columns_at_sites,
     friction_sites,
     removable,
+    sites_with_friction,
     velocities,
 )
 from dvrk_gravity.effects.base.linear_term import PRIOR_FRACTION, Unknowns, site_columns
@@ -219,7 +220,7 @@ class CoulombFriction(Friction):
             )
         ]
         basis = np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1)))
-        return Unknowns(term, tuple(columns), basis.astype(float))
+        return Unknowns(term, tuple(columns), basis).at(sites_with_friction(arm))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

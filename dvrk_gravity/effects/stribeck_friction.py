@@ -2,30 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Values, as_array, as_value, joint_arrays, number_array
+from dvrk_gravity.effects.base.arrays import (
+    Range,
+    Values,
+    as_array,
+    as_value,
+    joint_arrays,
+    number_array,
+)
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import (
     Friction,
     columns_at_sites,
     friction_sites,
+    moves_between,
+    site_text,
+    sites_of_columns,
+    sites_with_friction,
     velocities,
+)
+from dvrk_gravity.effects.base.linear_term import (
+    PRIOR_FRACTION,
+    Column,
+    ColumnTable,
+    ModelChange,
+    Unknowns,
+    site_columns,
 )
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import effort_limits
 from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
 _SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins
 _SLOWEST = 1e-4  # rad/s, of a velocity that a level can have
+# Speeds that identification chooses from, rad/s (Arm.scale). From 0.01 to 0.1 are usual
+# (Armstrong-Hélouvry et al. 1994, table 1); a factor of three apart, a level between two is fitted
+# to a tenth by the nearer one.
+SPEEDS = (0.01, 0.03, 0.1, 0.3)
+_TRANSITION = 0.003  # rad/s (Arm.scale), as of Coulomb friction that is identified
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +72,7 @@ class StribeckFriction(Friction):
 
     NAME = "stribeck_friction"
     REMEDY = "if it is new, look at {joint}'s lubrication and gear"
-    NOT_FITTED = "`diagnose` finds it and extends the model"
+    BY_MOTION = True
     TITLE = "Stribeck friction"
     MEANINGS = meanings(
         level=Meaning("N·m", 0.0, label="greater at rest by", least=0.0),
@@ -145,6 +170,42 @@ class StribeckFriction(Friction):
         return joint, motor
 
     @classmethod
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
+        """One level at each site, that falls within one of :data:`SPEEDS`."""
+        sites = sites_with_friction(arm)
+        columns = [
+            column
+            for index in range(len(SPEEDS))
+            for kind in cls.SITES
+            for column in site_columns(
+                cls.NAME, kind, PRIOR_FRACTION * effort_limits(arm, kind), index, True, "N·m"
+            )
+            if column.site in sites
+        ]
+        nothing, scale = np.zeros(arm.n), arm.scale
+        term = cls(arm, nothing, nothing, scale, scale, _TRANSITION * scale)
+        return StribeckUnknowns(term, tuple(columns))
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+        """Add a level where there is none, remove it, and exchange its speed."""
+        for joint, kind in sites_of_columns(table.arm):
+            here = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
+            chosen = tuple(index for index in here if index in inside)
+            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
+            if chosen:
+                yield ModelChange((), chosen, f"without {text}")
+            for index, speed in zip(here, SPEEDS, strict=True):
+                if index not in inside:
+                    yield ModelChange((index,), chosen, f"{text}, {speed:g} rad/s")
+        yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def coefficient_name(cls, arm: Arm, column: Column) -> str:
+        speed = f"{SPEEDS[column.index]:g} {column.site.unit(arm, 'rad/s')}"
+        return f"{super().coefficient_name(arm, column)} within {speed}"
+
+    @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         for site in () if motion.static else friction_sites(motion):
             row = site.row(motion.arm)
@@ -153,6 +214,44 @@ class StribeckFriction(Friction):
             for part in _SPEEDS:
                 setting = {"velocity": part * speed}
                 yield StribeckHypothesis(arm=motion.arm, site=site, setting=setting)
+
+
+@dataclass(frozen=True, eq=False)
+class StribeckUnknowns(Unknowns):
+    """Levels of several speeds at each site, of which the model has the largest one's speed."""
+
+    term: StribeckFriction
+
+    def regressor(self, state: State, memory: Array) -> Array:
+        """Return (N, n, p) torques of all columns at (N, n) states."""
+        found = np.zeros((*state.q.shape, len(self.columns)))
+        for number, speed in enumerate(SPEEDS):
+            own = [i for i, column in enumerate(self.columns) if column.index == number]
+            found[..., own] = self._at(speed).regressor(state)[..., self._places(own)]
+        return found
+
+    def found(self, coefficients: Array) -> StribeckFriction | None:
+        """Return the term with (p,) coefficients of the fit, ``None`` if all are zero."""
+        if not coefficients.any():
+            return None
+        level = np.zeros(2 * self.term.arm.n)
+        largest, speed = np.zeros(level.shape), np.full(level.shape, SPEEDS[0])
+        places = self._places(range(len(self.columns)))
+        for place, column, value in zip(places, self.columns, coefficients, strict=True):
+            level[place] += value
+            if abs(value) > largest[place]:
+                largest[place], speed[place] = abs(value), SPEEDS[column.index]
+        joint, motor = np.split(speed * np.tile(self.term.arm.scale, 2), 2)
+        return replace(self.term, joint_velocity=joint, motor_velocity=motor).with_theta(level)
+
+    def _at(self, speed: float) -> StribeckFriction:
+        wide = speed * self.term.arm.scale
+        return replace(self.term, joint_velocity=wide, motor_velocity=wide)
+
+    def _places(self, columns: Iterable[int]) -> list[int]:
+        """Return the places of columns in the term's theta."""
+        n, sites = self.term.arm.n, (self.columns[i].site for i in columns)
+        return [n * StribeckFriction.SITES.index(site.kind) + site.index for site in sites]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

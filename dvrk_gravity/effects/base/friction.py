@@ -10,9 +10,9 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Values, diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.arrays import Range, Values, diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
-from dvrk_gravity.effects.base.linear_term import ColumnTable, LinearTerm, ModelChange
+from dvrk_gravity.effects.base.linear_term import ColumnTable, LinearTerm, ModelChange, Unknowns
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
@@ -52,6 +52,11 @@ class Friction(LinearTerm):
         rows = np.reshape(theta, (len(self.LEVELS), -1))
         levels: dict[str, Any] = dict(zip(self.LEVELS, rows, strict=True))
         return replace(self, **levels)
+
+    @classmethod
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns | None:
+        found = super().unknowns(arm, valid)
+        return None if found is None else found.at(sites_with_friction(arm))
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
@@ -137,6 +142,11 @@ def sites_of_columns(arm: Arm) -> Iterator[tuple[int, str]]:
             yield joint, kind
 
 
+def sites_with_friction(arm: Arm) -> set[Site]:
+    """Return the sites of :func:`sites_of_columns`."""
+    return {Site(Kind(kind), joint) for joint, kind in sites_of_columns(arm)}
+
+
 def _likely_kind(arm: Arm, joint: int) -> str:
     """Return where it is likelier: at a motor that moves another joint as far as its own."""
     if arm.joint_names[joint] in arm.frictionless:
@@ -157,6 +167,8 @@ def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator
         here, there = (
             table.select(effect=effect, site_kind=kind, joint=joint) for kind in ("joint", "motor")
         )
+        if not here or not there:
+            continue
         for old, new, kind in ((here, there, "motor"), (there, here, "joint")):
             pairs = [
                 (a, b) for a, b in zip(old, new, strict=True) if a in inside and b not in inside

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -235,6 +235,12 @@ class Unknowns:
     term: LinearTerm
     columns: tuple[Column, ...]
     basis: Array | None = None
+
+    def at(self, sites: Collection[Site]) -> Unknowns:
+        """Return those at some sites; what is elsewhere stays zero."""
+        kept = [i for i, column in enumerate(self.columns) if column.site in sites]
+        basis = np.eye(len(self.columns)) if self.basis is None else self.basis
+        return Unknowns(self.term, tuple(self.columns[i] for i in kept), basis[:, kept])
 
     def regressor(self, state: State, memory: Array) -> Array:
         """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory.
