@@ -18,34 +18,31 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     number_array,
 )
+from dvrk_gravity.effects.base.dahl import DahlElements
+from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import (
     FACTOR,
     AllFriction,
-    Friction,
     columns_at_sites,
     friction_sites,
     removable,
-    sites_with_friction,
-    velocities,
 )
-from dvrk_gravity.effects.base.linear_term import PRIOR_FRACTION, Unknowns, site_columns
+from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.site import Kind, Site, effort_limits
+from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
-_SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
-_TRANSITION = 0.003  # rad/s (a tenth in m/s) over which it changes its sign when it is identified
 # Of a joint's largest effort, unmeasured. Chosen: what static poses of a real MTM leave of its
 # calibrated model, mostly dry friction, is 0.004 to 0.19 of its joints' limits, RMS.
 _NOMINAL = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class CoulombFriction(Friction):
+class CoulombFriction(DryFriction):
     """Constant torque along the motion of a joint or of a motor.
 
     Friction at a motor acts on every joint that the motor moves: the elbow's is at q2 + q3. Below
@@ -59,10 +56,11 @@ class CoulombFriction(Friction):
         motor_positive: (n,) N·m at the motor while it turns up.
         motor_negative: (n,) N·m at the motor while it turns down.
         transition_velocity: (n,) rad/s; 0 makes it a sign function.
+        joint_displacement: (n,) rad over which it builds up at the joints.
+        motor_displacement: (n,) rad over which it builds up at the motors.
     """
 
     NAME = "coulomb_friction"
-    BY_MOTION = True
     LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
     REMEDY = "if it is new, look at {joint}'s cables, bearings and brake"
     TITLE = "Coulomb friction"
@@ -70,12 +68,19 @@ class CoulombFriction(Friction):
         positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down"),
     )  # fmt: skip
     EVERYWHERE = True
+    SETTING = "displacement"
+    SETTING_UNIT = "rad"
+    SETTING_TEXT = "over"
+    # Gears give by 1 or 2 mrad (docs/identification.md); longer ones are elements of presliding.
+    SETTINGS = (0.0, 0.001, 0.002, 0.004)
 
     joint_positive: Array
     joint_negative: Array
     motor_positive: Array
     motor_negative: Array
     transition_velocity: Array
+    joint_displacement: Array
+    motor_displacement: Array
 
     @classmethod
     def meaning(cls, name: str) -> Meaning:
@@ -93,6 +98,8 @@ class CoulombFriction(Friction):
             ("motor_positive", "N·m", "at the motor, turning up"),
             ("motor_negative", "N·m", "at the motor, turning down"),
             ("transition_velocity", "rad/s", "friction full from there"),
+            ("joint_displacement", "rad", f"at the joint, {BUILT_UP}"),
+            ("motor_displacement", "rad", f"at the motor, {BUILT_UP}"),
         )
         return joint_arrays(arm, cls.NAME, declared, lower=0.0)
 
@@ -100,7 +107,7 @@ class CoulombFriction(Friction):
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
         """A direction that is not given has the other's level."""
         n = arm.n
-        levels = {}
+        levels = dict[str, Array]()
         for kind in ("joint", "motor"):
             up = values.get(f"{cls.NAME}.{kind}_positive") or ()
             down = values.get(f"{cls.NAME}.{kind}_negative") or ()
@@ -109,7 +116,7 @@ class CoulombFriction(Friction):
         if not any(level.any() for level in levels.values()):
             return None
         transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
-        return cls(arm, **levels, transition_velocity=transition)
+        return cls(arm, *levels.values(), transition, *cls.displacements(arm, values))
 
     def parameters(self) -> dict[str, Value]:
         values: dict[str, Value] = {}
@@ -118,7 +125,8 @@ class CoulombFriction(Friction):
             levels = {name: getattr(self, name) for name in self.LEVELS if name.startswith(kind)}
             if any(level.any() for level in levels.values()):
                 values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}
-        return values | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
+        values[f"{self.NAME}.transition_velocity"] = as_value(self.transition_velocity)
+        return values | self.displacement_parameters()
 
     @classmethod
     def nominal(cls, arm: Arm) -> CoulombFriction:
@@ -133,15 +141,11 @@ class CoulombFriction(Friction):
     @classmethod
     def _at_joints(cls, arm: Arm, level: Array) -> CoulombFriction:
         nothing = np.zeros(arm.n)
-        return cls(arm, level, level, nothing, nothing, 0.02 * arm.scale)
-
-    @property
-    def full_speed(self) -> Array:
-        return self.transition_velocity
+        return cls(arm, level, level, nothing, nothing, 0.02 * arm.scale, nothing, nothing)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
-        signs = self._signs(state)
+        signs = self.ways(state, self.past(state))
         if signs is None:
             return np.zeros(state.q.shape)
         joint, motor = signs
@@ -151,8 +155,8 @@ class CoulombFriction(Friction):
             torque += self.arm.joint_effort(level * motor)
         return torque
 
-    def regressor(self, state: State) -> Array:
-        signs = self._signs(state)
+    def columns(self, state: State, memory: Array) -> Array:
+        signs = self.ways(state, memory)
         if signs is None:
             return np.zeros((*state.q.shape, len(self.theta)))
         up, down = (
@@ -162,15 +166,6 @@ class CoulombFriction(Friction):
         n = self.arm.n
         columns = (up[..., :n], down[..., :n], up[..., n:], down[..., n:])
         return np.concatenate(columns, axis=-1)
-
-    def _signs(self, state: State) -> tuple[Array, Array] | None:
-        """Return (…, n) directions of joints and motors, -1 to 1, ramps below the transition."""
-        motion = velocities(self.arm, state)
-        if motion is None:
-            return None
-        slope = self._slope if state.direction is None else _SIGN  # no speed: friction is full
-        joint, motor = (np.clip(each * slope, -1.0, 1.0) for each in motion)
-        return joint, motor
 
     def prepare(self) -> Evaluator:
         # Joints and motors side by side, motion upwards and downwards one above the other.
@@ -190,8 +185,18 @@ class CoulombFriction(Friction):
         return evaluate
 
     def plant(self) -> PlantPart:
-        """Its levels; the transition is only a compensator's smoothing."""
-        return PlantPart(dry=self._by_direction)
+        """Its levels, the transition being a compensator's smoothing alone.
+
+        Where they build up, and are the same in both directions, with a state.
+        """
+        level = self._by_direction
+        gives = self._builds_up & (level[0] == level[1])
+        joint, motor = np.split(np.diag(np.where(gives, level[0], 0.0)), 2, axis=1)
+        length = np.where(gives, self.displacement.ravel(), 1.0)
+        return PlantPart(
+            dry=np.where(gives, 0.0, level),
+            memory=DahlElements(self.arm, length, joint, motor) if gives.any() else None,
+        )
 
     @cached_property
     def _by_direction(self) -> Array:
@@ -203,24 +208,12 @@ class CoulombFriction(Friction):
     def _at_motors(self) -> bool:
         return bool(self.motor_positive.any() or self.motor_negative.any())
 
-    @cached_property
-    def _slope(self) -> Array:
-        return 1.0 / np.maximum(self.transition_velocity, 1.0 / _SIGN)
-
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
         """The same in both directions: a difference is a constant, which another column has."""
         nothing = np.zeros(arm.n)
-        term = cls(arm, *(nothing,) * 4, transition_velocity=_TRANSITION * arm.scale)
-        columns = [
-            column
-            for kind in cls.SITES
-            for column in site_columns(
-                cls.NAME, kind, PRIOR_FRACTION * effort_limits(arm, kind), 0, True, "N·m"
-            )
-        ]
-        basis = np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1)))
-        return Unknowns(term, tuple(columns), basis).at(sites_with_friction(arm))
+        term = cls(arm, *(nothing,) * 4, TRANSITION * arm.scale, nothing, nothing)
+        return cls.several(term, np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1))))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

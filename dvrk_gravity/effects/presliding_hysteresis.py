@@ -42,7 +42,7 @@ _FAR = 1e6  # rad
 _MOMENT = 0.2  # s
 # Speed of an arm at rest, rad/s or m/s: what filtering leaves of it, 1e-12 by rounding, has a sign.
 _STILL = 1e-9
-DISPLACEMENTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # rad, of the elements that are identified
+DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements that are identified
 _DISPLACEMENTS = (1e-4, 10.0)  # rad
 _RESOLVED = 3.0  # encoder steps that a displacement must have to be seen
 _REPLACED = 1.5  # times the model's Coulomb friction: more than that, it cannot take away

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,48 +18,32 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     number_array,
 )
+from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
-from dvrk_gravity.effects.base.friction import (
-    Friction,
-    columns_at_sites,
-    friction_sites,
-    moves_between,
-    site_text,
-    sites_of_columns,
-    sites_with_friction,
-    velocities,
-)
-from dvrk_gravity.effects.base.linear_term import (
-    PRIOR_FRACTION,
-    Column,
-    ColumnTable,
-    ModelChange,
-    Unknowns,
-    site_columns,
-)
+from dvrk_gravity.effects.base.friction import columns_at_sites, friction_sites, velocities
+from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.site import effort_limits
 from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
 _SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins
 _SLOWEST = 1e-4  # rad/s, of a velocity that a level can have
-# Speeds that identification chooses from, rad/s (Arm.scale). From 0.01 to 0.1 are usual
-# (Armstrong-Hélouvry et al. 1994, table 1); a factor of three apart, a level between two is fitted
-# to a tenth by the nearer one.
-SPEEDS = (0.01, 0.03, 0.1, 0.3)
-_TRANSITION = 0.003  # rad/s (Arm.scale), as of Coulomb friction that is identified
+# rad (Arm.scale), over which it builds up when it is identified. Chosen: of friction that builds up
+# over 2 mrad, 1 to 6 mrad leave 1.2 times the error that 2 do; none leaves 3 times.
+_BUILDS_UP = 0.003
 
 
 @dataclass(frozen=True, eq=False)
-class StribeckFriction(Friction):
+class StribeckFriction(DryFriction):
     """tau = level exp(-(v / velocity)^2) sign(v), in addition to Coulomb friction.
 
     The Gaussian form of the Stribeck effect (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994,
     Automatica 30:7, equation 6 with an exponent of two). Like Coulomb friction it rises linearly
     up to the transition velocity; a pose that was approached and held has all of it.
+
+    After a reversal it builds up, where it has a displacement, as Coulomb friction does.
 
     Attributes:
         arm: The arm, for its transmission.
@@ -68,22 +52,30 @@ class StribeckFriction(Friction):
         joint_velocity: (n,) speeds of the joints at which 1/e is left, rad/s.
         motor_velocity: (n,) speeds of the motors at which 1/e is left, rad/s.
         transition_velocity: (n,) rad/s; 0 makes it a sign function.
+        joint_displacement: (n,) rad over which it builds up at the joints.
+        motor_displacement: (n,) rad over which it builds up at the motors.
     """
 
     NAME = "stribeck_friction"
     REMEDY = "if it is new, look at {joint}'s lubrication and gear"
-    BY_MOTION = True
     TITLE = "Stribeck friction"
     MEANINGS = meanings(
         level=Meaning("N·m", 0.0, label="greater at rest by", least=0.0),
         velocity=Meaning("rad/s", label="gone above about", least=0.0),
     )
+    SETTING = "velocity"
+    SETTING_UNIT = "rad/s"
+    SETTING_TEXT = "within"
+    # From 0.01 to 0.1 are usual (Armstrong-Hélouvry et al. 1994, table 1).
+    SETTINGS = (0.01, 0.03, 0.1, 0.3)
 
     joint: Array
     motor: Array
     joint_velocity: Array
     motor_velocity: Array
     transition_velocity: Array
+    joint_displacement: Array
+    motor_displacement: Array
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
@@ -93,6 +85,8 @@ class StribeckFriction(Friction):
             ("joint_velocity", "rad/s", "the joint's speed that leaves 1/e"),
             ("motor_velocity", "rad/s", "the motor's speed that leaves 1/e"),
             ("transition_velocity", "rad/s", "sign complete from there"),
+            ("joint_displacement", "rad", f"at the joint, {BUILT_UP}"),
+            ("motor_displacement", "rad", f"at the motor, {BUILT_UP}"),
         )
         return joint_arrays(arm, cls.NAME, declared, lower=0.0)
 
@@ -114,25 +108,23 @@ class StribeckFriction(Friction):
                     f"at least {_SLOWEST:g} rad/s beside a level of {level[index]:g} N·m",
                 )
         transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
-        return cls(arm, **levels, **speeds, transition_velocity=transition)
+        lengths = cls.displacements(arm, values)
+        return cls(arm, *levels.values(), *speeds.values(), transition, *lengths)
 
     def parameters(self) -> dict[str, Value]:
         used = [kind for kind in self.LEVELS if getattr(self, kind).any()]
         names = [name for kind in used for name in (kind, f"{kind}_velocity")]
         names.append("transition_velocity")
-        return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
-
-    @property
-    def full_speed(self) -> Array:
-        return self.transition_velocity
+        values = {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
+        return values | self.displacement_parameters()
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
-        joint, motor = self._per_level(state)
+        joint, motor = self._per_level(state, self.past(state))
         return self.joint * joint + self.arm.joint_effort(self.motor * motor)
 
-    def regressor(self, state: State) -> Array:
-        return columns_at_sites(self.arm, *self._per_level(state))
+    def columns(self, state: State, memory: Array) -> Array:
+        return columns_at_sites(self.arm, *self._per_level(state, memory))
 
     def plant(self) -> PlantPart:
         """The levels, and the fraction that a velocity leaves of them."""
@@ -146,17 +138,16 @@ class StribeckFriction(Friction):
 
         return PlantPart(dry=np.array([level, level]), fade=fade)
 
-    def _per_level(self, state: State) -> tuple[Array, Array]:
+    def _per_level(self, state: State, memory: Array | None) -> tuple[Array, Array]:
         """Return (…, n) torques per level at the joints and at the motors."""
-        motion = velocities(self.arm, state)
-        if motion is None:
+        ways, motion = self.ways(state, memory), velocities(self.arm, state)
+        if ways is None or motion is None:
             return np.zeros(state.q.shape), np.zeros(state.q.shape)
         if state.direction is not None:
-            return np.sign(motion[0]), np.sign(motion[1])
-        slope = 1.0 / np.maximum(self.transition_velocity, 1e-9)
+            return ways
         joint, motor = (
-            np.clip(v * slope, -1.0, 1.0) * np.exp(-((v * inverse) ** 2))
-            for v, inverse in zip(motion, self._inverse, strict=True)
+            way * np.exp(-((v * inverse) ** 2))
+            for way, v, inverse in zip(ways, motion, self._inverse, strict=True)
         )
         return joint, motor
 
@@ -171,39 +162,10 @@ class StribeckFriction(Friction):
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
-        """One level at each site, that falls within one of :data:`SPEEDS`."""
-        sites = sites_with_friction(arm)
-        columns = [
-            column
-            for index in range(len(SPEEDS))
-            for kind in cls.SITES
-            for column in site_columns(
-                cls.NAME, kind, PRIOR_FRACTION * effort_limits(arm, kind), index, True, "N·m"
-            )
-            if column.site in sites
-        ]
-        nothing, scale = np.zeros(arm.n), arm.scale
-        term = cls(arm, nothing, nothing, scale, scale, _TRANSITION * scale)
-        return StribeckUnknowns(term, tuple(columns))
-
-    @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
-        """Add a level where there is none, remove it, and exchange its speed."""
-        for joint, kind in sites_of_columns(table.arm):
-            here = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
-            chosen = tuple(index for index in here if index in inside)
-            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
-            if chosen:
-                yield ModelChange((), chosen, f"without {text}")
-            for index, speed in zip(here, SPEEDS, strict=True):
-                if index not in inside:
-                    yield ModelChange((index,), chosen, f"{text}, {speed:g} rad/s")
-        yield from moves_between(cls.NAME, table, inside)
-
-    @classmethod
-    def coefficient_name(cls, arm: Arm, column: Column) -> str:
-        speed = f"{SPEEDS[column.index]:g} {column.site.unit(arm, 'rad/s')}"
-        return f"{super().coefficient_name(arm, column)} within {speed}"
+        """One level at each site, which builds up as the friction of gears does."""
+        nothing, length = np.zeros(arm.n), _BUILDS_UP * arm.scale
+        term = cls(arm, *(nothing,) * 4, TRANSITION * arm.scale, length, length)
+        return cls.several(term, np.eye(2 * arm.n))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -214,44 +176,6 @@ class StribeckFriction(Friction):
             for part in _SPEEDS:
                 setting = {"velocity": part * speed}
                 yield StribeckHypothesis(arm=motion.arm, site=site, setting=setting)
-
-
-@dataclass(frozen=True, eq=False)
-class StribeckUnknowns(Unknowns):
-    """Levels of several speeds at each site, of which the model has the largest one's speed."""
-
-    term: StribeckFriction
-
-    def regressor(self, state: State, memory: Array) -> Array:
-        """Return (N, n, p) torques of all columns at (N, n) states."""
-        found = np.zeros((*state.q.shape, len(self.columns)))
-        for number, speed in enumerate(SPEEDS):
-            own = [i for i, column in enumerate(self.columns) if column.index == number]
-            found[..., own] = self._at(speed).regressor(state)[..., self._places(own)]
-        return found
-
-    def found(self, coefficients: Array) -> StribeckFriction | None:
-        """Return the term with (p,) coefficients of the fit, ``None`` if all are zero."""
-        if not coefficients.any():
-            return None
-        level = np.zeros(2 * self.term.arm.n)
-        largest, speed = np.zeros(level.shape), np.full(level.shape, SPEEDS[0])
-        places = self._places(range(len(self.columns)))
-        for place, column, value in zip(places, self.columns, coefficients, strict=True):
-            level[place] += value
-            if abs(value) > largest[place]:
-                largest[place], speed[place] = abs(value), SPEEDS[column.index]
-        joint, motor = np.split(speed * np.tile(self.term.arm.scale, 2), 2)
-        return replace(self.term, joint_velocity=joint, motor_velocity=motor).with_theta(level)
-
-    def _at(self, speed: float) -> StribeckFriction:
-        wide = speed * self.term.arm.scale
-        return replace(self.term, joint_velocity=wide, motor_velocity=wide)
-
-    def _places(self, columns: Iterable[int]) -> list[int]:
-        """Return the places of columns in the term's theta."""
-        n, sites = self.term.arm.n, (self.columns[i].site for i in columns)
-        return [n * StribeckFriction.SITES.index(site.kind) + site.index for site in sites]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -129,7 +129,7 @@ class Columns:
         """
         known = [None] * len(self.unknowns) if before is None else self._split(before)
         parts = [
-            unknowns.term.memory(state, part)
+            unknowns.memory(state, part)
             for unknowns, part in zip(self.unknowns, known, strict=True)
         ]
         return np.concatenate(parts, axis=-1)
@@ -186,7 +186,7 @@ class Columns:
     def _memories(self) -> tuple[int, ...]:
         """Size of each effect's memory."""
         still = State(np.zeros((1, self.arm.n)))
-        return tuple(unknowns.term.memory(still).shape[1] for unknowns in self.unknowns)
+        return tuple(unknowns.memory(still).shape[1] for unknowns in self.unknowns)
 
     def _split(self, memory: Array) -> list[Array]:
         """Return each effect's part of (…, m) memory."""

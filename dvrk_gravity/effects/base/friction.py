@@ -83,7 +83,7 @@ class Friction(LinearTerm):
             for joint in range(table.arm.n if cls.EVERYWHERE else 0)
             if _site_kinds(table.arm, joint)
             for index in table.select(
-                effect=cls.NAME, site_kind=_likely_kind(table.arm, joint), joint=joint
+                effect=cls.NAME, site_kind=_likely_kind(table.arm, joint), joint=joint, index=0
             )
         ]
 

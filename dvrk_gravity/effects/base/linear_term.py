@@ -242,6 +242,10 @@ class Unknowns:
         basis = np.eye(len(self.columns)) if self.basis is None else self.basis
         return Unknowns(self.term, tuple(self.columns[i] for i in kept), basis[:, kept])
 
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        """Return (N, m) internal states along a motion; see :meth:`LinearTerm.memory`."""
+        return self.term.memory(state, before)
+
     def regressor(self, state: State, memory: Array) -> Array:
         """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory.
 

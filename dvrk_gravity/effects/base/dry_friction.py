@@ -1,0 +1,272 @@
+"""Dry friction: a level against the motion, which builds up with displacement after a reversal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.effects.base.arrays import Values, as_array, as_value
+from dvrk_gravity.effects.base.dahl import dahl
+from dvrk_gravity.effects.base.friction import (
+    Friction,
+    moves_between,
+    site_text,
+    sites_of_columns,
+    sites_with_friction,
+    velocities,
+)
+from dvrk_gravity.effects.base.linear_term import (
+    PRIOR_FRACTION,
+    Column,
+    ColumnTable,
+    ModelChange,
+    Unknowns,
+    site_columns,
+)
+from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.site import effort_limits
+
+BUILT_UP = "builds up over that after a reversal; 0: at once"
+"""What the displacements of a dry friction are, for its schema."""
+
+TRANSITION = 0.003
+"""rad/s (Arm.scale) over which a friction that is identified changes its sign."""
+
+_SIGN = 1e9  # slope that makes the ramp a sign function, while 0 stays 0
+_STILL = 1e-9  # rad/s or m/s: what filtering leaves of an arm at rest has a sign
+
+
+class DryFriction(Friction):
+    """Friction whose direction is that of the motion, whatever its speed.
+
+    The direction of a joint or motor goes from one to the other along Dahl's curve (Dahl 1968):
+    gears give before they slip, by 1 or 2 mrad. Where that displacement is zero, or a single
+    sample has no past, it is linear in the velocity below the transition velocity, so that a
+    command does not jump when the motion reverses.
+
+    Class attributes:
+        SETTING: Name of what a fit chooses for each site: ``joint_…`` and ``motor_…`` of it are
+            attributes.
+        SETTING_UNIT: Its unit at a joint that turns.
+        SETTING_TEXT: How a coefficient's name says it.
+        SETTINGS: The values that a fit chooses from, for joints that turn (Arm.scale).
+
+    Attributes, which subclasses declare:
+        transition_velocity: (n,) rad/s; 0 makes it a sign function.
+        joint_displacement: (n,) rad over which it builds up at the joints.
+        motor_displacement: (n,) rad over which it builds up at the motors.
+    """
+
+    BY_MOTION = True
+    SETTING: ClassVar[str]
+    SETTING_UNIT: ClassVar[str]
+    SETTING_TEXT: ClassVar[str]
+    SETTINGS: ClassVar[tuple[float, ...]]
+
+    transition_velocity: Array
+    joint_displacement: Array
+    motor_displacement: Array
+
+    @classmethod
+    def displacements(cls, arm: Arm, values: Values) -> tuple[Array, Array]:
+        """Return (n,) displacements of the joints and of the motors that parameters have."""
+        joint, motor = (
+            as_array(values.get(f"{cls.NAME}.{kind}_displacement"), arm.n, 0.0)
+            for kind in ("joint", "motor")
+        )
+        return joint, motor
+
+    def displacement_parameters(self) -> Values:
+        """Return the parameters that :meth:`displacements` reads, where they are not zero."""
+        kinds = {"joint": self.joint_displacement, "motor": self.motor_displacement}
+        return {
+            f"{self.NAME}.{kind}_displacement": as_value(length)
+            for kind, length in kinds.items()
+            if length.any()
+        }
+
+    @property
+    def full_speed(self) -> Array:
+        return self.transition_velocity
+
+    @property
+    def displacement(self) -> Array:
+        """(2, n) rad, of the joints and of the motors."""
+        return np.array([self.joint_displacement, self.motor_displacement])
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it builds up anywhere."""
+        return bool(self._builds_up.any())
+
+    @cached_property
+    def _builds_up(self) -> Mask:
+        return np.concatenate([self.joint_displacement, self.motor_displacement]) > 0.0
+
+    @cached_property
+    def _slope(self) -> Array:
+        return 1.0 / np.maximum(self.transition_velocity, 1.0 / _SIGN)
+
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        """Return (N, 2 n) directions of joints and motors, as built up along the motion.
+
+        (N, 0) where nothing builds up.
+        """
+        known = velocities(self.arm, state)
+        if not self.remembers:
+            return np.zeros((len(state.q), 0))
+        found = np.zeros((len(state.q), len(self._builds_up)))
+        if known is None or state.direction is not None:
+            return found
+        if before is None:
+            first = np.concatenate([motion[0] for motion in known])
+            before = np.where(np.abs(first) > _STILL, np.sign(first), 0.0)
+        position = np.hstack([state.q, self.arm.actuator_position(state.q)])
+        length = self.displacement.ravel()
+        for place in np.flatnonzero(self._builds_up).tolist():
+            own = slice(place, place + 1)
+            found[:, own] = dahl(position[:, place], length[own], before[own])
+        return found
+
+    def ways(self, state: State, memory: Array | None = None) -> tuple[Array, Array] | None:
+        """Return (…, n) directions of joints and motors, -1 to 1; ``None``: no motion is known.
+
+        Args:
+            state: The state.
+            memory: (N, 2 n) of :meth:`memory`; ``None``: nothing has built up.
+        """
+        motion = velocities(self.arm, state)
+        if motion is None:
+            return None
+        slope = self._slope if state.direction is None else _SIGN  # no speed: friction is full
+        joint, motor = (np.clip(each * slope, -1.0, 1.0) for each in motion)
+        if memory is not None and memory.shape[1] and state.direction is None:
+            built = np.split(memory, 2, axis=1)
+            up = np.split(self._builds_up, 2)
+            joint, motor = (
+                np.where(gives, slow, ramp)
+                for gives, slow, ramp in zip(up, built, (joint, motor), strict=True)
+            )
+        return joint, motor
+
+    def past(self, state: State) -> Array | None:
+        """Return the :meth:`memory` of a state that has a past, else ``None``."""
+        return self.memory(state) if state.q.ndim == 2 and len(state.q) > 1 else None
+
+    def regressor(self, state: State) -> Array:
+        past = self.past(state)
+        return self.columns(state, np.zeros((len(state.q), 0)) if past is None else past)
+
+    # Identified.
+    @classmethod
+    def several(cls, term: DryFriction, basis: Array) -> Unknowns:
+        """Return the unknowns of a term, its levels zero, for each of the settings.
+
+        Args:
+            term: The term.
+            basis: (k, 2 n) from levels of the joints and of the motors to its theta.
+        """
+        arm, sites = term.arm, sites_with_friction(term.arm)
+        rows = [
+            (column, place)
+            for index in range(len(cls.SETTINGS))
+            for first, kind in zip((0, arm.n), cls.SITES, strict=True)
+            for place, column in enumerate(
+                site_columns(
+                    cls.NAME, kind, PRIOR_FRACTION * effort_limits(arm, kind), index, True, "N·m"
+                ),
+                first,
+            )
+            if column.site in sites
+        ]
+        columns = tuple(column for column, _ in rows)
+        places = np.array([place for _, place in rows], dtype=np.int64)
+        return SettingUnknowns(term=term, columns=columns, basis=basis[:, places], places=places)
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+        """Add and remove a site's friction, exchange its setting, and joint and motor."""
+        for joint, kind in sites_of_columns(table.arm):
+            here = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
+            chosen = tuple(index for index in here if index in inside)
+            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
+            if chosen and cls.may_be_absent(table, inside, joint):
+                yield ModelChange((), chosen, f"without {text}")
+            for index in here:
+                if index not in inside:
+                    setting = cls.setting_text(table.arm, table.columns[index])
+                    yield ModelChange((index,), chosen, text + setting)
+        yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def setting_text(cls, arm: Arm, column: Column) -> str:
+        """Return how a column's setting follows its name; ``""``: it is zero."""
+        value = cls.SETTINGS[column.index]
+        unit = column.site.unit(arm, cls.SETTING_UNIT)
+        return f" {cls.SETTING_TEXT} {value:g} {unit}" if value else ""
+
+    @classmethod
+    def coefficient_name(cls, arm: Arm, column: Column) -> str:
+        return super().coefficient_name(arm, column) + cls.setting_text(arm, column)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SettingUnknowns(Unknowns):
+    """Levels for each of several settings; a term has one setting at a site.
+
+    Attributes:
+        places: (p,) joint of each column, or n plus its motor.
+    """
+
+    term: DryFriction
+    basis: Array
+    places: NDArray[np.int64]
+
+    @cached_property
+    def _terms(self) -> list[DryFriction]:
+        """The term with each of the settings at all sites."""
+        return [
+            self._with(np.full(2 * self.term.arm.n, value)) for value in type(self.term).SETTINGS
+        ]
+
+    def _with(self, setting: Array) -> DryFriction:
+        """Return the term with (2 n,) settings, for joints that turn."""
+        joint, motor = np.split(setting * np.tile(self.term.arm.scale, 2), 2)
+        name = self.term.SETTING
+        return replace(self.term, **{f"joint_{name}": joint, f"motor_{name}": motor})
+
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        sizes = [2 * self.term.arm.n * term.remembers for term in self._terms]
+        known = [None] * len(sizes) if before is None else np.split(before, np.cumsum(sizes)[:-1])
+        parts = zip(self._terms, known, strict=True)
+        return np.concatenate([term.memory(state, part) for term, part in parts], axis=1)
+
+    def regressor(self, state: State, memory: Array) -> Array:
+        found, first = np.zeros((*state.q.shape, len(self.columns))), 0
+        for number, term in enumerate(self._terms):
+            last = first + 2 * self.term.arm.n * term.remembers
+            own = [i for i, column in enumerate(self.columns) if column.index == number]
+            found[..., own] = term.columns(state, memory[:, first:last]) @ self.basis[:, own]
+            first = last
+        return found
+
+    def found(self, coefficients: Array) -> DryFriction | None:
+        """Return the term with (p,) coefficients, ``None`` if all are zero.
+
+        Of several settings at a site, it has that of the largest level.
+        """
+        if not coefficients.any():
+            return None
+        settings = type(self.term).SETTINGS
+        chosen = np.full(2 * self.term.arm.n, settings[0])
+        for i in np.argsort(np.abs(coefficients), kind="stable").tolist():
+            if coefficients[i]:
+                chosen[self.places[i]] = settings[self.columns[i].index]
+        return self._with(chosen).with_theta(self.basis @ coefficients)
