@@ -238,8 +238,10 @@ def test_what_a_fit_finds_of_it_is_what_its_columns_make(cases):
             continue
         scale = np.array([column.scale for column in unknowns.columns])
         coefficients = scale * np.random.default_rng(2).uniform(0.1, 1.0, len(scale))
+        if hasattr(case.effect, "SETTINGS"):  # of which a site has one
+            coefficients *= [column.index == 2 for column in unknowns.columns]
         state = case.state
-        made = unknowns.regressor(state, unknowns.term.memory(state)) @ coefficients
+        made = unknowns.regressor(state, unknowns.memory(state)) @ coefficients
         same(case, unknowns.found(coefficients).torque(state), made, 1e-9, 1e-9)
         assert unknowns.found(np.zeros(len(scale))) is None
         assert len({column.key for column in unknowns.columns}) == len(scale)

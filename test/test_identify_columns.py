@@ -186,6 +186,10 @@ def test_columns_and_the_model_built_from_them_agree():
     random = np.random.default_rng(10)
     theta = random.normal(size=len(columns.columns)) * columns.scale
     theta = np.where(columns.positive, np.abs(theta), theta)
+    for column in columns.select(effect="coulomb_friction") + columns.select(
+        effect="stribeck_friction"
+    ):
+        theta[column] *= columns.columns[column].index == 2  # a site has one setting
     state = State(random.uniform(ARM.lower, ARM.upper, (30, 7)), *random.normal(size=(2, 30, 7)))
     model = TorqueModel(ARM, columns.terms(theta))
     at_motors = columns.regressor(state, columns.history(state)) @ theta

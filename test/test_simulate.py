@@ -93,7 +93,13 @@ def weightless(truth: PlantFile, *terms: object) -> Plant:
 def coulomb(arm: Arm, **levels: np.ndarray) -> CoulombFriction:
     names = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
     full = {name: levels.get(name, np.zeros(7)) for name in names}
-    return CoulombFriction(arm, **full, transition_velocity=np.full(7, 0.02))
+    return CoulombFriction(
+        arm,
+        **full,
+        transition_velocity=np.full(7, 0.02),
+        joint_displacement=np.zeros(7),
+        motor_displacement=np.zeros(7),
+    )
 
 
 def joint_vector(joint: int, value: float) -> np.ndarray:

@@ -155,7 +155,14 @@ def test_a_ramp_of_friction_creeps_under_an_effort_below_its_level_and_gives_way
         plant = Term.plant  # as if it had no levels to give
 
     term = Ramp(
-        ARM, joint_vector(ROLL, level), joint_vector(ROLL, level), ZERO, ZERO, np.full(N, width)
+        ARM,
+        joint_vector(ROLL, level),
+        joint_vector(ROLL, level),
+        ZERO,
+        ZERO,
+        np.full(N, width),
+        ZERO,
+        ZERO,
     )
     plant = moving(term)
     for _ in range(4000):
@@ -210,7 +217,14 @@ def test_the_plant_breaks_away_at_the_level_and_runs_where_the_sum_of_friction_i
     levels = {"joint": ZERO, "motor": ZERO} | {site: joint_vector(6, level)}
     plant = moving(
         CoulombFriction(
-            ARM, rock + joint_vector(6, coulomb), rock + joint_vector(6, coulomb), ZERO, ZERO, ZERO
+            ARM,
+            rock + joint_vector(6, coulomb),
+            rock + joint_vector(6, coulomb),
+            ZERO,
+            ZERO,
+            ZERO,
+            ZERO,
+            ZERO,
         ),
         ViscousFriction(ARM, joint_vector(6, viscous), ZERO),
         StribeckFriction(
@@ -218,6 +232,8 @@ def test_the_plant_breaks_away_at_the_level_and_runs_where_the_sum_of_friction_i
             *(levels[kind] for kind in ("joint", "motor")),
             joint_vector(6, velocity),
             joint_vector(6, velocity),
+            ZERO,
+            ZERO,
             ZERO,
         ),
     )
@@ -285,7 +301,7 @@ def test_the_plant_holds_a_push_by_presliding_and_yields_as_the_spring_that_it_i
     )
     rock = np.r_[np.full(6, 9.0), 0.0]
     plant = moving(
-        CoulombFriction(ARM, rock, rock, ZERO, ZERO, ZERO),
+        CoulombFriction(ARM, rock, rock, ZERO, ZERO, ZERO, ZERO, ZERO),
         ViscousFriction(ARM, joint_vector(6, 0.01), ZERO),  # the way goes one way
         term,
     )

@@ -189,7 +189,8 @@ def test_a_pose_s_direction_has_full_friction_whatever_the_velocity(transition):
 
 @given(LEVELS, LEVELS, LEVELS, LEVELS, LEVELS, VELOCITIES)
 def test_coulomb_friction_never_gives_power_back(up, down, motor_up, motor_down, transition, qd):
-    term = CoulombFriction(ARM, up, down, motor_up, motor_down, transition)
+    at_once = np.zeros(ARM.n)
+    term = CoulombFriction(ARM, up, down, motor_up, motor_down, transition, at_once, at_once)
     assert qd @ torque(term, qd=qd) >= -1e-12
 
 

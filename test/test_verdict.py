@@ -102,7 +102,10 @@ def test_gravity_that_is_uncertain_by_less_than_dry_friction_costs_no_more_than_
 def test_the_dry_friction_of_a_joint_is_that_of_all_that_moves_with_it():
     at_joint, at_motor = np.zeros((2, 7))
     at_joint[[0, 2]], at_motor[2] = 0.02, 0.03
-    uneven = CoulombFriction(ARM, at_joint, 2.0 * at_joint, at_motor, at_motor, np.full(7, 0.05))
+    nothing = np.zeros(7)
+    uneven = CoulombFriction(
+        ARM, at_joint, 2.0 * at_joint, at_motor, at_motor, np.full(7, 0.05), nothing, nothing
+    )
     expected = 1.5 * at_joint + 0.03 * np.abs(ARM.joint_to_actuator[2])
     assert np.count_nonzero(expected) > 2  # the elbow's motor moves another joint, too
     np.testing.assert_allclose(dry_friction(TorqueModel(ARM, (uneven,))), expected, atol=1e-12)

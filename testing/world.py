@@ -126,7 +126,9 @@ class World:
         nothing = np.zeros(len(self.arm.joints))
         up, down, motor_up, motor_down = self.coulomb
         friction = (
-            CoulombFriction(self.arm, up, down, motor_up, motor_down, nothing + 0.01),
+            CoulombFriction(
+                self.arm, up, down, motor_up, motor_down, nothing + 0.01, nothing, nothing
+            ),
             ViscousFriction(self.arm, self.viscous, nothing),
         )
         elastic = ElasticCable(self.arm, self.cable, Range(nothing - np.inf, nothing + np.inf))

@@ -72,7 +72,7 @@ class CoulombFriction(DryFriction):
     SETTING_UNIT = "rad"
     SETTING_TEXT = "over"
     # Gears give by 1 or 2 mrad (docs/identification.md); longer ones are elements of presliding.
-    SETTINGS = (0.0, 0.001, 0.002, 0.004)
+    SETTINGS = (0.0, 0.0005, 0.001, 0.002, 0.004)
 
     joint_positive: Array
     joint_negative: Array
@@ -107,26 +107,28 @@ class CoulombFriction(DryFriction):
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
         """A direction that is not given has the other's level."""
         n = arm.n
-        levels = dict[str, Array]()
+        levels: list[Array] = []
         for kind in ("joint", "motor"):
             up = values.get(f"{cls.NAME}.{kind}_positive") or ()
             down = values.get(f"{cls.NAME}.{kind}_negative") or ()
-            levels[f"{kind}_positive"] = as_array(up or down, n, 0.0)
-            levels[f"{kind}_negative"] = as_array(down or up, n, 0.0)
-        if not any(level.any() for level in levels.values()):
+            levels += as_array(up or down, n, 0.0), as_array(down or up, n, 0.0)
+        if not any(level.any() for level in levels):
             return None
         transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
-        return cls(arm, *levels.values(), transition, *cls.displacements(arm, values))
+        lengths = cls.displacements(arm, values)
+        return cls(arm, levels[0], levels[1], levels[2], levels[3], transition, *lengths)
 
     def parameters(self) -> dict[str, Value]:
         values: dict[str, Value] = {}
+        used: list[str] = []
         for kind in ("joint", "motor"):
             # Both or none: one alone would stand for both.
             levels = {name: getattr(self, name) for name in self.LEVELS if name.startswith(kind)}
             if any(level.any() for level in levels.values()):
+                used.append(kind)
                 values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}
         values[f"{self.NAME}.transition_velocity"] = as_value(self.transition_velocity)
-        return values | self.displacement_parameters()
+        return values | self.displacement_parameters(used)
 
     @classmethod
     def nominal(cls, arm: Arm) -> CoulombFriction:
@@ -213,7 +215,7 @@ class CoulombFriction(DryFriction):
         """The same in both directions: a difference is a constant, which another column has."""
         nothing = np.zeros(arm.n)
         term = cls(arm, *(nothing,) * 4, TRANSITION * arm.scale, nothing, nothing)
-        return cls.several(term, np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1))))
+        return cls.several(term, np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1))).astype(float))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

@@ -94,13 +94,14 @@ class StribeckFriction(DryFriction):
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
         """A level needs a velocity."""
         n = arm.n
-        levels = {kind: as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in cls.LEVELS}
-        if not any(level.any() for level in levels.values()):
+        levels = [as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in cls.LEVELS]
+        if not any(level.any() for level in levels):
             return None
-        speeds = {}
-        for kind, level in levels.items():
+        speeds: list[Array] = []
+        for kind, level in zip(cls.LEVELS, levels, strict=True):
             name = f"{cls.NAME}.{kind}_velocity"
-            speeds[f"{kind}_velocity"] = speed = as_array(values.get(name), n, 0.0)
+            speed = as_array(values.get(name), n, 0.0)
+            speeds.append(speed)
             for index in np.flatnonzero((level > 0.0) & (speed < _SLOWEST)).tolist():
                 raise ConfigError(
                     f"{name} of {arm.joint_names[index]}",
@@ -109,14 +110,16 @@ class StribeckFriction(DryFriction):
                 )
         transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
         lengths = cls.displacements(arm, values)
-        return cls(arm, *levels.values(), *speeds.values(), transition, *lengths)
+        return cls(arm, levels[0], levels[1], speeds[0], speeds[1], transition, *lengths)
 
     def parameters(self) -> dict[str, Value]:
         used = [kind for kind in self.LEVELS if getattr(self, kind).any()]
         names = [name for kind in used for name in (kind, f"{kind}_velocity")]
         names.append("transition_velocity")
-        values = {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
-        return values | self.displacement_parameters()
+        values: dict[str, Value] = {
+            f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names
+        }
+        return values | self.displacement_parameters(used)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""

@@ -57,7 +57,9 @@ def whole(arm: Arm, tilt: tuple[float, float] = (0.2, -0.3)) -> TorqueModel:
         Payload(arm, arm.body_names[-1], 0.3, np.array([0.01, -0.02, 0.03]), vector),
         RotorInertia(arm, some()),
         ViscousFriction(arm, some(), some()),
-        CoulombFriction(arm, dry[0], dry[0], dry[1], dry[1], 1e-4 * np.ones(n)),
+        CoulombFriction(
+            arm, dry[0], dry[0], dry[1], dry[1], 1e-4 * np.ones(n), np.zeros(n), np.zeros(n)
+        ),
         ElasticCable(arm, random.normal(size=(2, n)), endless),
         JointSpring(arm, spring + spring.T, some()),
     )

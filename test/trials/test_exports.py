@@ -123,7 +123,7 @@ def test_what_is_left_out_costs_its_own_torque():
     model = TorqueModel(arm, (
         LinkWeight(arm, rows[:, :4], arm.gravity), LinkInertia(arm, rows),
         ElasticCable(arm, curve, Range(np.full(n, -0.5), np.full(n, 0.5))),
-        CoulombFriction(arm, up, down, nothing, nothing, nothing),
+        CoulombFriction(arm, up, down, nothing, nothing, nothing, nothing, nothing),
     ))  # fmt: skip
     left = {part.name: part.rms for part in export_model(model, "MJCF").left_out}
     assert left["coulomb_friction"] == pytest.approx([0.1, 0.0, 0.0, 0.0])

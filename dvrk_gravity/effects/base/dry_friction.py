@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from dvrk_gravity.effects.base.linear_term import (
 )
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.site import effort_limits
+from dvrk_gravity.parameters import Value
 
 BUILT_UP = "builds up over that after a reversal; 0: at once"
 """What the displacements of a dry friction are, for its schema."""
@@ -83,12 +84,16 @@ class DryFriction(Friction):
         )
         return joint, motor
 
-    def displacement_parameters(self) -> Values:
-        """Return the parameters that :meth:`displacements` reads, where they are not zero."""
-        kinds = {"joint": self.joint_displacement, "motor": self.motor_displacement}
+    def displacement_parameters(self, kinds: Iterable[str]) -> dict[str, Value]:
+        """Return the parameters that :meth:`displacements` reads, where they are not zero.
+
+        Args:
+            kinds: ``joint``, ``motor``: where there are levels.
+        """
+        lengths = {kind: getattr(self, f"{kind}_displacement") for kind in kinds}
         return {
             f"{self.NAME}.{kind}_displacement": as_value(length)
-            for kind, length in kinds.items()
+            for kind, length in lengths.items()
             if length.any()
         }
 
@@ -240,7 +245,8 @@ class SettingUnknowns(Unknowns):
         """Return the term with (2 n,) settings, for joints that turn."""
         joint, motor = np.split(setting * np.tile(self.term.arm.scale, 2), 2)
         name = self.term.SETTING
-        return replace(self.term, **{f"joint_{name}": joint, f"motor_{name}": motor})
+        changed: dict[str, Any] = {f"joint_{name}": joint, f"motor_{name}": motor}
+        return replace(self.term, **changed)
 
     def memory(self, state: State, before: Array | None = None) -> Array:
         sizes = [2 * self.term.arm.n * term.remembers for term in self._terms]
