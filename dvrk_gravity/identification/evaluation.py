@@ -267,8 +267,17 @@ def _evaluate_dynamic(
         joints, time = tuple(compress(arm.joint_names, seen)), motion.time[core]
         traces.append(
             Trace(
-                joints, time, position, velocity, effort, torque, coordinates, False, motion.source
-            )
+                joints,
+                time,
+                position,
+                velocity,
+                effort,
+                torque,
+                coordinates,
+                False,
+                motion.source,
+                motion.noise[seen],
+            )  # fmt: skip
         )
     if not any(len(trace.measured) for trace in traces):
         raise RecordingError(
@@ -397,4 +406,14 @@ def errors_of(
     joints = traces[0].joints
     measured = np.concatenate([trace.measured for trace in traces])
     predicted = np.concatenate([trace.predicted for trace in traces])
-    return joint_errors(joints, measured, predicted, constant, np.isin(joints, resting))
+    floor = _floor(traces)
+    return joint_errors(joints, measured, predicted, constant, np.isin(joints, resting), floor)
+
+
+def _floor(traces: Sequence[Trace]) -> Array | None:
+    """Return the (n,) error that noise alone leaves in traces, ``None``: not known."""
+    seen = [(trace.noise, len(trace.measured)) for trace in traces if trace.noise is not None]
+    if len(seen) < len(traces) or not any(length for _, length in seen):
+        return None
+    square = np.average([noise**2 for noise, _ in seen], axis=0, weights=[n for _, n in seen])
+    return np.asarray(np.sqrt(square))

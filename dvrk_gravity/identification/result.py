@@ -30,16 +30,24 @@ class JointError:
         r2: 1 - |e|^2 / |tau - mean(tau)|^2.
         beats_constant: Whether it is significantly less than that of a constant, the mean of the
             fitted data; or the joint bears no weight and rests, so that nothing can be predicted.
+        floor: The RMSE that the recording's noise alone leaves, N·m; NaN where it is not known.
     """
 
     rmse: float
     nrmse: float
     r2: float
     beats_constant: bool = True
+    floor: float = math.nan
 
-    def to_json(self) -> dict[str, float]:
+    @property
+    def over_floor(self) -> float:
+        """How many times the noise it is; NaN where that is not known."""
+        return self.rmse / self.floor if self.floor > 0.0 else math.nan
+
+    def to_json(self) -> dict[str, float | None]:
         """Return it without the comparison with a constant."""
-        return {"rmse": self.rmse, "nrmse": self.nrmse, "r2": self.r2}
+        floor = self.floor if math.isfinite(self.floor) else None
+        return {"rmse": self.rmse, "floor": floor, "nrmse": self.nrmse, "r2": self.r2}
 
 
 @dataclass(frozen=True)
@@ -143,6 +151,7 @@ class Trace:
         coordinates: Of all of them.
         held_out: Each sample was predicted by a fit that had not seen it.
         source: Number of the recording.
+        noise: (n,) RMS that noise alone leaves in ``measured``; ``None``: not known.
     """
 
     joints: tuple[str, ...]
@@ -154,6 +163,7 @@ class Trace:
     coordinates: Coordinates
     held_out: bool
     source: int = 0
+    noise: Array | None = None
 
     def __repr__(self) -> str:
         """Say what it holds, in short."""
@@ -170,6 +180,7 @@ def error_columns(errors: Mapping[str, JointError], units: Mapping[str, str]) ->
     return {
         "joint": list(errors),
         "rmse": [error.rmse for error in errors.values()],
+        "floor": [error.floor for error in errors.values()],
         "unit": [units[name] for name in errors],
         "nrmse": [error.nrmse for error in errors.values()],
         "r2": [error.r2 for error in errors.values()],
@@ -454,6 +465,7 @@ def joint_errors(
     predicted: Array,
     constant: Array | None = None,
     idle: Mask | None = None,
+    floor: Array | None = None,
 ) -> dict[str, JointError]:
     """Return the errors of predicted torques by joint.
 
@@ -464,6 +476,7 @@ def joint_errors(
         constant: (n,) or (N, n) prediction without a model; ``None``: the mean of ``measured``.
         idle: (n,) joints at which there is nothing to predict (``weights.idle``): they need not be
             predicted better than by a constant, unless no other joint is.
+        floor: (n,) error that noise alone leaves, N·m; ``None``: not known.
     """
     residual = measured - predicted
     power = np.mean(residual**2, axis=0)
@@ -480,6 +493,7 @@ def joint_errors(
             _ratio(np.sqrt(power[k]), np.sqrt(size[k])),
             1.0 - _ratio(power[k], spread[k]),
             bool(better[k]),
+            math.nan if floor is None else float(floor[k]),
         )
         for k, joint in enumerate(joints)
     }

@@ -27,6 +27,7 @@ from .effort_unit import require_newtons as require_newtons
 from .known_errors import stated_coordinates as stated_coordinates
 from .known_errors import without_known_errors as without_known_errors
 from .motion import CalibrationMotion as CalibrationMotion
+from .motion import noise_floor as noise_floor
 from .motion import read as read
 from .motion import read_motions as read_motions
 from .motion import read_once as read_once

@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.estimation import band_noise
 from dvrk_gravity.intake.absent_joints import Source, completed, motors_measured, require_all
 from dvrk_gravity.intake.arm_side import beyond_limits
 from dvrk_gravity.recording import (
@@ -47,6 +48,8 @@ class CalibrationMotion:
         informative: (N, n) samples whose torque a fit may use; by default all.
         filter: The low-pass of ``effort``, at the rate of these samples.
         source: Index of its recording.
+        noise: (n,) noise that is left of the efforts as recorded, joints' or motors', RMS; NaN where
+            it is not known.
     """
 
     time: Array
@@ -55,6 +58,7 @@ class CalibrationMotion:
     measured: Mask
     filter: LowPass
     source: int
+    noise: Array
     informative: Mask = field(default_factory=lambda: np.ones((), dtype=bool))
 
     def __len__(self) -> int:
@@ -69,6 +73,12 @@ class Motions:
     parts: tuple[CalibrationMotion, ...]
     warnings: tuple[DataWarning, ...]
     handling: tuple[str, ...]
+
+
+def noise_floor(parts: Sequence[CalibrationMotion]) -> Array:
+    """Return (n,) RMS that noise alone leaves in motions, :attr:`CalibrationMotion.noise` of all."""
+    length = [float(len(part)) for part in parts]
+    return np.asarray(np.sqrt(np.average([p.noise**2 for p in parts], axis=0, weights=length)))
 
 
 def whole(recording: Recording | RecordingFile) -> Recording:
@@ -205,6 +215,7 @@ def _at_rate(stretch: Stretch, rate: float) -> Stretch:
         onto(stretch.acceleration),
         None if stretch.effort is None else onto(stretch.effort),
         replace(stretch.filter, rate=rate),
+        stretch.noise,
     )
 
 
@@ -225,6 +236,8 @@ def _motion(
         narrow, effort = effort, np.zeros(q.shape)
         effort[:, columns] = narrow
     measured = motors_measured(columns, arm, coordinates)
+    noise = np.full(arm.n, np.nan)
+    noise[columns] = band_noise(stretch.noise, stretch.filter.cutoff)
     if coordinates == "actuator":
         q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
     else:
@@ -232,7 +245,7 @@ def _motion(
     if not measured.all():
         effort = np.where(measured, effort, 0.0)
     return CalibrationMotion(
-        stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source,
+        stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source, noise,
         ~_frozen(stretch, trajectory, arm, coordinates),
     )  # fmt: skip
 

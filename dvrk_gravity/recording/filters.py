@@ -86,6 +86,20 @@ def lowpass(array: Array, rate: float, cutoff: float, order: int = ORDER) -> Arr
     return LowPass(cutoff, rate, order)(array)
 
 
+def white_density(square: Array, cutoff: float, rate: float) -> Array:
+    """Return the density of white noise, in the signal's unit per sqrt(Hz).
+
+    Args:
+        square: Mean squares of what a :class:`LowPass` takes away from a signal.
+        cutoff: Of that filter, Hz.
+        rate: Of the samples, Hz.
+    """
+    frequency = np.linspace(0.0, rate / 2.0, 2000)
+    # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
+    passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
+    return np.asarray(np.sqrt(square / passed / (rate / 2.0)))
+
+
 # Five-point differences: exact for polynomials of degree 4. At a tenth of the sampling rate the
 # first derivative is 0.5 % low, where plain central differences would already be 6.5 % low.
 _FIRST = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0

@@ -16,7 +16,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import check_signals
 from dvrk_gravity.recording.data_warning import DataWarning, Note, require_usable
-from dvrk_gravity.recording.filters import LowPass, derivative
+from dvrk_gravity.recording.filters import LowPass, derivative, white_density
 from dvrk_gravity.recording.piecewise import Findings, Piece, with_margins
 from dvrk_gravity.recording.preparation import (
     DEFAULT_CUTOFF,
@@ -47,6 +47,7 @@ from dvrk_gravity.recording.unread import (
 MOTION_BAND = 2.0
 # Samples kept for each period of the motion's cut-off: the rest of a fast recording is redundant.
 OVERSAMPLING = 16.0
+_ABOVE = 4.0  # cut-offs of the motion that a rate must have to show the noise above. Chosen
 PIECE = 60_000  # samples that are worked on at a time
 # Edges of the torques' filter by which pieces overlap: a margin's end affects the block by
 # EDGE_LEVEL to that power, below 1e-12 of the signal.
@@ -66,6 +67,8 @@ class Stretch:
         acceleration: (N, n) rad/s^2, the same.
         effort: (N, n) N·m, low-passed by ``filter``; ``None`` where not recorded.
         filter: The low-pass of ``effort``, at the rate of these samples.
+        noise: (n,) density of the efforts' noise above the band of the motion, N·m/sqrt(Hz); NaN
+            where it is not known.
     """
 
     time: Array
@@ -74,6 +77,7 @@ class Stretch:
     acceleration: Array
     effort: Array | None
     filter: LowPass
+    noise: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,6 +254,7 @@ class _Work:
             yield "measured acceleration", derivative(measured, rate)
         if uniform.effort is not None:
             yield "effort", self._low(uniform.effort)
+            yield "noise", uniform.effort - self._wide(uniform.effort)
 
     def stretches(self, recording: Recording, derived: tuple[str, ...]) -> tuple[Stretch, ...]:
         """Return the kept samples; ``derived`` names the joints whose velocity column is not used.
@@ -271,11 +276,26 @@ class _Work:
             for name in ("", " acceleration"):
                 if columns:
                     kept[f"derived{name}"][:, columns] = kept.pop(f"measured{name}")[:, columns]
+            noise = self._noise(kept["time"], kept.get("noise", np.zeros((0, len(columns)))))
             found.append(
                 Stretch(kept["time"], kept["position"], kept["derived"],
-                        kept["derived acceleration"], kept.get("effort"), slower)
+                        kept["derived acceleration"], kept.get("effort"), slower, noise)
             )  # fmt: skip
         return tuple(found)
+
+    def _noise(self, time: Array, above: Array) -> Array:
+        """Return (n,) densities of (N, n) efforts above the band of the motion, NaN: not known."""
+        rate, cutoff = self._low.rate, self._wide.cutoff
+        counted = np.ones(above.shape, dtype=bool)
+        for span in self.frozen:
+            first, last = span.span
+            counted[(time[: len(above)] >= first) & (time[: len(above)] <= last), span.joint] = (
+                False
+            )
+        count = counted.sum(axis=0)
+        if rate < _ABOVE * cutoff or not count.all():
+            return np.full(above.shape[1], np.nan)
+        return white_density(np.where(counted, above**2, 0.0).sum(axis=0) / count, cutoff, rate)
 
     def warnings(self) -> tuple[DataWarning, ...]:
         """Return findings about gaps."""

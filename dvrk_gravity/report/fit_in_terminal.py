@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from math import isnan
+from math import isfinite, isnan
 
 from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.identification import (
@@ -30,6 +30,10 @@ from dvrk_gravity.recording import Coordinates
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 from dvrk_gravity.units import quantity
 
+FAR_ABOVE_NOISE = 3.0
+"""Times the recording's noise from which on an error is said to be unmodelled. Chosen: an arm whose
+effects are all among the terms is fitted to 1 to 2.5 times."""
+
 
 def error_table(
     errors: Mapping[str, JointError],
@@ -53,7 +57,9 @@ def error_table(
     unit = arm.effort_units[0]
     head = f"RMSE {unit}"
     band = "" if expected is None else f"{'expected':>14}"
-    yield f"{'joint':<{broad}}{head:>9}{band}{'|e|/|tau|':>10}{'R2':>9}{'good to':>8}  verdict"
+    noise = any(isfinite(error.floor) for error in errors.values())
+    floor = f"{'noise':>8}" if noise else ""
+    yield f"{'joint':<{broad}}{head:>9}{floor}{band}{'|e|/|tau|':>10}{'R2':>9}{'good to':>8}  verdict"
     said: dict[JointVerdict, str] = {}
     for joint in arm.joints:
         if joint.name not in errors:
@@ -62,8 +68,9 @@ def error_table(
         # Said only where it is not the table's.
         other = f" (RMSE in {joint.effort_unit})" if joint.effort_unit != unit else ""
         word = "do not compensate" if verdict.level == POOR else verdict.level
+        floor = f"{error.floor:>8.4f}" if noise else ""
         row = (
-            f"{joint.name:<{broad}}{error.rmse:>9.4f}{_band(expected, joint.name)}"
+            f"{joint.name:<{broad}}{error.rmse:>9.4f}{floor}{_band(expected, joint.name)}"
             f"{error.nrmse:>10.3f}{_in_column(error.r2):>9}{good_to(joint):>8.3f}  {word}{other}"
         )
         plain = verdict.level == GOOD == level_of(joint, error.nrmse)
@@ -71,6 +78,20 @@ def error_table(
         yield row if plain or not why else laid_out(why, width, f"{row}: ")
         said.setdefault(verdict, joint.name)
     yield laid_out(f"rule: {RULE}", width)
+    if said_of_noise := unmodelled(errors):
+        yield laid_out(said_of_noise, width)
+
+
+def unmodelled(errors: Mapping[str, JointError]) -> str:
+    """Return for a person where errors are far above the recording's noise; ``""``: nowhere."""
+    far = [(name, error) for name, error in errors.items() if error.over_floor > FAR_ABOVE_NOISE]
+    if not far:
+        return ""
+    which = ", ".join(f"{name} {error.over_floor:.2g}" for name, error in far)
+    return (
+        f"unmodelled: errors of more than {FAR_ABOVE_NOISE:g} times the recording's noise ({which} "
+        "times): beside them `diagnose` does not see a cause that adds less"
+    )
 
 
 def _band(expected: Mapping[str, ExpectedError] | None, joint: str) -> str:

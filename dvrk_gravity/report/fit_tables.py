@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import isfinite
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification import GOOD, POOR, JointError, JointVerdict, good_to, in_words
@@ -75,8 +76,13 @@ def error_rows(
         more: Further columns by their heading, each by joint; what is missing is left blank.
     """
     joints = {joint.name: joint for joint in arm.joints}
-    more = more or {}
     effort, factor, decimals = effort_in_table(arm, [error.rmse for error in errors.values()])
+    floors = {
+        name: f"{factor * error.floor:.{decimals}f} ({error.over_floor:.1f} times)"
+        for name, error in errors.items()
+        if isfinite(error.floor)
+    }
+    more = {**({"noise alone": floors} if floors else {}), **(more or {})}
     head = ("joint", f"RMSE, {effort}", "|e|/|τ|", "R²", *more, "good to", "verdict")
     rows = [
         (

@@ -35,6 +35,7 @@ from dvrk_gravity.recording import (
     prepare,
     quantum,
     unread_efforts,
+    white_density,
     without_duplicates,
 )
 
@@ -336,13 +337,9 @@ def _noise_density(recording: Recording, arm: Arm, band: float) -> Array:
     if recording.coordinates == "actuator":
         read = ~arm.joints_of(~read)
     counted = np.maximum(read[low.edge : -low.edge].sum(axis=0), 1)
-    frequency = np.linspace(0.0, rate / 2.0, 2000)
-    # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
-    passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
     square = np.where(read, high**2, 0.0)[low.edge : -low.edge].sum(axis=0)
-    variance = square / counted / passed
     known = np.isin(np.arange(arm.n), columns)
-    return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)
+    return np.where(known, white_density(square / counted, cutoff, rate), np.nan)
 
 
 def _step(recording: Recording, arm: Arm) -> Array:

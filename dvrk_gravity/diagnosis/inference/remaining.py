@@ -172,13 +172,26 @@ def unexplained_joints(
     rms = np.minimum(held_out.rmse(error), validation.score(causes).rms)
     # A floor from high frequencies assumes white noise; one from repetition need not.
     white = (data.noise_source(floor) != "repetition") & ~(held_out.lasting(error) > _LASTING)
-    likely = np.fmax(floor, expected_error(data))
+    likely = np.fmax(floor, proven_error(data))
     uncertainty = data.motion.model.uncertainty
     if uncertainty is not None:  # an unloaded joint of a file: nothing is expected, nor noise known
         likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
     named = {joint for trial in unknown for joint in trial.candidate.hypothesis.joints}
     large = np.flatnonzero(rms > np.where(white, _FAR_ABOVE, ABOVE) * likely).tolist()
     return tuple(joint for joint in large if joint not in named)
+
+
+def proven_error(data: FilteredData) -> Array:
+    """Return (n,) RMS error that is expected of what the fit leaves on held-out samples, N·m.
+
+    An identified model's error at calibration alone: its uncertain parameters and the day's
+    friction have been fitted, at the cost of their prior, and would count twice. A file's has no
+    calibration; NaN of a model without uncertainty.
+    """
+    known = data.motion.model.uncertainty
+    if known is None or data.motion.model.of_file:
+        return expected_error(data)
+    return np.asarray(known.error)
 
 
 def expected_error(data: FilteredData) -> Array:

@@ -53,7 +53,7 @@ from dvrk_gravity.identification.result import (
 from dvrk_gravity.identification.trajectories.kinematics import calibrate
 from dvrk_gravity.identification.trajectories.problem import Problem, choose, pose, solved
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection
-from dvrk_gravity.intake import Design, Source, read_motions, without_standing
+from dvrk_gravity.intake import Design, Source, noise_floor, read_motions, without_standing
 from dvrk_gravity.model import Columns, TorqueModel, starts
 from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates
@@ -152,7 +152,7 @@ def fit_dynamic(
         found = estimate(problem, chosen, physical=False)
     constant = _constants(design, problem.folds)
     held_out, training = (
-        _errors(design, predicted, coordinates, constant)
+        _errors(design, predicted, coordinates, constant, noise_floor(parts))
         for predicted in (found.blind, found.predicted)
     )
     theta, free = np.zeros((2, len(columns.columns)))
@@ -347,7 +347,7 @@ def _constants(design: Design, folds: Folds) -> Array:
 
 
 def _errors(
-    design: Design, predicted: Array, coordinates: Coordinates, constant: Array
+    design: Design, predicted: Array, coordinates: Coordinates, constant: Array, floor: Array
 ) -> dict[str, JointError]:
     arm = design.columns.arm
     # The errors are those of recordings of all joints.
@@ -360,7 +360,7 @@ def _errors(
         )
     else:
         resting = arm.motors_of(resting)
-    return joint_errors(arm.joint_names, measured, predicted, constant, resting)
+    return joint_errors(arm.joint_names, measured, predicted, constant, resting, floor)
 
 
 def _traces(design: Design, predicted: Array, coordinates: Coordinates) -> tuple[Trace, ...]:
