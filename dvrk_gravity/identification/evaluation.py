@@ -267,18 +267,10 @@ def _evaluate_dynamic(
         joints, time = tuple(compress(arm.joint_names, seen)), motion.time[core]
         traces.append(
             Trace(
-                joints,
-                time,
-                position,
-                velocity,
-                effort,
-                torque,
-                coordinates,
-                False,
-                motion.source,
-                motion.noise[seen],
-            )  # fmt: skip
-        )
+                joints, time, position, velocity, effort, torque, coordinates, False,
+                motion.source, motion.noise[seen],
+            )
+        )  # fmt: skip
     if not any(len(trace.measured) for trace in traces):
         raise RecordingError(
             recordings[0].source, "holds no time at which the efforts of all joints are readings"

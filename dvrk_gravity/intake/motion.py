@@ -48,8 +48,8 @@ class CalibrationMotion:
         informative: (N, n) samples whose torque a fit may use; by default all.
         filter: The low-pass of ``effort``, at the rate of these samples.
         source: Index of its recording.
-        noise: (n,) noise that is left of the efforts as recorded, joints' or motors', RMS; NaN where
-            it is not known.
+        noise: (n,) RMS noise that is left of the efforts as recorded, joints' or motors'; NaN
+            where it is not known.
     """
 
     time: Array
@@ -76,7 +76,7 @@ class Motions:
 
 
 def noise_floor(parts: Sequence[CalibrationMotion]) -> Array:
-    """Return (n,) RMS that noise alone leaves in motions, :attr:`CalibrationMotion.noise` of all."""
+    """Return (n,) RMS that noise alone leaves in all of some motions."""
     length = [float(len(part)) for part in parts]
     return np.asarray(np.sqrt(np.average([p.noise**2 for p in parts], axis=0, weights=length)))
 

@@ -59,7 +59,8 @@ def error_table(
     band = "" if expected is None else f"{'expected':>14}"
     noise = any(isfinite(error.floor) for error in errors.values())
     floor = f"{'noise':>8}" if noise else ""
-    yield f"{'joint':<{broad}}{head:>9}{floor}{band}{'|e|/|tau|':>10}{'R2':>9}{'good to':>8}  verdict"
+    left = f"{'joint':<{broad}}{head:>9}{floor}{band}"
+    yield f"{left}{'|e|/|tau|':>10}{'R2':>9}{'good to':>8}  verdict"
     said: dict[JointVerdict, str] = {}
     for joint in arm.joints:
         if joint.name not in errors:

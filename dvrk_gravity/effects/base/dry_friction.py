@@ -197,15 +197,15 @@ class DryFriction(Friction):
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
-        """Add and remove a site's friction, exchange its setting, and joint and motor."""
+        """Add and remove a site's friction, take the next setting, exchange joint and motor."""
         for joint, kind in sites_of_columns(table.arm):
             here = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
             chosen = tuple(index for index in here if index in inside)
             text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
             if chosen and cls.may_be_absent(table, inside, joint):
                 yield ModelChange((), chosen, f"without {text}")
-            for index in here:
-                if index not in inside:
+            for before, index, after in zip((-1, *here), here, (*here[1:], -1), strict=False):
+                if index not in inside and (not chosen or {before, after} & inside):
                     setting = cls.setting_text(table.arm, table.columns[index])
                     yield ModelChange((index,), chosen, text + setting)
         yield from moves_between(cls.NAME, table, inside)
