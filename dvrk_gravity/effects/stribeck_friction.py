@@ -183,7 +183,7 @@ class StribeckFriction(DryFriction):
 
 
 def _left(square: Array) -> Array:
-    """Return exp(-square), zero below rounding: with denormal numbers, sums are a hundredth as fast."""
+    """Return exp(-square), zero below rounding: sums of denormal numbers are slow."""
     return np.where(square < _GONE, np.exp(-np.minimum(square, _GONE)), 0.0)
 
 
