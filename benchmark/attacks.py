@@ -33,6 +33,7 @@ from simulated_lab import record
 
 from dvrk_gravity import TorqueModel, identify
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.ros import Client, NodeProcess, ProcessError, private_domain
@@ -193,6 +194,17 @@ def unfit(folder: Path) -> End:
     return refused("--params-file", str(path))
 
 
+def foreign_uncertainty(folder: Path) -> End:
+    """Give a model the uncertainty of another one; diagnoses and collections would believe it."""
+    path = folder / "foreign.yaml"
+    text = (folder / "shoulder.yaml").read_text()
+    path.write_text(text.replace("shoulder.uncertainty.npz", "wrist.uncertainty.npz"))
+    try:
+        return End(line=f"{TorqueModel.load(path)} was believed")
+    except ConfigError as error:
+        return End(line=str(error))
+
+
 def constant(name: str, joint: int, read: bool) -> Callable[[Path], End]:
     """Return the attack of a model with a constant at a joint that the arm does not feel.
 
@@ -265,12 +277,16 @@ def broken_encoder(reading: Callable[[Stage], Reading]) -> Callable[[Path], End]
 
 
 def frozen(stage: Stage) -> Reading:
-    """Freeze the shoulder's positions, and nudge it: its velocities live."""
+    """Freeze the shoulder's positions, and nudge it now and then: its velocities live."""
     at: list[float] = []
+    nudges = 0
 
     def change(since: float, message: JointState) -> None:
+        nonlocal nudges
         if not at:
             at.append(message.position[SHOULDER])
+        if since > 0.5 * nudges:
+            nudges += 1
             stage.push.publish(JointState(effort=(0.2 * np.eye(7)[SHOULDER]).tolist()))
         message.position[SHOULDER] = at[0]
 
@@ -303,6 +319,7 @@ ATTACKS: dict[str, tuple[Callable[[Path], End], str]] = {
     "two parameter files": (two_models, "another model"),
     "a model with an override": (override, "another model"),
     "an unfit model": (unfit, "do_not_compensate"),
+    "another's uncertainty": (foreign_uncertainty, "expected the uncertainty of this model"),
     "a bias at the shoulder": (constant("shoulder", SHOULDER, read=True), "the model pushes"),
     "a push at the shoulder": (constant("shoulder", SHOULDER, read=False), "the model pushes"),
     "a bias at the wrist": (constant("wrist", PITCH, read=True), "the model pushes"),
