@@ -138,7 +138,7 @@ peers: $(VENV)/.done $(PEERS)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/peers/run.py $(if $(QUICK),--quick,--json out/bench/peers.json)
 
 # Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
-BENCHMARKS ?= torque startup latency faults starts passivity simulator gravity_regressor identify supervisor_properties fuzz soak
+BENCHMARKS ?= torque startup latency faults attacks starts passivity simulator gravity_regressor identify supervisor_properties fuzz soak
 bench: $(VENV)/.done
 	@mkdir -p out/bench; missed=""; \
 	for name in $(BENCHMARKS); do \

@@ -198,7 +198,7 @@ def test_a_folder_of_another_arm_is_refused_and_kept_as_it_is(tmp_path, capsys):
 
 def test_limits_or_files_that_change_between_two_releases_end_them(finished, tmp_path):
     """The certificate has the hash of the model that was checked: another one is not released."""
-    for name in ("", "model.yaml", "second.yaml"):
+    for name in ("", "checked.yaml", "second.yaml"):
         folder, rig = finished.before("release", tmp_path / f"again{name}"), PathRig(finished.arm)
 
         def change(folder=folder, name=name) -> None:
@@ -217,13 +217,22 @@ def test_limits_or_files_that_change_between_two_releases_end_them(finished, tmp
         assert len(rig.released) == 1, name
 
 
+def test_no_step_writes_over_what_an_earlier_one_has_left(finished):
+    """A process may be killed between the file and the logbook's entry: it would look changed."""
+    entries = Logbook.open(finished.folder, ASKED).entries
+    names = [name for entry in entries for name in entry.files]
+    assert sorted(names) == sorted(set(names))
+    (released,) = (entry for entry in entries if entry.step == "release")
+    assert "model.yaml" in released.files
+
+
 def test_an_arm_is_released_with_consent_at_poses_away_from_what_was_fitted(finished, tmp_path):
     folder, rig = finished.before("release", tmp_path / "again"), PathRig(finished.arm)
     with pytest.raises(MotionError, match="consent"):
         finished.take("release", folder, rig=rig, consent=lambda question: False)
     assert not rig.released
     finished.take("release", folder, rig=rig)
-    model, limits = TorqueModel.load(folder / "model.yaml"), PlanLimits.of(finished.arm)
+    model, limits = TorqueModel.load(folder / "checked.yaml"), PlanLimits.of(finished.arm)
     fitted = Recording.load(folder / "motion").position[::10]
     poses, apart = release_poses(finished.arm, limits, model, fitted, BRIEF, 5, fitted[0])
     away = np.abs((poses[:, None] - fitted) / finished.arm.scale).max(axis=2).min(axis=1)

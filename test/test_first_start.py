@@ -28,6 +28,7 @@ POSE = np.radians([0.0, 15.0, 5.0, 30.0, 80.0, 10.0, 0.0])
 NAMES = ("outer_yaw", "shoulder_pitch", "elbow_pitch")
 FASTEST, FARTHEST = 30.0, 3.0  # deg/s and deg, within which a joint is held
 SHIPPED = TorqueModel.load(MODEL_FILE)
+LIMIT = SHIPPED.arm.effort_limit.tolist()
 
 
 class Loop:
@@ -40,7 +41,10 @@ class Loop:
         holds: Number of holds.
     """
 
-    def __init__(self, joint: int, torque: float, feels: bool, reads: bool, known: bool = True):
+    def __init__(
+        self, joint: int, torque: float, feels: bool, reads: bool, known: bool = True,
+        slow: int = 1, **settings: object,
+    ):  # fmt: skip
         """Build it at rest.
 
         Args:
@@ -49,6 +53,8 @@ class Loop:
             feels: The arm has a spring of that torque.
             reads: Efforts are read with it.
             known: The model's file has it as a constant in doubt.
+            slow: How much more time passes for the compensator than for the arm.
+            settings: Parameters of the compensator.
         """
         truth = PlantFile.load("mtmr_28002")
         constant = torque * np.eye(7)[joint]
@@ -63,7 +69,8 @@ class Loop:
         self._plant.reset(POSE)
         self._arm = SimulatedArm(self._plant, truth.sensors, 1, builtin_compensation=False, dt=STEP)
         self._joint, self._bias = joint, constant * reads
-        self.supervisor = Supervisor(Settings.from_parameters(model.parameters()))
+        self._slow = slow
+        self.supervisor = Supervisor(Settings.from_parameters(model.parameters() | settings))
         self.fastest = self.farthest = 0.0
         self.holds, self._steps = 0, 0
         self._run(0.6, answers=False)
@@ -72,6 +79,16 @@ class Loop:
     def run(self, seconds: float) -> Loop:
         """Go on for so long."""
         return self._run(seconds, answers=True)
+
+    def configure(self, **settings: object) -> None:
+        """Change parameters of the compensator."""
+        given = self.supervisor.settings.model.parameters() | settings
+        changed = Settings.from_parameters(given, self.supervisor.settings)
+        self.supervisor.configure(changed, self._now)
+
+    @property
+    def _now(self) -> float:
+        return self._steps * self._slow * STEP
 
     def push(self, torque: float, seconds: float) -> None:
         """Push the joint by hand."""
@@ -91,8 +108,8 @@ class Loop:
         return self
 
     def _answer(self) -> None:
-        read, now = self._arm.measure(), self._steps * STEP
-        stamp = round(now * 1e9)
+        read, now = self._arm.measure(), self._now
+        stamp = round(self._steps * STEP * 1e9)
         effort = np.array(read.effort) + self._bias
         sample = Sample(stamp, np.array(read.position), np.array(read.velocity), effort)
         command = self.supervisor.command(sample, now, stamp)
@@ -164,6 +181,28 @@ def test_a_hand_during_the_first_start_ends_in_a_hold_and_the_next_start_checks_
     assert loop.supervisor.status is Status.COMMANDING
 
 
+def test_an_arm_whose_clock_is_slow_is_watched_for_as_long_as_it_takes_to_move():
+    loop = Loop(2, 0.032, feels=False, reads=True, slow=8, max_stamp_age=0.0, timeout=1.0)
+    loop.run(5.0)
+
+    assert loop.supervisor.status is Status.FAULT
+    assert np.degrees(loop.farthest) < FARTHEST
+
+
+def test_a_joint_is_watched_until_it_has_all_of_the_torque():
+    """A limit cuts the constant, and is raised."""
+    lowered = [LIMIT[0], 0.58, *LIMIT[2:]]
+    loop = Loop(1, 0.2, feels=False, reads=False, effort_limit=lowered).run(2.5)
+    assert loop.supervisor.active
+    loop.configure(effort_limit=LIMIT)
+    loop.run(4.0)
+
+    assert loop.supervisor.status is Status.FAULT
+    assert "pushes shoulder_pitch" in loop.supervisor.reason
+    assert np.degrees(loop.fastest) < FASTEST
+    assert np.degrees(loop.farthest) < FARTHEST
+
+
 def test_a_model_without_that_parameter_starts_as_before():
     loop = Loop(1, 0.3, feels=True, reads=False, known=False).run(0.5)
 
@@ -171,14 +210,28 @@ def test_a_model_without_that_parameter_starts_as_before():
     assert HANDS_OFF not in loop.supervisor.reason
 
 
+def read(check: ConstantCheck, position: np.ndarray, now: float, whole: bool = True) -> str:
+    sample = Sample(round(now * 1e9), position, None, None)
+    return check.check(sample, np.zeros(7), now, np.full(7, whole))
+
+
 def test_a_joint_at_its_stop_is_watched_until_it_has_left_it():
     arm = SHIPPED.arm
     at = 0.5 * (arm.lower + arm.upper)
     at[1] = arm.upper[1] - 0.01
-    check = ConstantCheck(arm, 0.3 * np.eye(7)[1], at, until=1.0)
-    still = np.zeros(7)
+    check = ConstantCheck(arm, 0.3 * np.eye(7)[1], at)
     for now in np.arange(0.0, 20.0, 0.1):
-        assert not check.check(at, still, now)
+        assert not read(check, at, now)
         assert not check.over
-    moved = at - 0.02 * np.eye(7)[1]
-    assert "shoulder_pitch" in check.check(moved, -0.2 * np.eye(7)[1], 20.0)
+    assert "shoulder_pitch" in read(check, at - 0.04 * np.eye(7)[1], 20.0)
+
+
+def test_a_ramp_and_a_slew_limit_do_not_count():
+    at = POSE
+    check = ConstantCheck(SHIPPED.arm, 0.3 * np.eye(7)[1], at)
+    for now in np.arange(0.0, 20.0, 0.1):
+        assert not read(check, at, now, whole=False)
+        assert not check.over
+    for now in np.arange(20.0, 21.5, 0.1):
+        assert not read(check, at, now)
+    assert check.over

@@ -235,3 +235,26 @@ def test_a_pose_five_degrees_outside_the_limits_is_reported():
             position[5] = edge[5] + way * beyond
             assert loop.first(position=position) is not None
             assert loop.supervisor.outside.tolist() == [*[False] * 5, outside, False]
+
+
+def test_messages_that_come_later_and_later_are_stale_though_clocks_may_drift_apart():
+    for growth, held in ((0.1, True), (5e-4, False)):  # s of delay in each s
+        loop = SupervisorInLoop(**AT_ONCE)
+        loop.first()
+        for _ in range(1000):
+            loop.late += int(growth * 0.02 * 1e9)
+            loop.send(after=0.02)
+            if loop.cause:
+                break
+        assert bool(loop.cause) is held
+    assert loop.holds == 0
+    loop.late += int(0.2 * 1e9)
+    loop.send()
+    assert loop.cause == "stamp_too_old"
+    while not loop.holds:
+        assert loop.send() is None
+        loop.supervisor.check_input(loop.now)
+        loop.settle()
+    assert loop.status is Status.FAULT
+    loop.supervisor.enable()  # a delay that stays may be that of two clocks
+    assert loop.first() is not None

@@ -56,7 +56,7 @@ def test_lowered_limits_are_approached_at_slew_rate_and_then_kept():
     loop = SupervisorInLoop(**options)
     loop.run(1.0)
     before = loop.send()
-    low = 0.25 * np.abs(before)
+    low = np.maximum(np.abs(before) - 0.9 * CONSIDERABLE * ARM.effort_limit, 0.0)
     loop.configure(effort_limit=low.tolist(), **options)
     excess = np.maximum(np.abs(before) - low, 0).max()
     for _ in range(round(excess / (2.0 * 0.002)) + 1):
@@ -137,6 +137,7 @@ BEYOND = {
     "a wrong zero": {"joint_offset": [0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.0]},
     "no weight": {"gravity_enabled": False},
     "limits that let it fall": {"effort_limit": [0.0] * 7},
+    "a limit that lets one joint fall": {"effort_limit": [9.0, 0.2, 9.0, 9.0, 9.0, 9.0, 9.0]},
 }
 
 

@@ -116,7 +116,7 @@ class Logbook:
         Raises:
             ConfigError: One was changed or removed.
         """
-        # Of the last step that wrote it: a release writes the model again, once it has settled it.
+        # Of the last step that wrote it: earlier versions' release wrote the model again.
         left_by = {name: entry for entry in self.entries for name in entry.files}
         for name, entry in left_by.items():
             found = _hash_or_none(self.folder / name)

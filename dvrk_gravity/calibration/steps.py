@@ -45,7 +45,8 @@ from dvrk_gravity.model import TorqueModel, uncertainty_file
 from dvrk_gravity.planning import Straight
 from dvrk_gravity.recording import Coordinates
 
-MODEL, CHECK, RELEASE = "model.yaml", "check.json", "release.json"
+CHECK, CHECKED = "check.json", "checked.yaml"
+RELEASE, MODEL = "release.json", "model.yaml"
 CERTIFICATE = "certificate.json"
 MEASURED: Coordinates = "joint"
 """Of what is collected: the compensator takes the same readings for the joints'."""
@@ -165,7 +166,7 @@ def _check(work: Work, book: Logbook, step: str) -> Outcome:
         "model": last,
     }
     values = work.write(CHECK, content)
-    path = work.at(MODEL)
+    path = work.at(CHECKED)
     model.save(path, _comment(work, last))
     each = [100.0 * error.nrmse for error in found.joints.values()]
     return Outcome(
@@ -183,7 +184,8 @@ def _comment(work: Work, last: str) -> str:
 
 def _release(work: Work, book: Logbook, step: str) -> Outcome:
     """Release the arm, compensated, at poses that nothing was fitted on."""
-    of, rig, path = work.settings, work.rig, work.at(MODEL)
+    of, rig = work.settings, work.rig
+    path = work.at(CHECKED if CHECKED in book.files else MODEL)  # as earlier versions named it
     model = TorqueModel.load(path)
     content: dict[str, Any] = {
         "seconds": of.seconds, "friction": rig.friction, "poses": [], "drift": [],
@@ -191,7 +193,7 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     }  # fmt: skip
     if model.verdict == POOR:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
-        return Outcome(content["why"], (work.write(RELEASE, content),))
+        return Outcome(content["why"], (work.write(RELEASE, content), *_named(work, book, model)))
     if not work.consent("the arm is about to be released under compensation: is it watched?"):
         raise MotionError("not released: no consent was given")
     drift: list[list[float]] = []
@@ -224,16 +226,19 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
         "poses": poses.tolist(), "drift": drift, "apart": apart, "simulated": rig.simulated,
     }  # fmt: skip
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
-    written = [work.write(RELEASE, content)]
     settled = settled_by(model, poses, np.array(drift), of.allowed)
-    if settled is not model:
-        settled.save(path, _comment(work, last_model(book)))
-        written += [path, uncertainty_file(path)]
     return Outcome(
         f"{len(poses)} poses of {of.seconds:g} s each: drift "
         f"{largest_drift(float(worst.max()))}",
-        tuple(written), MotionTally.total(moved),
+        (work.write(RELEASE, content), *_named(work, book, settled)), MotionTally.total(moved),
     )  # fmt: skip
+
+
+def _named(work: Work, book: Logbook, model: TorqueModel) -> tuple[Path, Path]:
+    """Write the model under the name that a user takes, and return its files."""
+    path = work.at(MODEL)
+    model.save(path, _comment(work, last_model(book)))
+    return path, uncertainty_file(path)
 
 
 def _certify(work: Work, book: Logbook, step: str) -> Outcome:

@@ -8,17 +8,19 @@ model.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate.sample import Sample
 
 # A joint moves, rad (Arm.scale), that has gone so far and goes on in that direction at MOVING, or
 # has gone FAR. Chosen: more than encoders' steps (.003 rad) and noise, at half the speed that the
 # dVRK console's own test of its compensation allows; starts of a simulated MTM move no joint by 2
 # deg (test/test_start.py), drifts of a certified arm are less than .5 deg.
 BEGUN, MOVING, FAR = 0.005, 0.1, 0.035
-# s, after the ramp, within which a joint that has not BEGUN to move stays. Chosen: of a torque of a
-# tenth more than friction holds, a joint of an MTM has gone further.
+# s, under all of the torque, within which a joint that has not BEGUN to move stays. Chosen: of a
+# tenth more torque than friction holds, a joint of an MTM has gone further.
 STAYS = 1.0
 # rad (Arm.scale), 5 deg: nearer than this to its limit a stop may hold a joint.
 STOP = 0.087
@@ -29,22 +31,24 @@ WAY_OUT = "an effort bias? calibrate, or identify with --bias-is"
 class ConstantCheck:
     """Watches the joints whose constant is in doubt until they have stayed where they are.
 
-    One that is on its way, or at its stop, is watched on.
+    One that is on its way, or at its stop, is watched on. Time counts where it passes for the arm,
+    too: a simulated one may be slow, and has then not had the time to move.
     """
 
-    def __init__(self, arm: Arm, constant: Array, position: Array, until: float) -> None:
+    def __init__(self, arm: Arm, constant: Array, position: Array) -> None:
         """Begin.
 
         Args:
             arm: The arm.
             constant: (n,) N·m or N; zero where none is in doubt.
             position: (n,) where it is released, rad or m.
-            until: Monotonic time at which the ramp is over, s.
         """
         self._arm, self._constant = arm, constant
         self._doubt = constant != 0.0
         self._at, self._mark = position, position.copy()
-        self._until = np.full(arm.n, until + STAYS)
+        self._last: tuple[int, float] | None = None  # stamp, ns, and arrival, s
+        self._passed = 0.0
+        self._until = np.full(arm.n, STAYS)
         self._lower, self._upper = arm.lower + STOP * arm.scale, arm.upper - STOP * arm.scale
 
     @property
@@ -52,14 +56,19 @@ class ConstantCheck:
         """Whether all joints have stayed where they were released."""
         return not np.count_nonzero(self._doubt)
 
-    def check(self, position: Array, velocity: Array, now: float) -> str:
+    def check(self, sample: Sample, velocity: Array, now: float, whole: NDArray[np.bool_]) -> str:
         """Return which joint the model moves, ``""``: none.
 
         Args:
-            position: (n,) rad or m.
+            sample: The next one.
             velocity: (n,) rad/s or m/s.
-            now: Monotonic time, s.
+            now: Monotonic time of its arrival, s.
+            whole: (n,) joints to which the last command gave all of the model's torque.
         """
+        position = sample.position
+        stamp, before = self._last or (sample.stamp, now)
+        self._passed += max(0.0, min(now - before, (sample.stamp - stamp) * 1e-9))
+        self._last = sample.stamp, now
         moved = (position - self._at) / self._arm.scale
         along = moved * velocity > MOVING * np.abs(moved) * self._arm.scale
         size = np.abs(moved)
@@ -74,6 +83,6 @@ class ConstantCheck:
         on_its_way = np.abs(position - self._mark) > BEGUN * self._arm.scale
         self._mark[on_its_way] = position[on_its_way]
         watched = on_its_way | (position < self._lower) | (position > self._upper)
-        self._until[watched] = np.maximum(self._until[watched], now + STAYS)
-        self._doubt &= now < self._until
+        self._until[watched | ~whole] = self._passed + STAYS
+        self._doubt &= self._passed < self._until
         return ""

@@ -17,6 +17,10 @@ from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
 # time; what is slower (nanoseconds a message, say) stands still for all that matters here.
 LEAST_PACE = 0.1
 
+# Two clocks drift apart by this at most, s/s: ten times what computers' do. A message that is later
+# against the quickest one by more than that and the time-out is as stale as none.
+DRIFT = 1e-3
+
 # Reported and observed velocities are compared so often, s, through low-pass filters of this time
 # constant, s: longer than consoles' own velocity filters (some 10 ms), and at 0.006 rad a step and
 # 100 Hz an encoder's steps leave 0.1 rad/s of ripple.
@@ -62,6 +66,7 @@ class InputGate:
         self._advanced_to = -(2**63)
         self._stamp = 0  # of the last admitted message
         self._seen = 0  # of the last message, admitted or not
+        self._quickest = math.inf  # least age of a message by the two clocks, s
 
     @property
     def velocity(self) -> Array:
@@ -114,6 +119,7 @@ class InputGate:
             self._advanced_to = min(self._advanced_to, stamp)
         if oldest > 0.0:
             _require_recent(stamp, clock, oldest)
+            self._require_prompt((clock - stamp) * 1e-9, now, timeout, active)
         step, gap = now - self._valid, now - self._advance
         due = LEAST_PACE * min(gap, timeout)
         advances = stamp not in known and (stamp - self._advanced_to) * 1e-9 >= due
@@ -127,6 +133,21 @@ class InputGate:
         if advances:
             self._advance, self._advanced_to = now, stamp
         return Admitted(believed, step, gap)
+
+    def _require_prompt(self, age: float, now: float, timeout: float, active: bool) -> None:
+        """Refuse a message that has been on its way for longer than others, by the time-out."""
+        silence = now - self._valid
+        if not active and silence > timeout:  # as it is from now on, for all that is known
+            self._quickest = math.inf
+        quickest = min(age, self._quickest + DRIFT * silence)
+        if age - quickest > timeout:
+            raise DroppedSampleError(
+                "stamp_too_old",
+                f"stamp {age - quickest:.3f} s later than that of others, at most {timeout:g} s "
+                "allowed (timeout): delayed by a network, or a simulator on a busy computer (a "
+                "compensator's max_stamp_age 0 disables this check)",
+            )
+        self._quickest = quickest
 
 
 def _require_recent(stamp: int, clock: int, oldest: float) -> None:

@@ -146,6 +146,11 @@ class Settings:
         """Return the (n,) torque within the limits that holds the arm at (n,) positions, N·m."""
         return self.limits.clip(self.torque(q, None))
 
+    def left_out(self, q: Array) -> Array:
+        """Return what the limits leave out of that, (n,) parts of the arm's own effort limits."""
+        torque = self.torque(q, None)
+        return np.abs(self.limits.clip(torque) - torque) / self.model.arm.effort_limit
+
     def asks_as(self, other: Settings) -> bool:
         """Return whether other settings command the same torque at every state of the arm."""
         return self is other or (

@@ -353,6 +353,17 @@ class Accepted:
                 f"those of the last start {held:.3g}: more than start_tolerance apart",
                 measurable=True,
             )
+        left_out = settings.left_out(position)
+        worst = int(np.argmax(left_out))
+        # As at a start; where the limits of before leave out as much, nothing has changed.
+        if left_out[worst] > max(CONSIDERABLE, before.left_out(position)[worst]):
+            joint = settings.model.arm.joints[worst]
+            held, wanted = settings.at_rest(position)[worst], settings.torque(position, None)[worst]
+            return Deviation(
+                f"changed effort limits leave {held:.3g} of the {wanted:.3g} {joint.effort_unit} "
+                f"that hold {joint.name}: it would fall",
+                measurable=True,
+            )
         for way in (1.0, -1.0):
             speed = way * DRY_SPEED * settings.model.arm.scale
             old, new = (way * each.parts(position, speed)[1] for each in (before, settings))

@@ -95,6 +95,7 @@ class Supervisor:
         self._check: ConstantCheck | None = None
         self._constant_stayed = np.zeros(len(names))  # that the arm was seen to feel
         self._command: Array | None = None
+        self._behind = False  # slew_limit keeps it from what is wanted
         self._watch_energy()
         self._position = np.zeros(len(names))  # of the last command
         self._velocity: Array | None = None
@@ -164,7 +165,7 @@ class Supervisor:
                 Status.RAMPING,
                 "blending to the changed parameters' torque",
             )
-            self._begin_check(self._position, now)
+            self._begin_check(self._position)
             try:
                 self._begin_ramp(self._command, self._position, self._velocity, now)
             except ArithmeticError as error:
@@ -300,9 +301,9 @@ class Supervisor:
         self._watch_energy()
         self._begin_ramp(self._command, sample.position, sample.velocity, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
-        self._begin_check(sample.position, now)
+        self._begin_check(sample.position)
 
-    def _begin_check(self, position: Array, now: float) -> None:
+    def _begin_check(self, position: Array) -> None:
         """Watch joints with a constant in doubt, unless the arm was seen to feel the same."""
         model, seen = self.settings.model, self._constant_stayed
         if (
@@ -310,8 +311,7 @@ class Supervisor:
             and model.constant.any()
             and not np.array_equal(seen, model.constant)
         ):
-            end = now + self.settings.ramp_time
-            self._check = ConstantCheck(model.arm, model.constant, position, end)
+            self._check = ConstantCheck(model.arm, model.constant, position)
             self.reason += f"; {HANDS_OFF}"
 
     def _begin_ramp(
@@ -367,14 +367,16 @@ class Supervisor:
         step = min(max(step, SHORTEST_STEP), LONGEST_STEP)
         largest = settings.slew_limit * step
         self._command = slew(previous, within, largest, settings.limits)
-        if self._command is not within and self._lags(within, self._command, now):
+        self._behind = self._command is not within
+        if self._behind and self._lags(within, self._command, now):
             return None
         self._position, self._velocity = sample.position, sample.velocity
         return self._command
 
     def _pushed(self, check: ConstantCheck, sample: Sample, now: float) -> str:
         """Return which joint a constant in doubt moves, ``""``: none."""
-        pushed = check.check(sample.position, self._gate.velocity, now)
+        whole = ~self.saturated & (self._ramp is None and not self._behind)
+        pushed = check.check(sample, self._gate.velocity, now, whole)
         if check.over:
             self._check, self._constant_stayed = None, self.settings.model.constant
             self.reason = self.reason.removesuffix(f"; {HANDS_OFF}")

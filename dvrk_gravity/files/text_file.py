@@ -87,6 +87,6 @@ def write_bytes(path: str | Path, content: bytes, wait: bool = True) -> None:
     except BaseException as error:
         if temporary:
             Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            error.filename, error.filename2 = str(target), None
+        if isinstance(error, OSError):  # of the file that was asked for, and not of two
+            raise OSError(error.errno, error.strerror, str(target)) from error
         raise

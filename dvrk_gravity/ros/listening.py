@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 from sensor_msgs.msg import JointState
 
@@ -18,7 +19,7 @@ from dvrk_gravity.compensate import (
     SampleReader,
 )
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.presence import MEASURED
+from dvrk_gravity.ros.presence import MEASURED, Presence
 from dvrk_gravity.ros.runtime import asked_to_end
 from dvrk_gravity.ros.wire import JointStateReader
 
@@ -30,14 +31,17 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
     """Call ``receive`` from now on with every measurement that is believed.
 
     An impossible one is left out. Where later ones stay there, an encoder has slipped, or it is
-    another arm: spinning ``client`` then raises MotionError.
+    another arm: spinning ``client`` then raises MotionError, as where two nodes measure.
     """
+    presence = Presence(client.node, any_subscriber=False)
     unpack, gate = JointStateReader().read, InputGate(arm)
     read = SampleReader(arm.joint_names, units=arm.units, arm=arm.name, held=arm.held).read
     heard, jump = -math.inf, ""
 
-    def believe(data: bytes) -> None:
+    def believe(data: bytes, info: Mapping[str, Any]) -> None:
         nonlocal heard, jump
+        if several := presence.count(info["publication_sequence_number"]):
+            raise MotionError(several)
         now = time.monotonic()
         try:
             fields = unpack(data)
@@ -55,7 +59,8 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
         heard, jump = now, ""
         receive(admitted.sample)
 
-    topic = client.node.create_subscription(JointState, MEASURED, believe, 100, raw=True)
+    on_measured: Any = believe  # takes the message's information, too
+    topic = client.node.create_subscription(JointState, MEASURED, on_measured, 100, raw=True)
 
 
 def listen(client: Client, arm: Arm) -> Iterator[Array | None]:

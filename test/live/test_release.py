@@ -154,3 +154,22 @@ def test_a_reading_that_cannot_be_is_neither_a_drift_nor_a_room_of_the_arm(domai
 
         with pytest.raises(MotionError, match=r"pitch by 0\.5 rad"):
             teach()
+
+
+def test_of_two_nodes_that_measure_no_room_is_taught(domain):
+    with Client(name="arm") as arm, Client(name="played_back") as other, Client() as client:
+        nodes = [each.node.create_publisher(JointState, "measured_js", 10) for each in (arm, other)]
+        shown = listen(client, ARM)
+        next(shown)
+        arm.wait(lambda: arm.connected(*nodes), "the subscription")
+
+        def teach() -> None:
+            for k in range(500):
+                message = JointState(name=list(ARM.joint_names), position=[0.0] * 4)
+                message.header.stamp.sec, message.header.stamp.nanosec = divmod(10**7 * k, 10**9)
+                nodes[k % 2].publish(message)
+                time.sleep(0.01)
+                next(shown)
+
+        with pytest.raises(MotionError, match=r"played_back"):
+            teach()
