@@ -23,10 +23,11 @@ from dvrk_gravity.diagnosis.inference.readings import (
     poorly_stated,
 )
 from dvrk_gravity.diagnosis.inference.regression import estimates
-from dvrk_gravity.diagnosis.inference.remaining import expected_error
+from dvrk_gravity.diagnosis.inference.remaining import proven_error
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.results.effect_findings import (
+    LEAVES,
     Difference,
     difference,
     effect_finding,
@@ -86,6 +87,8 @@ def report(
         first = error_as_read(wrong[0].motion, data, held_out)
         findings += _reading_findings(posterior, held_out, named, first)
     effect_findings = []
+    floor, proven = posterior.floor, proven_error(data)
+    likely = np.fmax(floor, proven)
     for i, rows in enumerate(slices_of(named)):
         if conflicts.get(i) == sentences.BESIDE_DIFFERENT:
             continue
@@ -93,15 +96,15 @@ def report(
             posterior, named, i, theta[rows], covariance[rows, rows], spreads[i]
         )
         finding = effect_finding(
-            held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
-        )
+            held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i],
+            likely,
+        )  # fmt: skip
         if (differs := differences[i]) is not None:
             sentence = f"{differs.sentence}; on average {finding.sentence}"
             finding = replace(finding, sentence=sentence, remedy=sentences.DIAGNOSE_ALONE)
         effect_findings.append(finding)
     findings += ordered(effect_findings, poorly_stated(motion))
     different = any(differences)
-    floor, expected = posterior.floor, expected_error(data)
     source = data.noise_source(floor)
     if not different:
         findings += [
@@ -110,10 +113,11 @@ def report(
         # Day-to-day friction variation is listed as known.
         left = held_out.rmse(held_out.error([*named, *posterior.day_to_day]))
         findings += [
-            unexplained_error(motion.arm, j, left[j], floor[j], expected[j], source)
+            unexplained_error(motion.arm, j, left[j], floor[j], proven[j], source)
             for j in posterior.unexplained_joints
         ]
     after = held_out.rmse(held_out.error(named))
+    leaves = motion.reference is None and bool(np.any(after > LEAVES * likely))
     seen = np.where(held_out.seen, 1.0, np.nan)
     grown = [names[joint] for joint in held_out.worse(named, first, floor)]
     outside = outside_range(
@@ -125,16 +129,16 @@ def report(
     several = [finding.rivals for finding in findings if finding.rivals]
     several += [each.rivals for each in unseparated if each.suspected]
     return Diagnosis(
-        verdict=_verdict(findings, different or bool(grown), blind),
+        verdict=_verdict(findings, different or bool(grown) or leaves, blind),
         findings=tuple(findings),
         known=(
             *(_not_significant(posterior, named, each) for each in posterior.stated),
-            *known(validation, held_out, posterior.minor, named, expected),
+            *known(validation, held_out, posterior.minor, named),
         ),
         before=by_joint(names, seen * held_out.rmse(first)),
         after=by_joint(names, seen * after),
         floor=by_joint(names, floor),
-        expected=by_joint(names, expected),
+        expected=by_joint(names, proven),
         floor_from=source,
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,

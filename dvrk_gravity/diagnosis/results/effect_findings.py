@@ -34,6 +34,9 @@ _BEYOND = 0.9  # of an effect's squared torque outside the identified range. Cho
 _ALPHA = 1e-3  # that recordings which agree are said to differ. Chosen
 # Of what one recording shows, that a common value may miss: as much as a reported value may be off.
 _MISSED = 0.2
+# Times the model's known error that a right cause leaves in one of twenty recordings: 1.22 times a
+# log-normal factor of 0.31 (``identification/expected_error.py``).
+LEAVES = 2.0
 
 
 def effect_finding(
@@ -44,6 +47,7 @@ def effect_finding(
     parameters: dict[str, Estimate],
     theta: Array,
     left_out: str,
+    likely: Array,
 ) -> Finding:
     """Return the finding of a selected effect.
 
@@ -55,6 +59,7 @@ def effect_finding(
         parameters: Its estimates.
         theta: (k,) its linear parameters.
         left_out: Why the extended model lacks it; ``""`` if it has it.
+        likely: (n,) RMS that noise and the model's own error leave, N·m; NaN: not known.
     """
     effect, motion = selected[i], validation.data.motion
     candidate = effect.trial.candidate
@@ -75,6 +80,7 @@ def effect_finding(
             sentences.RECORD_ALONE,
         ),
         (held_out.shows_nothing_of(named, candidate, joints), remedy),
+        (_leaves(motion, joints, held_out.rmse(after), likely), remedy),
         effect.doubt,
     )
     doubt, remedy = next((pair for pair in doubts if pair[0]), ("", remedy))
@@ -178,6 +184,21 @@ def _rivals(
         )
         for trial in trials
     )  # fmt: skip
+
+
+def _leaves(motion: MeasuredMotion, joints: Sequence[int], left: Array, likely: Array) -> str:
+    """Return by how much the fit misses at a finding's joints; ``""``: as noise and model do.
+
+    A name that leaves more has part of another cause's torque. What friction and springs differ by
+    from a baseline recording to the next is no error of a model.
+    """
+    if motion.reference is not None:
+        return ""
+    ratio = {joint: left[joint] / likely[joint] for joint in joints if likely[joint] > 0.0}
+    worst = max(ratio, key=lambda joint: ratio[joint], default=-1)
+    if worst < 0 or not ratio[worst] > LEAVES:
+        return ""
+    return sentences.leaves(motion.arm.joint_names[worst], ratio[worst])
 
 
 def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:

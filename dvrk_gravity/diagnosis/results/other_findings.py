@@ -17,7 +17,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.regression import estimates
-from dvrk_gravity.diagnosis.inference.remaining import ABOVE
+from dvrk_gravity.diagnosis.inference.remaining import ABOVE, expected_error, proven_error
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.effect_findings import picture_of
@@ -171,7 +171,6 @@ def known(
     held_out: HeldOut,
     minor: Sequence[EffectTrial],
     named: Sequence[Candidate],
-    expected: Array,
 ) -> tuple[Known, ...]:
     """Return what the model's uncertainty and its error at calibration explain.
 
@@ -181,11 +180,11 @@ def known(
         minor: Effects that are significant, and smaller than that error or than day-to-day friction
             variation.
         named: The selected effects.
-        expected: RMS error that the model expects of itself, N·m.
     """
     motion, data = validation.data.motion, validation.data
     if motion.reference is None and motion.model.uncertainty is None:
         return ()
+    expected, proven = expected_error(data), proven_error(data)
     own_parameters, _ = validation.solution(named)
     moved = np.where(data.usable, data.model_columns @ own_parameters, np.nan)[held_out.rows]
     moved_rms, left = held_out.rmse(moved), held_out.rmse(held_out.error(named))
@@ -209,10 +208,10 @@ def known(
                 name, quantity(moves, unit), quantity(most, unit), source, moves <= most,
             )  # fmt: skip
             found.append(_of_size(PARAMETERS, name, moves, unit, sentence))
-        if error > 0.0:
+        if proven[joint] > 0.0:
             sentence = sentences.remaining_error(
-                name, quantity(rest, unit), quantity(expected[joint], unit),
-                rest / expected[joint], ABOVE,
+                name, quantity(rest, unit), quantity(proven[joint], unit),
+                rest / proven[joint], ABOVE,
             )  # fmt: skip
             found.append(_of_size(ERROR, name, rest, unit, sentence))
     return tuple(found)

@@ -138,6 +138,11 @@ def pushed_together(joints: Sequence[str]) -> str:
     return f"{pushed} at the same time, as by a load that was held for a while"
 
 
+def leaves(joint: str, ratio: float) -> str:
+    """Return that a cause leaves more of an error than noise and the model's own."""
+    return f"it leaves {ratio:.2g} times the error at {joint} that noise and the model's own would"
+
+
 def ambiguity(pair: str, overlap: float, contenders: Sequence[Contender], pose: str) -> str:
     """Return that two causes cannot be separated, their sizes, and a pose that separates them."""
     if any(contender.suspected for contender in contenders):
