@@ -243,7 +243,7 @@ def test_command_lines_write_model_report_and_json(tmp_path):
     assert run("identify", data, "--arm", known.arm.source, "--out", out, *options) == 0
     content = json.loads(told.read_text())
     assert list(content["joints"]) == list(known.arm.joint_names)
-    assert set(content["joints"]["yaw"]) == {"rmse", "nrmse", "r2"}
+    assert set(content["joints"]["yaw"]) == {"rmse", "floor", "nrmse", "r2"}
     assert "http" not in (tmp_path / "model.html").read_text().replace("http-equiv", "")
     told.unlink()
     page = tmp_path / "e.html"

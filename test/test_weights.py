@@ -91,7 +91,7 @@ def test_efforts_that_are_exchanged_are_named():
 def test_efforts_without_gravity_are_named_joint_by_joint():
     recording = ur5_motion()
     weight = stated_weight(Arm.load(UR5), recording.position)
-    fit = fitted_to(recording.effort - 0.95 * weight)
+    fit = fitted_to(recording.effort - weight)
     assert poor(fit) == BOTH
     (line,) = fit.verdict.findings
     assert "gravity is not in the efforts" in line
