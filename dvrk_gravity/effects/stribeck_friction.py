@@ -102,7 +102,8 @@ class StribeckFriction(DryFriction):
         for kind, level in zip(cls.LEVELS, levels, strict=True):
             name = f"{cls.NAME}.{kind}_velocity"
             speed = as_array(values.get(name), n, 0.0)
-            speeds.append(speed)
+            # A level that is fitted later, where none is now, falls within the least speed.
+            speeds.append(np.where(speed > 0.0, speed, cls.SETTINGS[0] * arm.scale))
             for index in np.flatnonzero((level > 0.0) & (speed < _SLOWEST)).tolist():
                 raise ConfigError(
                     f"{name} of {arm.joint_names[index]}",
