@@ -11,7 +11,9 @@ from dvrk_gravity.cli.options import still_joints
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     EffortLimits,
+    Following,
     MotionCheck,
+    MotionError,
     PassivityObserver,
     SampleReader,
     slew,
@@ -95,6 +97,20 @@ def test_a_sliding_joint_jumps_at_a_tenth_of_the_way_of_a_turning_one(made_up):
         after(np.array([0.0, 0.0, 0.02, 0.0]))
     with pytest.raises(DroppedSampleError, match=r"yaw by 0\.2 rad .* 25 rad/s"):
         after(np.array([0.2, 0.0, 0.0, 0.0]))
+
+
+def test_a_sliding_joint_follows_and_rests_within_a_tenth_of_the_way_of_a_turning_one(made_up):
+    """8 deg or 14 mm from its set point, and a degree or 1.7 mm before the first."""
+    middle, still = 0.5 * (made_up.lower + made_up.upper), np.zeros(made_up.n)
+    following = Following(made_up)
+    following.add(SampleReader(made_up.joint_names).read(1, made_up.joint_names, middle, (), ()))
+    following.check(middle + 0.139 * made_up.scale, still, first=False)
+    for joint, (name, way) in enumerate(zip(made_up.joint_names, made_up.scale, strict=True)):
+        with pytest.raises(MotionError, match=f"^{name} "):
+            following.check(middle + 0.15 * way * np.eye(made_up.n)[joint], still, first=False)
+    moved = middle + [0.02, 0.0, 0.0025, 0.0]
+    with pytest.raises(MotionError, match=r"^insertion .* mm"):
+        following.at_rest(np.repeat([middle, moved], 5, axis=0))
 
 
 def test_passivity_is_observed_equally_whether_a_joint_turns_or_slides():
