@@ -9,13 +9,8 @@ from made_up_arm import made_up_arm
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.cli.options import still_joints
 from dvrk_gravity.compensate import (
-    DroppedSampleError,
     EffortLimits,
-    Following,
-    MotionCheck,
-    MotionError,
     PassivityObserver,
-    SampleReader,
     slew,
 )
 from dvrk_gravity.errors import ConfigError
@@ -71,46 +66,6 @@ def test_a_sliding_joint_that_moves_millimetres_has_moved(made_up):
     found = {w.joint: w for w in check(recording(made_up, position, np.zeros((500, 4))))
              if w.kind == "no_motion"}  # fmt: skip
     assert set(found) == {"yaw", "pitch", "roll"}
-
-
-def test_joints_out_of_reach_are_reported_in_their_own_unit(made_up):
-    reader = SampleReader(made_up.joint_names, made_up.lower, made_up.upper, made_up.units)
-    middle = 0.5 * (made_up.lower + made_up.upper)
-    assert (reader.read(1, made_up.joint_names, middle, (), ()).position == middle).all()
-    with pytest.raises(DroppedSampleError, match=r"insertion at 0\.5 m, "):
-        reader.read(1, made_up.joint_names, np.where(made_up.scale < 1, 0.5, middle), (), ())
-
-
-def test_a_sliding_joint_jumps_at_a_tenth_of_the_way_of_a_turning_one(made_up):
-    """0.06 rad or 6 mm at any rate, and 25 rad/s or 2.5 m/s."""
-    reader = SampleReader(made_up.joint_names)
-    start = 0.5 * (made_up.lower + made_up.upper)
-
-    def after(way: np.ndarray) -> None:
-        motion = MotionCheck(made_up.joint_names, scale=made_up.scale)
-        for stamp, position in ((1, start), (1_000_001, start + way)):
-            sample = reader.read(stamp, made_up.joint_names, position, (), ())
-            motion.check(sample, 1e-9 * stamp, 0.1)
-
-    after(np.array([0.08, 0.08, 0.008, 0.08]))
-    with pytest.raises(DroppedSampleError, match=r"insertion by 0\.02 m .* 2\.5 m/s"):
-        after(np.array([0.0, 0.0, 0.02, 0.0]))
-    with pytest.raises(DroppedSampleError, match=r"yaw by 0\.2 rad .* 25 rad/s"):
-        after(np.array([0.2, 0.0, 0.0, 0.0]))
-
-
-def test_a_sliding_joint_follows_and_rests_within_a_tenth_of_the_way_of_a_turning_one(made_up):
-    """8 deg or 14 mm from its set point, and a degree or 1.7 mm before the first."""
-    middle, still = 0.5 * (made_up.lower + made_up.upper), np.zeros(made_up.n)
-    following = Following(made_up)
-    following.add(SampleReader(made_up.joint_names).read(1, made_up.joint_names, middle, (), ()))
-    following.check(middle + 0.139 * made_up.scale, still, first=False)
-    for joint, (name, way) in enumerate(zip(made_up.joint_names, made_up.scale, strict=True)):
-        with pytest.raises(MotionError, match=f"^{name} "):
-            following.check(middle + 0.15 * way * np.eye(made_up.n)[joint], still, first=False)
-    moved = middle + [0.02, 0.0, 0.0025, 0.0]
-    with pytest.raises(MotionError, match=r"^insertion .* mm"):
-        following.at_rest(np.repeat([middle, moved], 5, axis=0))
 
 
 def test_passivity_is_observed_equally_whether_a_joint_turns_or_slides():

@@ -166,16 +166,6 @@ def test_a_joint_goes_as_far_as_the_fastest_and_a_step_and_no_further():
                 assert refused.value.cause == "position_jump"
 
 
-def test_an_encoder_that_jumps_by_thirty_degrees_is_not_followed_and_ends_in_a_hold():
-    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
-    loop.first()
-    jumped = Q.copy()
-    jumped[2] += np.radians(30.0)
-    assert loop.run(0.3, position=jumped) == [None] * 150
-    assert loop.supervisor.dropped["position_jump"] > 0
-    assert (loop.status, loop.holds) == (Status.FAULT, 1)
-
-
 def test_a_velocity_that_contradicts_the_positions_drives_no_joint():
     loop = SupervisorInLoop(**AT_ONCE)
     loop.first()
