@@ -204,14 +204,13 @@ class Reach:
         """Return the tests that reach a mutant, quickest first, then others of their files.
 
         What tests of a file share (a fixture, a result that is kept) counts as reached by the
-        first of them only.
+        first of them only. No test reaches a default of an argument, which is evaluated as the
+        module is imported: all that reach the module are asked.
         """
         lines = self._tests.get(mutant.module, {})
-        found = {
-            test
-            for line in range(mutant.first, mutant.last + 1)
-            for test in lines.get(line, ())
-        }  # fmt: skip
+        found = set[str]().union(
+            *(lines.get(line, ()) for line in range(mutant.first, mutant.last + 1))
+        ) or set[str]().union(*lines.values())
         files = {test.partition("::")[0] for test in found}
         others = {test for test in self._times if test.partition("::")[0] in files} - found
         return [
@@ -239,7 +238,7 @@ def _lines(path: Path) -> dict[str, dict[int, set[str]]]:
         )
         for measured, context, bits in rows:
             module = measured[measured.rindex("/dvrk_gravity/") + 1 :]
-            test = context.partition("|")[0]
+            test = context.rpartition("|")[0]  # an id may hold one, too
             if test:
                 lines = reached.setdefault(module, {})
                 # A bit a line; the lowest bit of the first byte is that of line 0.

@@ -105,6 +105,27 @@ def test_intervals_of_mass_hold_the_mass_whatever_its_place():
     assert held >= 0.9 * trials
 
 
+def test_places_are_drawn_from_their_posterior_with_its_evidence():
+    """Against draws of the prior, weighted by their likelihood."""
+    random, extent = np.random.default_rng(2), 0.4
+    columns = np.diag([0.0, 5.0, 5.0, 0.0, 20.0, *[0.0] * 5])
+    seen = 0.2 * columns @ place_terms(np.array([[0.3, -0.2, 0.1]]))[0]
+    form = load_posterior._Form(columns.T @ columns, columns.T @ seen, 1.0)
+    # Half normal in any direction, but within a tenth of the extent any point is as likely.
+    ways, distance = random.normal(size=(40_000, 3)), extent * random.normal(size=40_000)
+    prior = ways * (distance / np.linalg.norm(ways, axis=1))[:, None]
+    core = distance**2 / (distance**2 + (0.1 * extent) ** 2)
+    likelihood = np.exp(form.log_likelihood(prior))
+
+    runs = [load_posterior._tempered(form, extent, random) for _ in range(8)]
+
+    expected = np.log(np.average(likelihood, weights=core))
+    assert np.mean([evidence for _, evidence in runs]) == pytest.approx(expected, abs=0.05)
+    found = np.linalg.norm(np.concatenate([places for places, _ in runs]), axis=1)
+    expected = np.average(np.abs(distance), weights=core * likelihood)
+    assert found.mean() == pytest.approx(expected, rel=0.05)
+
+
 def test_a_load_is_near_its_link_and_not_too_heavy():
     """A PSM's link 2 is half a metre long, its plausible extent; twice that is likely."""
     free = PayloadHypothesis(arm=PSM, site=Site.link(LINK2), setting=dict.fromkeys("xyz", 0.0))
