@@ -206,7 +206,10 @@ def test_a_velocity_that_lags_or_is_half_as_large_again_is_no_contradiction():
 def test_reported_and_observed_velocity_may_differ_by_half_of_the_larger():
     """The joint moves at 2 rad/s; 0.5 rad/s are encoders' ripple."""
     step, speed = 0.002, 2.0
-    for factor, wrong in ((0.0, True), (0.3, False), (1.0, False), (2.4, False), (2.6, True)):
+    for factor, wrong in (
+        (0.0, True), (0.3, False), (1.0, False), (2.4, False), (2.6, True), (-1.0, True),
+        (57.3, True),
+    ):  # fmt: skip
         check = MotionCheck(("a",))
         for k in range(400):
             velocity = np.array([factor * speed])
