@@ -262,21 +262,33 @@ def ask(tests: Sequence[str], folder: Path, *options: str) -> subprocess.Complet
 
 
 def judge(mutant: Mutant, tests: Sequence[str], folder: Path) -> Verdict:
-    """Put a mutant into a copy, ask the tests that reach it, and take it out again."""
+    """Put a mutant into a copy, ask the tests that reach it, and take it out again.
+
+    A test that fails is asked once more, alone: on a busy machine some fail by themselves.
+    """
     path = folder / mutant.module
     original = path.read_text(encoding="utf-8")
     path.write_text(mutant.source, encoding="utf-8")
-    noticed = ""
+    noticed, left = "", list(tests)
     try:
-        if tests:
-            ended = ask(tests, folder)
+        while left and not noticed:
+            ended = ask(left, folder)
+            if not ended.returncode:
+                break
+            said = ended.stdout.splitlines()
             failed = [
-                line for line in ended.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))
-            ]
-            if ended.returncode:
-                noticed = failed[0].split(" - ")[0] if failed else "an error while collecting"
+                test for test in left
+                if any(line.startswith((f"FAILED {test}", f"ERROR {test}")) for line in said)
+            ]  # fmt: skip
+            first = max(failed, key=len, default="")  # of names that others begin with
             if ended.returncode < 0:
                 noticed = f"no end within {LONGEST} s of a processor"
+            elif not first:
+                noticed = "an error while collecting"
+            elif ask([first], folder).returncode:
+                noticed = first
+            else:
+                left = left[left.index(first) + 1 :]
     except subprocess.TimeoutExpired:
         noticed = f"no end within {PATIENCE:g} s"
     finally:

@@ -1,4 +1,4 @@
-"""Inverse dynamics of serial chains against MuJoCo, and on paper."""
+"""Inverse dynamics of serial chains against MuJoCo; on paper: ``test_newton_euler_exercises``."""
 
 from dataclasses import replace
 
@@ -115,18 +115,6 @@ def test_order_of_the_rotation_angles():
     angles = [0.3, -1.1, 2.0]
     expected = Rotation.from_euler("xyz", angles).as_matrix()  # about the fixed axes, x first
     np.testing.assert_allclose(rotation_matrix(angles), expected, atol=1e-15)
-
-
-def test_a_slider_on_paper():
-    """Slider q = 0.5 m out along x: its moment is about the joint's seat, not about P."""
-    link = Link(0.0, 2.0, np.zeros(3), np.zeros((3, 3)))
-    slider = Mechanism(
-        (link,), (LinkJoint(JointType.PRISMATIC, rotation_matrix([0, np.pi / 2, 0])),)
-    )
-    loads = inverse_dynamics(slider, [0.5], [0.0], [3.0])
-    np.testing.assert_allclose(loads.tau, [6.0], rtol=1e-14)
-    expected = [0, 2 * 9.81, 0, -2 * 9.81 * 0.5, 0, 0]
-    np.testing.assert_allclose(loads.reactions, [expected], atol=1e-14)
 
 
 def test_a_trajectory_is_its_samples_one_by_one():
