@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import diagnosed
 import known_ecm
 import mujoco
 import numpy as np
@@ -15,17 +16,13 @@ import pinocchio as pin
 import pytest
 import sympy
 from known_ecm import INSERTION, PITCH, ROLL
+from rival_causes import passed
 
+from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Diagnosis, MeasuredMotion, diagnose, extended, load
-from dvrk_gravity.effects import (
-    JointSpring,
-    ReadingHypothesis,
-    Site,
-    State,
-    base_tilt,
-)
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.effects import JointSpring, ReadingHypothesis, Site, State, base_tilt
+from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
 
@@ -225,3 +222,18 @@ def test_a_tilt_is_found_with_its_angles_however_large(tilt):
         assert found[name].low < angle < found[name].high
     np.testing.assert_allclose(diagnosis.model.gravity, gravity, atol=0.05)
     assert (unexplained(diagnosis.model, 5, gravity=gravity) < 1.2).all()
+
+
+def test_what_link_1_weighs_is_open_by_its_plausible_moment_in_a_base_that_leans():
+    """About a shaft that leans by 0.1 rad: of a kilogram a link, as far out as the next joint."""
+    arm, none = diagnosed.ARM, np.zeros((4, 0))
+    known = ModelUncertainty(
+        {}, {}, none, none[:3], diagnosed.NOISE, 8.0, np.full(4, 0.1), *arm.range, np.full(4, 9.0)
+    )
+    motion = passed(replace(diagnosed.model(), uncertainty=known))
+    lengths = [np.linalg.norm(body.placement.translation) for body in arm.bodies[1:]]
+
+    tilt = next(effects.named("base_tilt").hypotheses(motion))
+
+    expected = 0.1 * 9.81 * np.linalg.norm([*lengths, 0.1])
+    np.testing.assert_allclose(tilt.prior_std, [np.inf, np.inf, expected, expected], rtol=1e-3)
