@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -253,24 +252,6 @@ def test_a_gain_is_the_part_of_the_held_out_error_that_goes():
     assert gain.relative == pytest.approx(1.0 - now / then, rel=1e-6)
     assert gain.low < gain.relative < gain.high
     assert gain.p_value < 1e-3
-
-
-def test_an_error_lasts_by_what_of_its_square_is_that_of_its_means_over_whole_blocks():
-    """A block of which more than a fifth is unusable says nothing."""
-    random, held_out = np.random.default_rng(0), HeldOut(problem({}))
-    held, usable, block = data().held_out, data().usable[data().held_out], data().block
-    error = random.normal(size=usable.shape) + random.normal(size=(block.max() + 1, N))[block[held]]
-    lasting, square, parts = *np.zeros((2, N)), set()
-    for number, joint in product(np.unique(block[held]), range(N)):
-        rows = block[held] == number
-        known = error[rows & usable[:, joint], joint]
-        parts.add(part := len(known) / np.sum(rows))
-        if part > 0.8:
-            lasting[joint] += len(known) * np.mean(known) ** 2
-            square[joint] += np.sum(known**2)
-
-    assert {part > 0.8 for part in parts - {0.0}} == {True, False}
-    np.testing.assert_allclose(held_out.lasting(error), lasting / square)
 
 
 def test_what_the_held_out_blocks_do_not_show_is_not_confirmed():

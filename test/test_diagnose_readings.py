@@ -26,6 +26,7 @@ from diagnosed import (
     seven,
 )
 
+from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.diagnosis import (
     CrossValidation,
     FilteredData,
@@ -155,6 +156,17 @@ def test_scales_of_two_joints_are_not_said_to_be_of_all():
     assert sorted(named(diagnosis)) == [("torque_scale", ("pitch",)), ("torque_scale", ("yaw",))]
     for finding in diagnosis.findings:
         assert finding.parameters["factor"].value == pytest.approx(0.8, abs=0.02)
+
+
+def test_a_scale_is_no_wrong_reading_where_the_unit_is_arbitrary_or_beside_another_recording():
+    """The first may read in any unit; a reference reads as wrongly itself."""
+    motion = load([with_effort(lambda effort: 0.02 * effort)], model()).motion
+    joints = tuple(replace(joint, read_in=ANY_UNIT) for joint in ARM.joints)
+    arbitrary = replace(motion, model=replace(model(), arm=replace(ARM, joints=joints)))
+    beside = replace(motion, reference=np.zeros_like(motion.q))
+
+    for of, scaled in ((motion, True), (arbitrary, False), (beside, False)):
+        assert any(score.reading.scale is not None for score in try_readings(of)) is scaled
 
 
 def test_newton_millimetres_are_refused():

@@ -247,6 +247,17 @@ def test_a_push_that_happened_once_is_not_expected_again(model):
     assert not push.rival().columns(motion).any()
 
 
+def test_a_cause_is_known_in_other_motions_where_a_file_holds_all_of_it(model):
+    offset, _ = twins(model)
+
+    def of(**setting: object) -> RivalCause:
+        return replace(offset, hypothesis=replace(offset.hypothesis, setting=setting))
+
+    assert of(rest=0.1, of=None, at=("a", np.ones(2))).known_elsewhere
+    for unknown in (of(shape=np.sin), of(at=[np.sin]), replace(offset, theta=np.array([np.inf]))):
+        assert not unknown.known_elsewhere
+
+
 # --- its files
 
 
