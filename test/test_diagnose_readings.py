@@ -40,6 +40,7 @@ from dvrk_gravity.diagnosis import (
 )
 from dvrk_gravity.effects import State, TimeDelay
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.model import ModelUncertainty
 from dvrk_gravity.recording import Recording
 
 DEGREES = 180.0 / np.pi
@@ -95,6 +96,23 @@ def test_no_reading_takes_an_arm_beyond_its_limits():
 
     assert "the position of insertion has the wrong sign" in better(0.0)
     assert "the position of insertion has the wrong sign" not in better(1.0)
+
+
+def test_another_reading_of_positions_removes_what_is_beyond_the_error_that_the_model_states():
+    none, recording = np.zeros((4, 0)), recorded()
+    read = replace(
+        recording,
+        position=turned(PITCH) * recording.position,
+        velocity=turned(PITCH) * recording.velocity,
+    )
+    for error in (1.0, 3.0):  # N·m at pitch
+        known = ModelUncertainty(
+            {}, {}, none, none[:3], error * EVERY, 8.0, np.full(4, 0.1), *ARM.range, np.full(4, 9.0)
+        )
+        motion = load([read], replace(model(), uncertainty=known)).motion
+        before = np.mean(motion.residual[~motion.silent[:, PITCH], PITCH] ** 2)
+        removed = 1.0 - np.sqrt(error**2 / (before + error**2))
+        assert try_readings(motion)[0].removed == pytest.approx(removed, rel=0.1)
 
 
 @pytest.mark.parametrize("quantity", ["position", "effort"])
