@@ -32,6 +32,7 @@ from diagnosed import (
 )
 from scipy import signal
 
+from dvrk_gravity import effects
 from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
 from dvrk_gravity.recording import Recording
 
@@ -142,6 +143,12 @@ def test_a_joint_that_stands_still_bears_its_load_where_nothing_rubs_and_at_pose
     assert stuck(standing, ARM) == [False, False, False, True]
     assert stuck(replace(standing, arm=smooth), smooth) == [False] * 4
     assert stuck(replace(standing, time=None, velocity=None), ARM) == [False] * 4
+
+
+def test_of_a_motor_that_stands_still_no_inertia_is_supposed():
+    motion = load([held(ROLL, 0.0)], model()).motion
+    rotors = effects.named("rotor_inertia").hypotheses(motion)
+    assert [rotor.site.index for rotor in rotors] == [YAW, PITCH, INSERTION]
 
 
 def test_a_joint_that_slides_is_slow_at_a_tenth_of_the_speed_of_one_that_turns():

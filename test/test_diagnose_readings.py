@@ -99,12 +99,8 @@ def test_no_reading_takes_an_arm_beyond_its_limits():
 
 
 def test_another_reading_of_positions_removes_what_is_beyond_the_error_that_the_model_states():
-    none, recording = np.zeros((4, 0)), recorded()
-    read = replace(
-        recording,
-        position=turned(PITCH) * recording.position,
-        velocity=turned(PITCH) * recording.velocity,
-    )
+    none, right, sign = np.zeros((4, 0)), recorded(), turned(PITCH)
+    read = replace(right, position=sign * right.position, velocity=sign * right.velocity)
     for error in (1.0, 3.0):  # N·m at pitch
         known = ModelUncertainty(
             {}, {}, none, none[:3], error * EVERY, 8.0, np.full(4, 0.1), *ARM.range, np.full(4, 9.0)

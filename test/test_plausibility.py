@@ -32,21 +32,6 @@ def swing(time: float) -> tuple[np.ndarray, np.ndarray]:
     return amplitude * np.sin(rate * time), amplitude * rate * np.cos(rate * time)
 
 
-@pytest.mark.parametrize("rate", [100.0, 1000.0])
-def test_a_jump_of_thirty_degrees_is_dropped_until_the_time_out_has_passed(rate):
-    stream = Stream(rate)
-    for _ in range(20):
-        stream.send([0.0] * 7)
-    moved = [0.0, 0.0, np.radians(30), 0.0, 0.0, 0.0, 0.0]
-    with pytest.raises(DroppedSampleError, match=r"elbow_pitch.*0\.524") as raised:
-        stream.send(moved)
-    assert raised.value.cause == "position_jump"
-    for _ in range(int(0.09 * rate) - 1):
-        with pytest.raises(DroppedSampleError):
-            stream.send(moved)
-    stream.send(moved, after=0.2)
-
-
 @pytest.mark.parametrize("rate", [50.0, 200.0])
 def test_one_bad_reading_in_a_fast_motion_is_passed_over(rate):
     stream, rng = Stream(rate), np.random.default_rng(0)

@@ -267,16 +267,13 @@ def test_a_diagnosis_names_what_plans_the_separation_or_what_no_motion_separates
 
     def following(contest: Contest | None, rivals: tuple[RivalCause, ...]) -> list[str | None]:
         """Return what comes next of all, of a finding, of an ambiguity, and is inseparable."""
-        parts = (
-            tuple(replace(each, rivals=rivals) for each in several)
-            for several in (diagnosis.findings, diagnosis.ambiguities)
-        )
-        names = ("findings", "ambiguities")
+        (finding,), (ambiguity,) = diagnosis.findings, diagnosis.ambiguities
         content = replace(
-            diagnosis, contest=contest, files=files, **dict(zip(names, parts, strict=True))
-        ).to_dict()
-        finding, ambiguity = content["findings"][0], content["ambiguities"][0]
-        return [content["next"], finding["next"], ambiguity["next"], finding["inseparable"]]
+            diagnosis, contest=contest, files=files, findings=(replace(finding, rivals=rivals),),
+            ambiguities=(replace(ambiguity, rivals=rivals),),
+        ).to_dict()  # fmt: skip
+        found, between = content["findings"][0], content["ambiguities"][0]
+        return [content["next"], found["next"], between["next"], found["inseparable"]]
 
     pair, same = unclear.pairs[0], twins(model)
     command, *rest = following(unclear, (pair.first, pair.second))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from supervisor_loop import ARM, AT_ONCE, HELD, MODEL, MS, Q, SupervisorInLoop, target
@@ -164,6 +166,9 @@ def test_a_joint_goes_as_far_as_the_fastest_and_a_step_and_no_further():
                 with pytest.raises(DroppedSampleError, match="ab"[joint]) as refused:
                     check.check(later, 10.0 + step, 0.1)
                 assert refused.value.cause == "position_jump"
+                with pytest.raises(DroppedSampleError):  # until the time-out has passed
+                    check.check(replace(later, stamp=later.stamp + 1), 10.09, 0.1)
+                check.check(replace(later, stamp=later.stamp + 2), 10.2, 0.1)
 
 
 def test_a_velocity_that_contradicts_the_positions_drives_no_joint():
