@@ -36,7 +36,9 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 ROOMS = ("compensate", "effects", "estimation", "intake", "diagnosis")
 MODULES, PLACES = 20, 2
 WANTED = 34 / 40
-LONGEST = 600.0  # s for the tests of one mutant: an endless loop is noticed, too
+LINES, TIMES = ".coverage", "times.xml"
+# s for the tests of one mutant, of a processor and of the wall: what never ends is noticed, too.
+LONGEST, PATIENCE = 600, 3600.0
 
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -174,32 +176,48 @@ def environment(folder: Path) -> dict[str, str]:
     }  # fmt: skip
 
 
+def measure(folder: Path, jobs: int) -> None:
+    """Run all computing tests once, with coverage, and keep what was measured in a folder."""
+    with tempfile.TemporaryDirectory() as name:
+        copy = copied(Path(name))
+        command = [
+            sys.executable, "-m", "pytest", "-q", "-n", str(jobs), "--dist", "loadfile",
+            "--cov=dvrk_gravity", "--cov-context=test", "--cov-report=", f"--junitxml={TIMES}",
+        ]  # fmt: skip
+        ended = subprocess.run(command, cwd=copy, env=environment(copy), check=False)
+        if ended.returncode:
+            sys.exit("mutants: the tests fail without a mutant")
+        folder.mkdir(parents=True, exist_ok=True)
+        for kept in (LINES, TIMES):
+            shutil.copyfile(copy / kept, folder / kept)
+
+
 class Reach:
     """Which computing tests reach which lines, and how long each takes."""
 
-    def __init__(self, jobs: int) -> None:
-        """Run all of them once."""
-        with tempfile.TemporaryDirectory() as name:
-            folder = copied(Path(name))
-            command = [
-                sys.executable, "-m", "pytest", "-q", "-n", str(jobs), "--dist", "loadfile",
-                "--cov=dvrk_gravity", "--cov-context=test", "--cov-report=", "--junitxml=times.xml",
-            ]  # fmt: skip
-            ended = subprocess.run(command, cwd=folder, env=environment(folder), check=False)
-            if ended.returncode:
-                sys.exit("mutants: the tests fail without a mutant")
-            self._times = dict(_times(folder / "times.xml"))
-            self._tests = _lines(folder)
+    def __init__(self, folder: Path) -> None:
+        """Read what was measured."""
+        self._times = dict(_times(folder / TIMES))
+        self._tests = _lines(folder / LINES)
 
     def tests(self, mutant: Mutant) -> list[str]:
-        """Return the tests that reach a mutant, quickest first."""
+        """Return the tests that reach a mutant, quickest first, then others of their files.
+
+        What tests of a file share (a fixture, a result that is kept) counts as reached by the
+        first of them only. No test reaches a default of an argument, which is evaluated as the
+        module is imported: all that reach the module are asked.
+        """
         lines = self._tests.get(mutant.module, {})
-        found = {
+        found = set[str]().union(
+            *(lines.get(line, ()) for line in range(mutant.first, mutant.last + 1))
+        ) or set[str]().union(*lines.values())
+        files = {test.partition("::")[0] for test in found}
+        others = {test for test in self._times if test.partition("::")[0] in files} - found
+        return [
             test
-            for line in range(mutant.first, mutant.last + 1)
-            for test in lines.get(line, ())
-        }  # fmt: skip
-        return sorted(found, key=lambda test: (self._times.get(test, 0.0), test))
+            for some in (found, others)
+            for test in sorted(some, key=lambda test: (self._times.get(test, 0.0), test))
+        ]
 
 
 def _times(path: Path) -> Iterator[tuple[str, float]]:
@@ -209,19 +227,20 @@ def _times(path: Path) -> Iterator[tuple[str, float]]:
         yield f"{file}::{case.attrib['name']}", float(case.attrib["time"])
 
 
-def _lines(folder: Path) -> dict[str, dict[int, set[str]]]:
+def _lines(path: Path) -> dict[str, dict[int, set[str]]]:
     """Return the tests by module and line, from coverage.py's database."""
     reached: dict[str, dict[int, set[str]]] = {}
-    with sqlite3.connect(folder / ".coverage") as database:
+    with sqlite3.connect(path) as database:
         rows = database.execute(
             "select file.path, context.context, line_bits.numbits from line_bits"
             " join file on file.id = line_bits.file_id"
             " join context on context.id = line_bits.context_id"
         )
-        for path, context, bits in rows:
-            test = context.partition("|")[0]
+        for measured, context, bits in rows:
+            module = measured[measured.rindex("/dvrk_gravity/") + 1 :]
+            test = context.rpartition("|")[0]  # an id may hold one, too
             if test:
-                lines = reached.setdefault(str(Path(path).relative_to(folder)), {})
+                lines = reached.setdefault(module, {})
                 # A bit a line; the lowest bit of the first byte is that of line 0.
                 ones = np.unpackbits(np.frombuffer(bits, np.uint8), bitorder="little")
                 for line in np.flatnonzero(ones).tolist():
@@ -229,27 +248,49 @@ def _lines(folder: Path) -> dict[str, dict[int, set[str]]]:
     return reached
 
 
+def ask(tests: Sequence[str], folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run some tests of a copy, and stop at the first that fails."""
+    (folder / "tests.txt").write_text("\n".join(tests))
+    command = [
+        "prlimit", f"--cpu={LONGEST}",
+        sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", *options, "@tests.txt",
+    ]  # fmt: skip
+    return subprocess.run(
+        command, cwd=folder, env=environment(folder), capture_output=True, text=True,
+        timeout=PATIENCE, check=False,
+    )  # fmt: skip
+
+
 def judge(mutant: Mutant, tests: Sequence[str], folder: Path) -> Verdict:
-    """Put a mutant into a copy, ask the tests that reach it, and take it out again."""
+    """Put a mutant into a copy, ask the tests that reach it, and take it out again.
+
+    A test that fails is asked once more, alone: on a busy machine some fail by themselves.
+    """
     path = folder / mutant.module
     original = path.read_text(encoding="utf-8")
     path.write_text(mutant.source, encoding="utf-8")
-    (folder / "tests.txt").write_text("\n".join(tests))
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", "@tests.txt"]
-    noticed = ""
+    noticed, left = "", list(tests)
     try:
-        if tests:
-            ended = subprocess.run(
-                command, cwd=folder, env=environment(folder), capture_output=True, text=True,
-                timeout=LONGEST, check=False,
-            )  # fmt: skip
+        while left and not noticed:
+            ended = ask(left, folder)
+            if not ended.returncode:
+                break
+            said = ended.stdout.splitlines()
             failed = [
-                line for line in ended.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))
-            ]
-            if ended.returncode:
-                noticed = failed[0].split(" - ")[0] if failed else "an error while collecting"
+                test for test in left
+                if any(line.startswith((f"FAILED {test}", f"ERROR {test}")) for line in said)
+            ]  # fmt: skip
+            first = max(failed, key=len, default="")  # of names that others begin with
+            if ended.returncode < 0:
+                noticed = f"no end within {LONGEST} s of a processor"
+            elif not first:
+                noticed = "an error while collecting"
+            elif ask([first], folder).returncode:
+                noticed = first
+            else:
+                left = left[left.index(first) + 1 :]
     except subprocess.TimeoutExpired:
-        noticed = f"no end within {LONGEST:g} s"
+        noticed = f"no end within {PATIENCE:g} s"
     finally:
         path.write_text(original, encoding="utf-8")
     place = f"{mutant.module}:{mutant.first}"
@@ -262,6 +303,9 @@ def judge_all(mutants: Sequence[Mutant], reach: Reach, jobs: int) -> list[Verdic
         copies: SimpleQueue[Path] = SimpleQueue()
         for k in range(jobs):
             copies.put(copied(Path(name) / str(k)))
+        asked = {test for mutant in mutants for test in reach.tests(mutant)}
+        if ask(sorted(asked), Path(name) / "0", "--collect-only").returncode:
+            sys.exit("mutants: --coverage is of other tests: give a new folder")
 
         def one(mutant: Mutant) -> Verdict:
             folder = copies.get()
@@ -287,6 +331,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument(
+        "--coverage", type=Path,
+        help="keep in this folder which tests reach which lines, or read it from there, as long"
+        " as the package does not change and no test goes (those that come are not asked)",
+    )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="the places only")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args(arguments)
@@ -295,7 +344,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for mutant in mutants:
             print(f"{mutant.module}:{mutant.first}: {mutant.before} -> {mutant.after}")
         return 0
-    verdicts = judge_all(mutants, Reach(args.jobs), args.jobs)
+    with tempfile.TemporaryDirectory() as name:
+        folder = args.coverage or Path(name)
+        if not (folder / TIMES).is_file():
+            measure(folder, args.jobs)
+        reach = Reach(folder)
+    verdicts = judge_all(mutants, reach, args.jobs)
     noticed = sum(bool(verdict.noticed_by) for verdict in verdicts)
     lived = [verdict for verdict in verdicts if not verdict.noticed_by]
     print(f"\n{noticed} of {len(verdicts)} noticed (wanted: {WANTED:.0%}); lived:")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -76,6 +77,7 @@ def test_what_is_hidden_is_named_or_listed_and_nothing_beside_it(effect, seed):
 def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path):
     recording, diagnosis, _ = hidden("coulomb_friction", 7)
     assert all(finding.in_model for finding in diagnosis.findings)
+    assert diagnosis.in_simulation is None, "nobody asked for it"
 
     diagnosis.model.save(tmp_path / "extended.yaml")
     again = TorqueModel.load(tmp_path / "extended.yaml")
@@ -257,6 +259,15 @@ def test_all_friction_that_has_grown_is_known_and_no_scale_of_all_efforts():
     for factor in factors:
         assert factor.value == pytest.approx(1.3, abs=0.1)
         assert factor.low < 1.3 < factor.high
+    assert known.remedy
+    assert "friction_compensation.ratio" not in known.remedy
+
+
+def test_of_all_friction_that_has_shrunk_no_more_is_compensated_than_is_left():
+    known = on_a_day(7, all_kinds(-0.4)).known[0]
+
+    ratio = re.search(r"friction_compensation\.ratio (0\.\d+)", known.remedy)
+    assert 0.5 < float(ratio[1]) <= 0.6
 
 
 def test_no_factor_has_friction_drive_the_arm():

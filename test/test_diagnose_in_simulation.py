@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from diagnosed import ARM, model, moving, of_seven, seven
+from diagnosed import ARM, HALF, INSERTION, MIDDLE, PITCH, ROLL, YAW, model, moving, of_seven, seven
 
 from dvrk_gravity.arms import N_JOINTS
 from dvrk_gravity.compensate import in_simulation, let_go
@@ -169,16 +169,29 @@ def test_a_comparison_that_cannot_be_made_says_so_and_is_no_failure():
     assert "gravity" in bare.notes[0]
 
 
-def test_another_arm_s_models_are_compared_in_its_own_units():
-    """What half a kilogram more does is far more than what nothing does."""
-    weight = np.array(model().parameters()["link_weight.link4"])
-    more = tuple(weight + np.array([0.5, 0.0, 0.0, 0.05]))
-    wrong = TorqueModel.from_parameters(model().parameters() | {"link_weight.link4": more}, ARM)
-    motion = moving()
+def test_another_arm_s_models_are_compared_where_each_of_its_joints_went_furthest():
+    """A cable pulls at both ends of the insertion, where a few centimetres are its whole way."""
+    time = np.arange(1000) / 100.0
+    part = np.zeros((1000, ARM.n))
+    for k, joints in enumerate(((YAW,), (ROLL,), (PITCH, INSERTION))):
+        part[100 + 300 * k : 400 + 300 * k, joints] = np.sin(2.0 * np.pi * time[:300] / 3.0)[
+            :, None
+        ]
+    q = MIDDLE + HALF * part
+    qd = np.gradient(q, 0.01, axis=0)
+    motion = replace(moving(), time=time, q=q, qd=qd, qdd=np.gradient(qd, 0.01, axis=0))
     measured = load([motion.read(motion.torque())], model()).motion
+    cubic = np.polynomial.Polynomial.fromroots([MIDDLE[INSERTION]] * 3)
+    force = 10.0 / HALF[INSERTION] ** 3 * cubic.coef  # 10 N at the ends, of 1 N of friction
+    cable = {"elastic_cable.insertion": tuple(force.tolist())}
+    right = TorqueModel.from_parameters(model().parameters() | cable, ARM)
 
-    result = in_simulation(wrong, model(), measured, [(2.0, 3.0), (6.0, 7.0)])
+    result = in_simulation(right, model(), measured, [(2.0, 3.0), (7.4, 8.2)])
 
+    drift = result.drifts[0]
+    assert drift.before[:, :, INSERTION].max() > 0.02
+    assert drift.before[:, :, INSERTION].min() < -0.02
+    assert np.abs(drift.after[:, :, INSERTION]).max() < 1e-3
     assert result.windows > 10
     assert (result.before / ARM.scale).max() > 3.0 * (result.after / ARM.scale).max()
     said = result.to_dict()

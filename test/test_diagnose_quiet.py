@@ -9,6 +9,7 @@ import pytest
 from diagnosed import (
     ARM,
     HALF,
+    INSERTION,
     MIDDLE,
     NOISE,
     PITCH,
@@ -31,6 +32,7 @@ from diagnosed import (
 )
 from scipy import signal
 
+from dvrk_gravity import effects
 from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
 from dvrk_gravity.recording import Recording
 
@@ -141,6 +143,30 @@ def test_a_joint_that_stands_still_bears_its_load_where_nothing_rubs_and_at_pose
     assert stuck(standing, ARM) == [False, False, False, True]
     assert stuck(replace(standing, arm=smooth), smooth) == [False] * 4
     assert stuck(replace(standing, time=None, velocity=None), ARM) == [False] * 4
+
+
+def test_of_a_motor_that_stands_still_no_inertia_is_supposed():
+    motion = load([held(ROLL, 0.0)], model()).motion
+    rotors = effects.named("rotor_inertia").hypotheses(motion)
+    assert [rotor.site.index for rotor in rotors] == [YAW, PITCH, INSERTION]
+
+
+def test_a_joint_that_slides_is_slow_at_a_tenth_of_the_speed_of_one_that_turns():
+    """0.01 rad/s or 1 mm/s, of 31 or 3.1 at most."""
+    motion = moving(0, 20.0)
+    q, qd, qdd = (
+        MIDDLE * (order == 0) + 0.1 * (0.1 * np.pi) ** order * wave[:, None] * ARM.scale
+        for order, wave in enumerate(
+            np.sin(0.1 * np.pi * motion.time + phase) for phase in (0.0, 0.5 * np.pi, np.pi)
+        )
+    )
+    slow = replace(motion, q=q, qd=qd, qdd=qdd)
+
+    read = load([slow.read(slow.torque())], model()).motion
+
+    for joint, slowest in ((YAW, 0.01), (INSERTION, 0.001)):
+        turns = np.abs(read.qd[:, joint]) < slowest
+        assert np.mean(read.stuck[:, joint] != turns) < 0.05, joint
 
 
 # Something is there that has no name.

@@ -26,6 +26,7 @@ from diagnosed import (
     seven,
 )
 
+from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.diagnosis import (
     CrossValidation,
     FilteredData,
@@ -39,6 +40,7 @@ from dvrk_gravity.diagnosis import (
 )
 from dvrk_gravity.effects import State, TimeDelay
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.model import ModelUncertainty
 from dvrk_gravity.recording import Recording
 
 DEGREES = 180.0 / np.pi
@@ -94,6 +96,19 @@ def test_no_reading_takes_an_arm_beyond_its_limits():
 
     assert "the position of insertion has the wrong sign" in better(0.0)
     assert "the position of insertion has the wrong sign" not in better(1.0)
+
+
+def test_another_reading_of_positions_removes_what_is_beyond_the_error_that_the_model_states():
+    none, right, sign = np.zeros((4, 0)), recorded(), turned(PITCH)
+    read = replace(right, position=sign * right.position, velocity=sign * right.velocity)
+    for error in (1.0, 3.0):  # N·m at pitch
+        known = ModelUncertainty(
+            {}, {}, none, none[:3], error * EVERY, 8.0, np.full(4, 0.1), *ARM.range, np.full(4, 9.0)
+        )
+        motion = load([read], replace(model(), uncertainty=known)).motion
+        before = np.mean(motion.residual[~motion.silent[:, PITCH], PITCH] ** 2)
+        removed = 1.0 - np.sqrt(error**2 / (before + error**2))
+        assert try_readings(motion)[0].removed == pytest.approx(removed, rel=0.1)
 
 
 @pytest.mark.parametrize("quantity", ["position", "effort"])
@@ -155,6 +170,17 @@ def test_scales_of_two_joints_are_not_said_to_be_of_all():
     assert sorted(named(diagnosis)) == [("torque_scale", ("pitch",)), ("torque_scale", ("yaw",))]
     for finding in diagnosis.findings:
         assert finding.parameters["factor"].value == pytest.approx(0.8, abs=0.02)
+
+
+def test_a_scale_is_no_wrong_reading_where_the_unit_is_arbitrary_or_beside_another_recording():
+    """The first may read in any unit; a reference reads as wrongly itself."""
+    motion = load([with_effort(lambda effort: 0.02 * effort)], model()).motion
+    joints = tuple(replace(joint, read_in=ANY_UNIT) for joint in ARM.joints)
+    arbitrary = replace(motion, model=replace(model(), arm=replace(ARM, joints=joints)))
+    beside = replace(motion, reference=np.zeros_like(motion.q))
+
+    for of, scaled in ((motion, True), (arbitrary, False), (beside, False)):
+        assert any(score.reading.scale is not None for score in try_readings(of)) is scaled
 
 
 def test_newton_millimetres_are_refused():

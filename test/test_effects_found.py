@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import diagnosed
 import known_ecm
 import mujoco
 import numpy as np
@@ -15,18 +16,13 @@ import pinocchio as pin
 import pytest
 import sympy
 from known_ecm import INSERTION, PITCH, ROLL
+from rival_causes import passed
 
+from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import Diagnosis, MeasuredMotion, diagnose, extended, load
-from dvrk_gravity.effects import (
-    JointSpring,
-    ReadingHypothesis,
-    Site,
-    State,
-    base_tilt,
-)
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.effects import JointSpring, ReadingHypothesis, Site, State, base_tilt
+from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
 
@@ -157,14 +153,7 @@ def test_a_spring_s_torque_is_that_of_a_tendon_of_mujoco_over_two_joints():
         np.testing.assert_allclose(SPRING.torque(State(q)), -data.qfrc_spring, atol=1e-12)
 
 
-def test_a_spring_is_compensated_and_a_simulated_arm_rests_where_it_is_slack():
-    plain = TorqueModel.load("config/mtmr_28002.yaml").parameters()
-    q = np.array([0.1, 0.2, -0.1, 0.3, 1.0, 0.1, 0.5])
-    with_it, without = (
-        Settings.from_parameters(values).torque(q, None)
-        for values in (plain | SPRING.parameters(), plain)
-    )
-    np.testing.assert_allclose(with_it - without, STIFFNESS * (q @ ROW - SLACK) * ROW, atol=1e-12)
+def test_a_simulated_arm_rests_where_a_spring_between_joints_is_slack():
     damping = {"viscous_friction.joint": [0.05] * ARM.n, "arm": "mtmr"}
     weightless = TorqueModel.from_parameters(damping | SPRING.parameters())
     plant = replace(PlantFile.load("mtmr_28002"), model=weightless).plant()
@@ -233,3 +222,18 @@ def test_a_tilt_is_found_with_its_angles_however_large(tilt):
         assert found[name].low < angle < found[name].high
     np.testing.assert_allclose(diagnosis.model.gravity, gravity, atol=0.05)
     assert (unexplained(diagnosis.model, 5, gravity=gravity) < 1.2).all()
+
+
+def test_what_link_1_weighs_is_open_by_its_plausible_moment_in_a_base_that_leans():
+    """About a shaft that leans by 0.1 rad: of a kilogram a link, as far out as the next joint."""
+    arm, none = diagnosed.ARM, np.zeros((4, 0))
+    known = ModelUncertainty(
+        {}, {}, none, none[:3], diagnosed.NOISE, 8.0, np.full(4, 0.1), *arm.range, np.full(4, 9.0)
+    )
+    motion = passed(replace(diagnosed.model(), uncertainty=known))
+    lengths = [np.linalg.norm(body.placement.translation) for body in arm.bodies[1:]]
+
+    tilt = next(effects.named("base_tilt").hypotheses(motion))
+
+    expected = 0.1 * 9.81 * np.linalg.norm([*lengths, 0.1])
+    np.testing.assert_allclose(tilt.prior_std, [np.inf, np.inf, expected, expected], rtol=1e-3)

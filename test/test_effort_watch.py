@@ -142,17 +142,20 @@ def followed(*positions: np.ndarray, arm: Arm = ECM, step: float = 0.01) -> Foll
     return following
 
 
-@pytest.mark.parametrize(("name", "joint", "degrees"), [("ecm", 1, 8.0), ("mtmr", 6, 12.0)])
+@pytest.mark.parametrize(
+    ("name", "joint", "degrees"), [("ecm", 1, 8.0), ("ecm", 2, 8.0), ("mtmr", 6, 12.0)]
+)
 def test_a_set_point_may_be_ahead_by_the_following_error_and_the_lag_and_at_rest_by_2_deg(
     name: str, joint: int, degrees: float
 ) -> None:
     arm = Arm.load(name)
     axis, rest = np.eye(arm.n)[joint], np.zeros(arm.n)
     following = followed(rest, arm=arm)
+    radian = 0.1 if arm.joints[joint].kind == "prismatic" else 1.0  # m that count as one
     for speed, first, allowed in (
-        (0.0, True, np.radians(2.0)),
-        (0.0, False, np.radians(degrees)),
-        (-0.5, False, np.radians(degrees) + LAG * 0.5),
+        (0.0, True, radian * np.radians(2.0)),
+        (0.0, False, radian * np.radians(degrees)),
+        (-0.5, False, radian * np.radians(degrees) + LAG * 0.5),
     ):
         for sign in (1.0, -1.0):
             following.check(sign * 0.99 * allowed * axis, speed * axis, first)
@@ -180,6 +183,9 @@ def test_an_arm_that_moves_before_the_first_command_is_not_at_rest() -> None:
     for sign in (1.0, -1.0):
         with pytest.raises(MotionError, match="pitch"):
             followed(still[0]).at_rest(still + sign * np.radians(1.01) * step)
+    # The one that moves most for its kind is named: 1.2 deg, or 2.5 mm.
+    with pytest.raises(MotionError, match="insertion"):
+        followed(still[0]).at_rest(np.repeat([[0.0] * 4, [0.0, 0.021, 0.0025, 0.0]], 5, axis=0))
 
 
 def test_a_stopped_joint_goes_on_by_its_lag_and_no_further_than_its_set_point() -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from drawn_noise import band, coloured
+from drawn_noise import coloured
 from scipy import integrate, optimize, stats
 
 from dvrk_gravity.estimation import (
@@ -284,26 +283,6 @@ def test_what_a_model_lacks_moves_no_coefficient_held_by_its_sign_and_none_apart
     assert added[3, 3] > 0.0
 
 
-def test_what_the_scores_show_of_an_omitted_column_is_in_the_interval_of_what_it_shifts():
-    """Of two recordings that lack one column of ten, it is large in one: there intervals widen."""
-    random, time = np.random.default_rng(25), np.arange(1000) / 50.0
-    x = np.stack([np.sin(k * 0.37 * time + 0.3 * k) for k in range(1, 12)], axis=1)[:, None]
-    x[:, 0, 1] += x[:, 0, 0]
-    inside, outside, widths = np.arange(1), np.arange(1, 11), []
-    noise = random.normal(size=(1000, 1))
-    for size in (0.0, 1.0):
-        truth = np.zeros(11)
-        truth[[0, 1]] = 1.0, size
-        whole = NormalEquations.of(x, x @ truth + noise)
-        gram, side = whole.combined(np.ones(1))
-        solution = fit(whole.select(inside), np.ones(1), np.full(1, 1e3))
-        score = side - gram[:, inside] @ solution.theta
-        added = omitted_columns(solution, gram, score, gram, inside, outside, np.full(11, 1e3))
-        widths.append(float(np.sqrt(added[0, 0])))
-        assert abs(solution.theta[0] - 1.0) < 1.96 * np.sqrt(added[0, 0] + 1.0 / gram[0, 0])
-    assert widths[1] > 0.9 * abs(solution.theta[0] - 1.0) > 10.0 * widths[0]
-
-
 # --- covariance --------------------------------------------------------------------------
 
 
@@ -363,52 +342,6 @@ def test_a_jackknife_leaves_out_one_block_at_a_time():
     np.testing.assert_allclose(covariance, 0.8 * apart.T @ apart)
     scores = np.array([[1.0, 2.0], [3.0, -1.0]])
     np.testing.assert_allclose(clustered_scores(scores), [[10.0, -1.0], [-1.0, 5.0]])
-
-
-def fit_without(
-    amplitude: float, random: np.random.Generator
-) -> tuple[list[bool], list[bool], float, float, np.ndarray]:
-    """Return whether intervals hold without and with what was omitted, and their mean widths.
-
-    Then (2, 2) squared errors and their second moment with it. Two of forty columns are fitted; the
-    others have random amplitudes, and all are correlated.
-    """
-    time = np.arange(1000) / 50.0
-    waves = [f(k * 0.37 * time) for k in range(1, 21) for f in (np.sin, np.cos)]
-    mixed = np.stack(waves, axis=1) @ (np.eye(40) + 0.2 * random.normal(size=(40, 40)))
-    x, inside, outside = mixed[:, None], np.arange(2), np.arange(2, 40)
-    truth = np.concatenate([[1.0, -2.0], amplitude * random.normal(size=38)])
-    y = x @ truth + random.normal(size=(1000, 1))
-    whole = NormalEquations.of(x, y)
-    gram, side = whole.combined(np.ones(1))
-    solution = fit(whole.select(inside), np.ones(1), np.full(2, 1e3))
-    score = side - gram[:, inside] @ solution.theta
-    level = float(np.mean((y - x[..., inside] @ solution.theta) ** 2))
-    bare = sandwich(solution, level * gram[:2, :2])
-    added = omitted_columns(solution, gram, score, level * gram, inside, outside, np.full(40, 1e3))
-    full = replace(bare, omitted=added[:2, :2])
-    held, widths = ([], []), ([], [])
-    for k, unit in enumerate(np.eye(2)):
-        for number, spread in enumerate((bare, full)):
-            low, high = spread.interval(solution.theta[k], unit)
-            held[number].append(low <= truth[k] <= high)
-            widths[number].append(high - low)
-    squares = np.array([(solution.theta - truth[:2]) ** 2, np.diag(full.total)])
-    return *held, float(np.mean(widths[0])), float(np.mean(widths[1])), squares
-
-
-def test_intervals_hold_their_share_where_a_model_lacks_columns():
-    """What the scores show of the omitted ones is no random error: its square is its moment."""
-    random = np.random.default_rng(21)
-    drawn = [fit_without(1.0, random) for _ in range(40)]
-    bare, full = (np.mean([each[number] for each in drawn]) for number in (0, 1))
-    assert bare < 0.75
-    assert full >= band(0.95, 80)[0]
-    error, moment = np.mean([each[4] for each in drawn], axis=(0, 2))
-    assert moment == pytest.approx(error, rel=0.2)
-    # Of a model that lacks nothing intervals hardly widen.
-    widths = [after / before for *_, before, after, _ in (fit_without(0.0, random) for _ in drawn)]
-    assert np.median(widths) < 1.05
 
 
 # --- scales of channels by a torque that is known ----------------------------------------

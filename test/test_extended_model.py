@@ -290,6 +290,31 @@ def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
         assert model.joint_offset[1] == pytest.approx(0.9 if fits else 0.8)
 
 
+def test_a_cable_found_beyond_a_constants_range_is_carried_as_it_was_found():
+    """A constant is the same wherever it is held; what is added to it need not end where it did."""
+    joint, (middle, half) = 4, motion().travel
+    held = {
+        "elastic_cable.wrist_pitch": (0.01,),
+        "elastic_cable.valid_lower": tuple((middle - 0.01).tolist()),
+        "elastic_cable.valid_upper": tuple((middle + 0.01).tolist()),
+    }
+    narrow = TorqueModel.from_parameters(motion().model.parameters() | held, motion().arm)
+    narrowed = replace(motion(), model=narrow)
+    for theta in ([0.0, 0.03], [0.0, 0.01, 0.02]):
+        cable = next(
+            hypothesis
+            for hypothesis in hypotheses(narrowed)
+            if (hypothesis.effect, hypothesis.joints) == ("elastic_cable", (joint,))
+            and hypothesis.place == f"degree {len(theta) - 1}"
+        )
+        model, why = extended(narrowed, [(cable, np.array(theta))])
+        assert why == ("",)
+        got = narrowed.torque_at(narrowed.q, model) - narrowed.torque_at(narrowed.q)
+        inside = np.abs(narrowed.q[:, joint] - middle[joint]) < half[joint]
+        wanted = cable.regressor(narrowed) @ np.array(theta)
+        np.testing.assert_allclose(got[inside], wanted[inside], atol=1e-9)
+
+
 def test_less_rotor_than_none_ends_at_none():
     theta = np.array([-1.0])
     rotor = first_of("rotor_inertia")

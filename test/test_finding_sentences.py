@@ -20,7 +20,7 @@ from dvrk_gravity.diagnosis import (
     ordered,
     parameter_text,
 )
-from dvrk_gravity.effects import Estimate, Hypothesis, Residual
+from dvrk_gravity.effects import Estimate, Hypothesis, Meaning, Residual
 from dvrk_gravity.units import fixed, quantity
 
 # Where a minus is a place or a direction, and no amount.
@@ -157,6 +157,17 @@ def test_a_sign_is_told_in_words(every):
         assert negative not in up, effect
 
 
+def test_friction_of_two_levels_is_more_or_less_by_both(every):
+    friction = of(every, "coulomb_friction").hypothesis
+
+    def told(*levels: float) -> str:
+        estimates = (Estimate(level, level - 0.002, level + 0.002, "N·m") for level in levels)
+        return friction.claim(dict(zip(("positive", "negative"), estimates, strict=True)))
+
+    assert " more " in told(0.02, 0.03)
+    assert " less " in told(-0.02, -0.03)
+
+
 def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_left_out(every):
     payload = of(every, "payload").hypothesis
 
@@ -176,6 +187,9 @@ def test_what_may_be_nothing_is_told_as_perhaps(every):
     case = of(every, "viscous_friction")
     assert "perhaps" not in case.sentence()
     assert "perhaps" in case.sentence(spread=1.5)
+    around_zero = Estimate(0.01, -0.01, 0.03, "N·m")
+    size, curve = (Meaning("N·m", 0.0, certain=certain) for certain in (False, True))
+    assert ["perhaps" in each.in_words(around_zero) for each in (size, curve)] == [True, False]
     assert "-5 to 20 %" in case.sentence(gain=Gain(0.1, -0.05, 0.2, 0.04))
 
 
@@ -208,12 +222,7 @@ def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these(
     weak = finding("viscous_friction", clear, Gain(0.1, -0.1, 0.2, 0.2))
     exact = finding("torque_scale", Estimate(1.1, 0.9, 1.3, ""), CLEAR, "factor")
 
-    assert [finding.certain for finding in (certain, small, weak, exact)] == [
-        True,
-        False,
-        False,
-        False,
-    ]
+    assert [finding.certain for finding in (certain, small, weak, exact)] == [True, *3 * [False]]
     assert certain.to_dict()["certainty"] == "certain"
     assert weak.to_dict()["certainty"] == "perhaps"
     more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import known_ecm
 import numpy as np
 import pytest
+from scipy import stats
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import build, diagnose, load
@@ -88,21 +89,33 @@ def test_a_point_mass_is_quadratic_in_its_place():
         np.testing.assert_allclose(whole, linear, atol=1e-12)
 
 
-def test_intervals_of_mass_hold_the_mass_whatever_its_place():
-    """Weight and inertia about one axis: moments are seen well, the inertia to a tenth."""
-    random = np.random.default_rng(0)
-    columns = np.zeros((4, 10))
-    columns[0, 1] = columns[1, 2] = 1.0 / 0.001  # moments m x, m y, to 1 g·m
-    columns[2, [4, 5]] = 1.0 / 0.002  # m (x² + y²), to 2 g·m²
-    held, trials = 0, 40
-    for _ in range(trials):
-        mass, place = random.uniform(0.05, 0.3), 0.4 * random.normal(size=3)
-        seen = columns @ place_terms(place[None])[0] * mass + random.normal(size=4)
-        form = load_posterior._Form(columns.T @ columns, columns.T @ seen, 5.0)
-        places, _ = load_posterior._tempered(form, 0.4, random)
-        low, high = np.percentile(form.draw(places, random), [2.5, 97.5])
-        held += bool(low <= mass <= high)
-    assert held >= 0.9 * trials
+def test_places_are_drawn_from_their_posterior_with_its_evidence():
+    """Against draws of the prior, weighted by their likelihood."""
+    random, extent = np.random.default_rng(2), 0.4
+    columns = np.diag([0.0, 5.0, 5.0, 0.0, 20.0, *[0.0] * 5])
+    seen = 0.2 * columns @ place_terms(np.array([[0.3, -0.2, 0.1]]))[0]
+    form = load_posterior._Form(columns.T @ columns, columns.T @ seen, 1.0)
+    # Half normal in any direction, but within a tenth of the extent any point is as likely.
+    ways, distance = random.normal(size=(40_000, 3)), extent * random.normal(size=40_000)
+    prior = ways * (distance / np.linalg.norm(ways, axis=1))[:, None]
+    core = distance**2 / (distance**2 + (0.1 * extent) ** 2)
+    likelihood = np.exp(form.log_likelihood(prior))
+
+    runs = [load_posterior._tempered(form, extent, random) for _ in range(8)]
+
+    expected = np.log(np.average(likelihood, weights=core))
+    assert np.mean([evidence for _, evidence in runs]) == pytest.approx(expected, abs=0.05)
+    found = np.linalg.norm(np.concatenate([places for places, _ in runs]), axis=1)
+    expected = np.average(np.abs(distance), weights=core * likelihood)
+    assert found.mean() == pytest.approx(expected, rel=0.05)
+    # At a place the mass is Gaussian, half normal of 1 kg before, and not negative.
+    terms = place_terms(prior) @ columns
+    precision = np.sum(terms**2, axis=1) + 1.0
+    mean, root = terms @ seen / precision, np.sqrt(precision)
+    mean = mean + stats.norm.pdf(mean * root) / stats.norm.cdf(mean * root) / root
+    masses = np.concatenate([form.draw(places, random) for places, _ in runs])
+    expected = np.average(mean, weights=core * likelihood)
+    assert masses.mean() == pytest.approx(expected, rel=0.05)
 
 
 def test_a_load_is_near_its_link_and_not_too_heavy():

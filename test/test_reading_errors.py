@@ -195,6 +195,8 @@ def test_a_delay_in_true_time_is_shorter_where_the_clock_was_wrong_as_well():
     inner = replace(ReadingErrors.none(7), clock=1.5, delay=0.01)
     assert outer.after(inner).delay == pytest.approx(0.03 / 1.5 + 0.01)
     assert inner.after(outer).delay == pytest.approx(0.04)
+    motors, right = replace(outer, coordinates="actuator"), inner
+    assert motors.after(right).coordinates == right.after(motors).coordinates == "actuator"
 
 
 def test_coordinates_that_are_given_go_before_those_that_the_model_states(recording):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from made_results import example_diagnosis
 from rival_causes import cause, contest, offset_or_spring, passed, twins, written
 from support import MODEL_FILE
 
@@ -14,6 +17,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import (
     Contest,
+    Files,
     RivalCause,
     RivalCauses,
     diagnosed_again,
@@ -207,7 +211,11 @@ def test_a_curve_that_bends_like_a_weight_is_never_shown_beside_it(model):
     coarse, fine = (replace(both, coherent=error * np.ones(model.arm.n)) for error in (10.0, 1e-4))
     assert coarse.hidden == {(spring.named, offset.named)}
     assert not coarse.may_separate((offset, spring))
+    line = coarse.inseparable((offset, spring))  # the offset is not ruled out, if it is the spring
+    assert 0 < line.index(offset.listed) < line.index(spring.listed)
+    assert not coarse.inseparable((offset,))
     assert fine.hidden == frozenset()
+    assert not fine.inseparable((offset, spring))
     assert fine.may_separate((offset, spring))
 
 
@@ -239,7 +247,45 @@ def test_a_push_that_happened_once_is_not_expected_again(model):
     assert not push.rival().columns(motion).any()
 
 
+def test_a_cause_is_known_in_other_motions_where_a_file_holds_all_of_it(model):
+    offset, _ = twins(model)
+
+    def of(**setting: object) -> RivalCause:
+        return replace(offset, hypothesis=replace(offset.hypothesis, setting=setting))
+
+    assert of(rest=0.1, of=None, at=("a", np.ones(2))).known_elsewhere
+    for unknown in (of(shape=np.sin), of(at=[np.sin]), replace(offset, theta=np.array([np.inf]))):
+        assert not unknown.known_elsewhere
+
+
 # --- its files
+
+
+def test_a_diagnosis_names_what_plans_the_separation_or_what_no_motion_separates(model, unclear):
+    diagnosis = example_diagnosis()
+    files = Files.of(Path("out dir/findings.json"), Path("model.yaml"), [Path("run 1")])
+
+    def following(contest: Contest | None, rivals: tuple[RivalCause, ...]) -> list[str | None]:
+        """Return what comes next of all, of a finding, of an ambiguity, and is inseparable."""
+        (finding,), (ambiguity,) = diagnosis.findings, diagnosis.ambiguities
+        content = replace(
+            diagnosis, contest=contest, files=files, findings=(replace(finding, rivals=rivals),),
+            ambiguities=(replace(ambiguity, rivals=rivals),),
+        ).to_dict()  # fmt: skip
+        found, between = content["findings"][0], content["ambiguities"][0]
+        return [content["next"], found["next"], between["next"], found["inseparable"]]
+
+    pair, same = unclear.pairs[0], twins(model)
+    command, *rest = following(unclear, (pair.first, pair.second))
+    assert shlex.split(command)[:4] == ["dvrk_gravity", "plan", "--separate", files.findings]
+    assert rest == [command, command, None]
+    assert " --poses " in following(replace(unclear, poses=True), (pair.first, pair.second))[1]
+    assert following(unclear, (pair.first,)) == [command, None, None, None], "a clear finding"
+    *rest, line = following(contest(model, same), same)
+    assert rest == [None] * 3
+    assert "at pitch" in line
+    assert "at yaw" in line
+    assert following(None, same) == [None] * 4
 
 
 def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path):

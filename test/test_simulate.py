@@ -19,7 +19,6 @@ from dvrk_gravity.simulate import (
     FrictionSolver,
     Plant,
     PlantFile,
-    SimulatedArm,
 )
 from testing.mujoco_arms import mtm
 
@@ -251,44 +250,3 @@ def test_stops_hold_without_rebound(truth: PlantFile, side: float) -> None:
     assert not plant.v.any()
     plant.step(-side * truth.rotor_inertia)
     assert (side * plant.v < 0).any()  # a stop pushes, it does not hold back
-
-
-# --- holding -----------------------------------------------------------------------------
-
-
-def drift(truth: PlantFile, model: TorqueModel, poses: np.ndarray, duration: float) -> np.ndarray:
-    """Return (poses,) largest motion of a joint from where the compensated arm was put, deg."""
-    found = []
-    for seed, pose in enumerate(poses):
-        plant = truth.plant(friction_scale=0.1)
-        plant.reset(pose)
-        mtm = SimulatedArm(plant, truth.sensors, seed, builtin_compensation=False)
-        worst = 0.0
-        for step in range(round(duration / DT)):
-            if step % 5 == 0:
-                mtm.servo_jf(model.torque(mtm.measure().position))
-            mtm.step()
-            worst = max(worst, np.abs(plant.q - pose).max())
-        found.append(worst)
-    return np.degrees(found)
-
-
-def random_poses(truth: PlantFile, count: int) -> np.ndarray:
-    arm = truth.model.arm
-    share = np.random.default_rng(4).uniform(0.05, 0.95, (count, 7))
-    return arm.lower + share * (arm.upper - arm.lower)
-
-
-def test_the_true_torque_holds_with_a_tenth_of_the_friction(truth: PlantFile) -> None:
-    """For as long as the arm takes to fall without it."""
-    moved = drift(truth, truth.model, random_poses(truth, 4), 2.5)
-    assert moved.max() < 0.5
-
-
-def test_with_a_twentieth_of_its_weight_missing_it_falls(truth: PlantFile) -> None:
-    terms = tuple(
-        replace(term, beta=0.95 * term.beta) if isinstance(term, Gravity) else term
-        for term in truth.model.terms
-    )
-    moved = drift(truth, TorqueModel(truth.model.arm, terms), random_poses(truth, 3), duration=2.5)
-    assert (moved > 2.0).all()

@@ -175,6 +175,14 @@ def test_a_ramp_of_friction_creeps_under_an_effort_below_its_level_and_gives_way
     assert plant.v[ROLL] == pytest.approx(accelerating, rel=0.1)
 
 
+def test_a_friction_that_jumps_with_the_sign_sticks_as_a_creep_that_nobody_sees():
+    plant = moving(OutsideFriction(lambda q, qd: joint_vector(ROLL, 0.002) * np.sign(qd)))
+    plant.reset(ZERO, joint_vector(ROLL, 0.5))
+    for _ in range(2000):
+        plant.step(joint_vector(ROLL, 0.0015))
+    assert abs(plant.v[ROLL]) < 2 * SLOWEST
+
+
 def test_secant_damping_is_the_friction_and_has_no_negative_eigenvalue():
     random = np.random.default_rng(0)
     root = random.normal(size=(N, N))
@@ -330,3 +338,17 @@ def test_the_plant_s_presliding_is_the_term_s_along_the_same_way():
         torque.append(plant_s.torque(ZERO)[0])
     # One starts relaxed, the other sliding: forgotten after the first half second.
     np.testing.assert_allclose(np.array(torque)[500:], expected[500:], atol=1e-9)
+
+
+def test_presliding_shorter_than_the_way_of_a_step_is_calm():
+    values = {
+        "presliding_hysteresis.displacement": [1e-4],
+        "presliding_hysteresis.joint.wrist_roll": [0.05],
+        "presliding_hysteresis.joint.shoulder_pitch": [2.0],
+    }
+    plant = moving(*TorqueModel.from_parameters(values).terms)
+    plant.reset(POSE, np.full(N, 0.5))
+    for _ in range(500):
+        plant.step(ZERO)
+    assert np.abs(plant.v[[1, ROLL]]).max() < 1e-2
+    assert np.isfinite(plant.q).all()

@@ -268,6 +268,7 @@ def all_terms() -> TorqueModel:
     values |= {f"directional_cable.positive.{joint}": [0.3, 0.1] for joint in JOINT_NAMES}
     values |= {f"directional_cable.negative.{joint}": [0.1, 0.2] for joint in JOINT_NAMES}
     values |= {"coulomb_friction.joint_positive": seven, "coulomb_friction.motor_positive": seven}
+    values |= {"joint_spring.constant": seven}
     values |= {"viscous_friction.joint": seven, "viscous_friction.motor": seven}
     values |= {"stribeck_friction.joint": seven, "stribeck_friction.joint_velocity": [0.5] * 7}
     return TorqueModel.from_parameters(values)
