@@ -117,7 +117,9 @@ def report(
             for j in posterior.unexplained_joints
         ]
     after = held_out.rmse(held_out.error(named))
-    leaves = motion.reference is None and bool(np.any(after > LEAVES * likely))
+    of_joints = {j for each in named if each.hypothesis.of_joint for j in each.hypothesis.joints}
+    missed = np.flatnonzero(after > LEAVES * likely).tolist()
+    leaves = motion.reference is None and not of_joints.isdisjoint(missed)
     seen = np.where(held_out.seen, 1.0, np.nan)
     grown = [names[joint] for joint in held_out.worse(named, first, floor)]
     outside = outside_range(

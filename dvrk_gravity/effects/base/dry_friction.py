@@ -191,7 +191,7 @@ class DryFriction(Friction):
             )
             if column.site in sites
         ]
-        columns = tuple(column for column, _ in rows)
+        columns = tuple(replace(column, alternative=True) for column, _ in rows)
         places = np.array([place for _, place in rows], dtype=np.int64)
         return SettingUnknowns(term=term, columns=columns, basis=basis[:, places], places=places)
 

@@ -32,6 +32,7 @@ class Column:
         scale: Prior standard deviation, in the unit of its coefficient.
         positive: Must not be negative.
         unit: Unit of its coefficient; ``""`` where parameters are combinations of several.
+        alternative: A fit takes one of those of its effect at its site: their settings differ.
     """
 
     effect: str
@@ -40,6 +41,7 @@ class Column:
     scale: float
     positive: bool = False
     unit: str = ""
+    alternative: bool = False
 
     def __post_init__(self) -> None:
         """Check the prior.
@@ -59,6 +61,11 @@ class Column:
     def joint(self) -> int:
         """Index of the joint or motor, -1 for what acts at neither."""
         return self.site.index if self.site_kind else -1
+
+    @property
+    def family(self) -> tuple[str, Site] | None:
+        """What a fit takes one of; ``None``: it is no alternative."""
+        return (self.effect, self.site) if self.alternative else None
 
     @property
     def key(self) -> tuple[str, Site, int]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Site
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
     Solution,
@@ -101,19 +102,30 @@ def confounded(problem: Problem, chosen: Sequence[int]) -> list[int]:
     gram, _ = problem.equations.combined(problem.weighting.motor)
     inside = gram[np.ix_(index, index)]
     inside = inside + prior_precision(inside, columns.scale[index])
-    others = _others(gram, index)
+    others = _others(gram, index, columns)
     beside = gram[np.ix_(index, others)]
     reproduced = np.einsum("ij,ij->j", beside, np.linalg.solve(inside, beside))
     found = others[reproduced > OVERLAP * np.diag(gram)[others]]
     return [column for column in found.tolist() if columns.offers(columns.columns[column])]
 
 
-def _others(gram: Array, index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the columns that are no multiple of one at ``index``, nor of an earlier one."""
+def _others(gram: Array, index: NDArray[np.int64], columns: Columns) -> NDArray[np.int64]:
+    """Return the columns that are no multiple of one at ``index``, nor of an earlier one.
+
+    Of those that a fit chooses one of, the same friction with several settings, the middle one; none
+    where one is chosen.
+    """
     own = np.diag(gram)
     # A motor that moves its own joint alone is that joint: no other place.
     collinear = gram**2 > (1.0 - SAME) * np.outer(own, own)
     repeated = np.asarray(np.triu(collinear, 1).any(axis=0) | collinear[index].any(axis=0))
+    families: dict[tuple[str, Site], list[int]] = {}
+    for i, column in enumerate(columns.columns):
+        if column.family is not None:
+            families.setdefault(column.family, []).append(i)
+    for members in families.values():
+        kept = [] if set(members) & set(index.tolist()) else [members[len(members) // 2]]
+        repeated[np.setdiff1d(members, kept)] = True
     return np.setdiff1d(np.flatnonzero(~repeated), index)
 
 
@@ -130,7 +142,7 @@ def omitted_effects(
     """
     columns, index = problem.design.columns, np.array(chosen, dtype=np.int64)
     gram, side = problem.equations.combined(problem.weighting.motor)
-    others = _others(gram, index)
+    others = _others(gram, index, columns)
     offered = np.array([columns.offers(columns.columns[i]) for i in others], dtype=bool)
     score = side - gram[:, index] @ solution.theta
     return omitted_columns(solution, gram, score, meat, index, others[offered], columns.scale)
