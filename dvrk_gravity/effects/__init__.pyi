@@ -96,6 +96,7 @@ from .joint_spring import SpringHypothesis as SpringHypothesis
 from .link_com import LinkCom as LinkCom
 from .link_inertia import LinkInertia as LinkInertia
 from .link_weight import LinkWeight as LinkWeight
+from .load_friction import LoadFriction as LoadFriction
 from .payload import Payload as Payload
 from .payload import PayloadHypothesis as PayloadHypothesis
 from .payload import heaviest as heaviest
