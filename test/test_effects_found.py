@@ -24,6 +24,7 @@ from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Diagnosis, MeasuredMotion, diagnose, extended, load
 from dvrk_gravity.effects import (
+    JointCoupling,
     JointFlexibility,
     JointSpring,
     ReadingHypothesis,
@@ -287,3 +288,18 @@ def test_a_joint_that_gives_has_the_effort_of_two_masses_with_a_spring_between(t
         torque = supposed.regressor(made)[settled, :, 0] / stiffness
         assert np.abs(missing).max() > 0.01
         assert np.abs(missing - torque).max() < 0.1 * np.abs(missing).max()
+
+
+# --- joints that leak ------------------------------------------------------------------------
+
+
+def test_more_than_the_whole_of_another_joint_s_reading_is_no_leak(motion):
+    scale = motion.arm.scale
+    every = list(JointCoupling.hypotheses(motion))
+    assert {each.what for each in every} == {"torque", "motion"}
+    for each in every:
+        target, source = scale[list(each.joints)]
+        whole = source / target if each.what == "torque" else target / source
+        for way in (-1.0, 1.0):
+            assert each.plausible(np.array([0.9 * way * whole])), each
+            assert not each.plausible(np.array([1.1 * way * whole])), each
