@@ -62,7 +62,8 @@ def test_a_hidden_effect_is_in_the_recording_at_the_stated_size(world, setting, 
         if "stiffness" in stated:
             load = world.engine.torque(*setting.truth.motion)[:, joint] / stated["stiffness"]
             read += np.interp(before.time, setting.truth.time, load)
-        np.testing.assert_allclose(after.position[:, joint], read, atol=1e-4)
+            assert np.abs(load).max() > 0.01
+        np.testing.assert_allclose(after.position[:, joint], read, atol=3e-4)
         assert not change.any()
         torques = [world.engine.torque(*truth.motion) for truth in (setting.truth, hiding.truth)]
         assert setting.ratio(torques[1] - torques[0]) == pytest.approx(hiding.ratio, rel=0.1)
