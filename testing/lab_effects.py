@@ -64,6 +64,7 @@ class Setting:
         reach: How far from a link's centre it may be along each axis, m.
         centres: (n, 3) about where in its own frame each joint's link is, m.
         delay: How much older than positions the sensors' efforts are without it, s.
+        rotors: (n,) reflected inertia at the motors, kg·m^2 or kg; zero where nobody knows.
     """
 
     truth: Truth
@@ -73,6 +74,7 @@ class Setting:
     reach: float
     centres: Array
     delay: float = 0.0
+    rotors: Array | float = 0.0
 
     @property
     def n(self) -> int:
@@ -527,8 +529,10 @@ def _flexible(setting: Setting, random: Random, joint: int, target: float) -> Hi
     unit = (setting.bodies.torque(*read(small)) - link) / small
     compliance, ratio = _scaled(setting, unit, 0.02 * most, most, target)
     q, qd, qdd = read(compliance)
+    rotors = setting.rotors * truth.arm.actuator_position(qdd - truth.qdd)
+    effort = truth.effort + truth.arm.joint_effort(rotors)
     told = _found(setting, "joint_flexibility", joint, stiffness=1.0 / compliance)
-    return Hiding(replace(truth, q=q, qd=qd, qdd=qdd), told, ratio)
+    return Hiding(replace(truth, q=q, qd=qd, qdd=qdd, effort=effort), told, ratio)
 
 
 HIDERS: Mapping[str, Shaper] = {
