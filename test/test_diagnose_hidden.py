@@ -10,10 +10,14 @@ import pinocchio as pin
 import pytest
 from diagnosed import (
     ARM,
+    COULOMB,
     INSERTION,
     LINKS,
     PITCH,
+    RATE,
     ROLL,
+    ROTORS,
+    VISCOUS,
     YAW,
     Motion,
     claims,
@@ -33,6 +37,7 @@ from diagnosed import (
 from dvrk_gravity.arms import build_tree, gravity_in_base
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.recording import Recording
+from testing.hidden_parts import saturated
 from testing.hide import HIDERS, hide
 from testing.lab_physics import lagging
 
@@ -40,6 +45,7 @@ TILT = 0.05, -0.04  # rad, roll and pitch
 LENGTH = 0.03  # rad, in which friction of presliding builds up
 CYCLES = 15.0  # of cogging, a revolution
 OFFSET, FACTOR, LEAK, DELAY = 0.08, 1.12, 0.2, 0.03
+STIFFNESS = 200.0  # N·m/rad, of pitch
 MASS, COM = 0.5, (0.03, -0.02, 0.05)
 
 
@@ -93,6 +99,23 @@ def scaled_encoder(recording: Recording) -> Recording:
     return replace(
         recording, position=factor * recording.position, velocity=factor * recording.velocity
     )
+
+
+def behind_a_spring(recording: Recording) -> Recording:
+    """Return what a motor reads whose link moves as in the right recording."""
+    motion = moving()
+    friction = COULOMB * np.sign(motion.qd) + VISCOUS * motion.qd
+    rotors = ARM.joint_effort(ROTORS * ARM.actuator_position(motion.qdd))
+    carried = (motion.torque() - friction - rotors)[:, PITCH]
+    give = np.outer(carried / STIFFNESS, eye(PITCH))
+    rate = np.gradient(give, 1.0 / RATE, axis=0)
+    turning = ARM.joint_effort(
+        ROTORS * ARM.actuator_position(np.gradient(rate, 1.0 / RATE, axis=0))
+    )
+    return replace(
+        recording, position=recording.position + give, velocity=recording.velocity + rate,
+        effort=recording.effort + turning,
+    )  # fmt: skip
 
 
 def late(recording: Recording) -> Recording:
@@ -174,6 +197,10 @@ CASES = {
         (PITCH,), {"offset": OFFSET}, read=positions(lambda q: q + OFFSET * eye(PITCH))
     ),
     "encoder_scale": Case((PITCH,), {"factor": FACTOR}, read=scaled_encoder),
+    "torque_saturation": Case(
+        (PITCH,), read=efforts(lambda e: np.where(eye(PITCH) > 0.0, saturated(e, 0.1), e))
+    ),
+    "joint_flexibility": Case((PITCH,), {"stiffness": STIFFNESS}, read=behind_a_spring),
     "time_delay": Case((), {"delay": DELAY}, read=late),
     "time_scale": Case(
         (), {"factor": 1.5}, read=lambda recording: replace(recording, time=1.5 * recording.time)

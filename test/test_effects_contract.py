@@ -78,6 +78,7 @@ PARAMETERS: Mapping[str, Mapping[str, object]] = {
         "held_load.difference.elbow_pitch": [0.02],
         **{f"held_load.{name}": value for name, value in EDGES.items()},
     },
+    "load_friction": BETA | {"load_friction": [0.1 * (j + 1) for j in range(ARM.n)]},
     "shown_torque": BETA
     | {"shown_torque.lower": [-0.05] * ARM.n, "shown_torque.upper": [0.1] * ARM.n},
 }

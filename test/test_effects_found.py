@@ -17,11 +17,21 @@ import pytest
 import sympy
 from known_ecm import INSERTION, PITCH, ROLL
 from rival_causes import passed
+from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
 
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Diagnosis, MeasuredMotion, diagnose, extended, load
-from dvrk_gravity.effects import JointSpring, ReadingHypothesis, Site, State, base_tilt
+from dvrk_gravity.effects import (
+    JointCoupling,
+    JointFlexibility,
+    JointSpring,
+    ReadingHypothesis,
+    Site,
+    State,
+    base_tilt,
+)
 from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
@@ -30,7 +40,7 @@ PENDULUM = """
 name: pendulum
 joints:
   - {name: swing, alpha: 90, a: 0.0, d: 0.0, offset: 0, lower: -170, upper: 170, effort_limit: 5}
-base_rpy: [0, 0, 0]
+base_rpy: [90, 0, 0]
 """
 
 
@@ -237,3 +247,59 @@ def test_what_link_1_weighs_is_open_by_its_plausible_moment_in_a_base_that_leans
 
     expected = 0.1 * 9.81 * np.linalg.norm([*lengths, 0.1])
     np.testing.assert_allclose(tilt.prior_std, [np.inf, np.inf, expected, expected], rtol=1e-3)
+
+
+# --- links behind springs --------------------------------------------------------------------
+
+
+def test_a_joint_that_gives_has_the_effort_of_two_masses_with_a_spring_between(tmp_path):
+    """A rotor that is moved, and a pendulum behind it, integrated."""
+    path = tmp_path / "pendulum.yaml"
+    path.write_text(PENDULUM)
+    moment, inertia, rotor, damping, stiffness = 0.1, 0.02, 0.01, 0.02, 60.0
+    model = TorqueModel.from_parameters(
+        {
+            "arm": str(path),
+            "link_weight.link1": [1.0, moment, 0.0, 0.0],
+            "link_inertia.link1": [1.0, moment, 0.0, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, inertia],
+            "rotor_inertia.motor": [rotor],
+            "viscous_friction.joint": [damping],
+        }
+    )
+    cosine, sine = (float(model.torque([angle])[0]) for angle in (0.0, 0.5 * np.pi))
+    time = np.arange(1200) / 100.0
+    turned = make_interp_spline(time, (1.0 - np.exp(-((time / 2.0) ** 4))) * np.sin(3.0 * time), 7)
+
+    def of_link(t: float, state: np.ndarray) -> list[float]:
+        weight = cosine * np.cos(state[0]) + sine * np.sin(state[0])
+        return [state[1], (stiffness * (turned(t) - state[0]) - weight) / inertia]
+
+    begin = [-cosine / stiffness, 0.0]
+    link = solve_ivp(of_link, time[[0, -1]], begin, t_eval=time, rtol=1e-8, atol=1e-10).y[0]
+    q, qd, qdd = (turned(time, order)[:, None] for order in range(3))
+    effort = stiffness * (q - link[:, None]) + rotor * qdd + damping * qd
+    bare = load([Recording(("swing",), time, q, qd, effort)], model).motion
+    made = replace(bare, q=q, qd=qd, qdd=qdd, effort=effort, time=time, parts=(slice(0, len(q)),))
+    (hypothesis,) = JointFlexibility.hypotheses(made)
+    settled = slice(200, -100)
+    missing = (made.effort - made.modelled)[settled]
+    for compliance in (0.0, 1.0 / stiffness):
+        supposed = replace(hypothesis, setting={"compliance": compliance})
+        torque = supposed.regressor(made)[settled, :, 0] / stiffness
+        assert np.abs(missing).max() > 0.01
+        assert np.abs(missing - torque).max() < 0.1 * np.abs(missing).max()
+
+
+# --- joints that leak ------------------------------------------------------------------------
+
+
+def test_more_than_the_whole_of_another_joint_s_reading_is_no_leak(motion):
+    scale = motion.arm.scale
+    every = list(JointCoupling.hypotheses(motion))
+    assert {each.what for each in every} == {"torque", "motion"}
+    for each in every:
+        target, source = scale[list(each.joints)]
+        whole = source / target if each.what == "torque" else target / source
+        for way in (-1.0, 1.0):
+            assert each.plausible(np.array([0.9 * way * whole])), each
+            assert not each.plausible(np.array([1.1 * way * whole])), each

@@ -57,7 +57,11 @@ READ_WRONGLY = {
     "encoder_scale": [0.03],
     "time_delay": [0.01],
 }
-NOT_CARRIED = {"thermal_drift": [0.02, 0.0]}
+NOT_CARRIED = {
+    "thermal_drift": [0.02, 0.0],
+    "torque_saturation": [0.1],
+    "joint_flexibility": [0.02],
+}
 
 
 @lru_cache(maxsize=1)

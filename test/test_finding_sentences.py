@@ -116,7 +116,10 @@ def of(every: list[Case], effect: str) -> Case:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_no_effect_is_told_with_an_amount_below_zero_or_an_exponent(every, sign):
-    cannot_be = ("payload", "stribeck_friction", "presliding_hysteresis")  # plausible() says so
+    cannot_be = (  # plausible() says so
+        "payload", "stribeck_friction", "presliding_hysteresis", "torque_saturation",
+        "joint_flexibility",
+    )  # fmt: skip
     for case in every:
         effect, estimates = case.hypothesis.effect, case.estimates(sign)
         if effect in cannot_be and sign < 0.0:

@@ -19,6 +19,7 @@ N = len(LEVEL)
 SPEED = np.array([0.25, 0.25, 0.25, 1.2, 0.7, 0.35, 1.3])  # typical of the motions, rad/s
 RANGE = np.array([0.5, 0.4, 0.4, 1.5, 1.2, 0.4, 1.5])  # half the way of the motions, rad
 LOADED = (1, 2, 4, 5)  # joints that feel gravity
+_ROUNDS = 40
 INERTIA = np.array([0.006, 0.006, 0.006, 0.0004, 0.0003, 0.0003, 0.0002])
 
 
@@ -62,3 +63,18 @@ def on_joint(joint: int, function: Callable[[float, float, float], float]) -> To
         return result
 
     return torque
+
+
+def saturated(effort: Array, part: float) -> Array:
+    """Return (T,) what is read of a torque if the motor's constant falls with the current.
+
+    The torque of a current that reads e is e (1 - part (e / E)^2), with E the largest torque.
+
+    Args:
+        effort: (T,) the torque.
+        part: Below 4/27; above, no current makes E.
+    """
+    largest, read = np.abs(effort).max(), effort
+    for _ in range(_ROUNDS):
+        read = effort / (1.0 - part * (read / largest) ** 2)
+    return np.asarray(read)

@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
+from dvrk_gravity.effects import State
 from dvrk_gravity.recording import Recording
 from testing.hidden_parts import (
     LEVEL,
@@ -16,15 +18,19 @@ from testing.hidden_parts import (
     N,
     Random,
     found,
+    saturated,
     sign,
     size,
 )
 from testing.world import World
 
+_BAND = 5.0  # Hz, of the motions
+_BEHIND_SPRINGS = ("gravity", "link_inertia", "elastic_cable")
+
 
 def _joint_offset(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.choice([1, 2, 3, 4, 5]))
-    offset = np.radians(random.uniform(3.0, 8.0)) * sign(random)
+    offset = np.radians(size(random, 0.8, 3.0)) * sign(random)
     shift = np.zeros(N)
     shift[joint] = offset
 
@@ -48,6 +54,46 @@ def encoder_scale(world: World, random: Random) -> tuple[World, Hidden]:
         )
 
     return _read(world, reading), found(world.arm, "encoder_scale", joint, factor=factor)
+
+
+def joint_flexibility(world: World, random: Random) -> tuple[World, Hidden]:
+    """Let a joint give way under its load: its encoder is at the motor, the link behind it."""
+    joint, load = ((1, 0.8), (2, 0.6), (4, 0.03))[int(random.integers(3))]
+    # The motions load the joint by about so much, N·m.
+    stiffness = load / np.radians(size(random, 0.8, 3.0))
+    links = [term for term in world.model().terms if term.NAME in _BEHIND_SPRINGS]
+
+    def reading(recording: Recording) -> Recording:
+        assert recording.velocity is not None
+        assert recording.rate is not None
+        step = 1.0 / recording.rate
+        low = butter(2, _BAND, fs=recording.rate, output="sos")
+        q, qd = (
+            sosfiltfilt(low, each, axis=0) for each in (recording.position, recording.velocity)
+        )
+        state = State(q, qd, np.gradient(qd, step, axis=0))
+        give = sum(term.torque(state)[:, joint] for term in links) / stiffness
+        position, velocity = recording.position.copy(), recording.velocity.copy()
+        position[:, joint] += give
+        velocity[:, joint] += np.gradient(give, step)
+        return replace(recording, position=position, velocity=velocity)
+
+    hidden = found(world.arm, "joint_flexibility", joint, stiffness=float(stiffness))
+    return _read(world, reading), hidden
+
+
+def torque_saturation(world: World, random: Random) -> tuple[World, Hidden]:
+    """Let a motor's torque constant fall with its current, which is read as its effort."""
+    joint = int(random.choice(LOADED))
+    part = float(random.uniform(0.07, 0.13))
+
+    def reading(recording: Recording) -> Recording:
+        assert recording.effort is not None
+        effort = recording.effort.copy()
+        effort[:, joint] = saturated(effort[:, joint], part)
+        return replace(recording, effort=effort)
+
+    return _read(world, reading), found(world.arm, "torque_saturation", joint)
 
 
 def _torque_scale(world: World, random: Random) -> tuple[World, Hidden]:

@@ -30,7 +30,12 @@ from testing.hidden_parts import (
     size,
 )
 from testing.hidden_plant import Dahl
-from testing.hidden_readings import READINGS, encoder_scale
+from testing.hidden_readings import (
+    READINGS,
+    encoder_scale,
+    joint_flexibility,
+    torque_saturation,
+)
 from testing.world import World
 
 
@@ -252,7 +257,12 @@ def _outside(world: World, random: Random) -> tuple[World, Hidden]:
 
 Hider = Callable[[World, Random], tuple[World, Hidden]]
 
-_ADDED: Mapping[str, Hider] = {"joint_spring": _spring, "encoder_scale": encoder_scale}
+_ADDED: Mapping[str, Hider] = {
+    "joint_spring": _spring,
+    "encoder_scale": encoder_scale,
+    "torque_saturation": torque_saturation,
+    "joint_flexibility": joint_flexibility,
+}
 
 HIDERS: Mapping[str, Hider] = {
     "nothing": _nothing,

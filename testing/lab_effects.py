@@ -20,7 +20,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from testing.hidden_parts import Hidden, found
+from testing.hidden_parts import Hidden, found, saturated
 from testing.lab_physics import Truth, lagging
 
 Random = np.random.Generator
@@ -64,6 +64,7 @@ class Setting:
         reach: How far from a link's centre it may be along each axis, m.
         centres: (n, 3) about where in its own frame each joint's link is, m.
         delay: How much older than positions the sensors' efforts are without it, s.
+        rotors: (n,) reflected inertia at the motors, kg·m^2 or kg; zero where nobody knows.
     """
 
     truth: Truth
@@ -73,6 +74,7 @@ class Setting:
     reach: float
     centres: Array
     delay: float = 0.0
+    rotors: Array | float = 0.0
 
     @property
     def n(self) -> int:
@@ -109,8 +111,11 @@ class Setting:
 
         Below :data:`BAND`, as what is left: noise that is scaled, clipped or late is noise still.
         """
-        slow = sosfiltfilt(self._low_pass, torque, axis=0)
-        return float(np.max(np.sqrt(np.mean(slow**2, axis=0)) / self.residual))
+        return float(np.max(np.sqrt(np.mean(self.slow(torque) ** 2, axis=0)) / self.residual))
+
+    def slow(self, torque: Array) -> Array:
+        """Return a torque (T, n) below :data:`BAND`."""
+        return np.asarray(sosfiltfilt(self._low_pass, torque, axis=0))
 
     @cached_property
     def _low_pass(self) -> Array:
@@ -493,6 +498,43 @@ def _encoder_scale(setting: Setting, random: Random, joint: int, target: float) 
                   _found(setting, "encoder_scale", joint, factor=1.0 + part), ratio)  # fmt: skip
 
 
+def _falling_constant(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
+    """Let a motor saturate: currents, read as efforts, are too large towards the peak."""
+    del random
+    effort = setting.truth.effort[:, joint]
+
+    def more(part: float) -> Array:
+        return _on(setting, joint, saturated(effort, part) - effort)
+
+    part, ratio = _searched(setting, more, 0.005, 0.13, target)
+    return _with(setting, more(part), ratio, _found(setting, "torque_saturation", joint))
+
+
+def _flexible(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
+    """Let a joint give way under its load: the encoder is at the motor, the link behind it."""
+    del random
+    truth = setting.truth
+    step = float(truth.time[1] - truth.time[0])
+    link = setting.bodies.torque(*truth.motion)
+    load = setting.slow(_on(setting, joint, link[:, joint]))  # recorded accelerations have noise
+    rate = np.gradient(load, step, axis=0)
+    give = load, rate, np.gradient(rate, step, axis=0)
+
+    def read(compliance: float) -> tuple[Array, Array, Array]:
+        q, qd, qdd = (x + compliance * y for x, y in zip(truth.motion, give, strict=True))
+        return q, qd, qdd
+
+    most = np.radians(5.0) * float(truth.arm.scale[joint]) / np.abs(load).max()
+    small = 0.01 * most
+    unit = (setting.bodies.torque(*read(small)) - link) / small
+    compliance, ratio = _scaled(setting, unit, 0.02 * most, most, target)
+    q, qd, qdd = read(compliance)
+    rotors = setting.rotors * truth.arm.actuator_position(qdd - truth.qdd)
+    effort = truth.effort + truth.arm.joint_effort(rotors)
+    told = _found(setting, "joint_flexibility", joint, stiffness=1.0 / compliance)
+    return Hiding(replace(truth, q=q, qd=qd, qdd=qdd, effort=effort), told, ratio)
+
+
 HIDERS: Mapping[str, Shaper] = {
     "nothing": _nothing,
     "payload": _payload,
@@ -516,5 +558,7 @@ HIDERS: Mapping[str, Shaper] = {
     "contact": _contact,
     "joint_spring": _spring,
     "encoder_scale": _encoder_scale,
+    "torque_saturation": _falling_constant,
+    "joint_flexibility": _flexible,
 }
 """Effect -> how it is hidden; new ones at the end, so that others keep their random numbers."""

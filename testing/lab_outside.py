@@ -14,44 +14,17 @@ from testing.hidden_parts import found
 from testing.lab_effects import Array, Hiding, Random, Setting, Shaper
 
 
-def _flexible_joint(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
-    """Let a joint give way under its load: the encoder is at the motor, the link is elsewhere."""
-    del random
-    truth = setting.truth
-    load = np.zeros_like(truth.effort)
-    load[:, joint] = truth.effort[:, joint] / np.abs(truth.effort[:, joint]).max()
-    small = 1e-3
-    q, qd, qdd = truth.motion
-    unit = (
-        setting.bodies.torque(q + small * load, qd, qdd) - setting.bodies.torque(q, qd, qdd)
-    ) / small
-    greatest = np.radians(5.0) * float(truth.arm.scale[joint])
-    way = float(np.clip(target / max(setting.ratio(unit), 1e-12), 0.02 * greatest, greatest))
-    hidden = found(truth.arm, "flexible_joint", joint)
-    return Hiding(replace(truth, q=q + way * load), hidden, way * setting.ratio(unit))
-
-
-def _added(
-    setting: Setting, joint: int, shape: Array, target: float, name: str, most: float = np.inf
-) -> Hiding:
+def _added(setting: Setting, joint: int, shape: Array, target: float, name: str) -> Hiding:
     """Add (T,) a torque of one joint that is as large as it is to be."""
     truth = setting.truth
     unit = np.zeros_like(truth.effort)
     unit[:, joint] = shape
     size = setting.ratio(unit)
-    factor = min(target / max(size, 1e-12), most)
+    factor = target / max(size, 1e-12)
     return Hiding(
         replace(truth, effort=truth.effort + factor * unit),
         found(truth.arm, name, joint), factor * size,
     )  # fmt: skip
-
-
-def _falling_constant(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
-    """Let a motor's constant fall towards its peak: currents, read as efforts, are too large."""
-    del random
-    effort = setting.truth.effort[:, joint]
-    shape = effort * (effort / np.abs(effort).max()) ** 2
-    return _added(setting, joint, shape, target, "falling_constant", most=0.5)
 
 
 def _half_drag(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
@@ -74,8 +47,6 @@ def _creep(setting: Setting, random: Random, joint: int, target: float) -> Hidin
 
 
 OUTSIDE: Mapping[str, Shaper] = {
-    "flexible_joint": _flexible_joint,
-    "falling_constant": _falling_constant,
     "half_drag": _half_drag,
     "creep": _creep,
 }

@@ -212,8 +212,9 @@ class MujocoWorld:
         """
         sizes, engine = self.sizes, self.engine
         return Setting(
-            truth, engine, residual, sizes.payload, sizes.reach, engine.centres, self.sensors.delay
-        )
+            truth, engine, residual, sizes.payload, sizes.reach, engine.centres, self.sensors.delay,
+            self.rotors,
+        )  # fmt: skip
 
     def record(self, truth: Truth, noise: int) -> Recording:
         """Return what the sensors say of it; the seed is the noise's."""

@@ -19,8 +19,9 @@ _BY_PARSIMONY = (
     "coulomb_friction", "viscous_friction", "torque_offset", "elastic_cable", "directional_cable",
     "payload", "link_com", "joint_offset", "base_tilt", "torque_scale", "rotor_inertia",
     "link_inertia", "time_delay", "stribeck_friction", "presliding_hysteresis", "thermal_drift",
-    "effort_saturation", "encoder_scale", "joint_coupling", "joint_spring", "cogging", "contact",
-    "held_load", "shown_torque", "unknown",
+    "effort_saturation", "torque_saturation", "encoder_scale", "joint_flexibility",
+    "joint_coupling", "joint_spring", "cogging", "contact", "held_load", "shown_torque",
+    "load_friction", "unknown",
 )  # fmt: skip
 
 for _name in _BY_PARSIMONY:

@@ -89,12 +89,14 @@ from .gravity import Gravity as Gravity
 from .held_load import HeldLoad as HeldLoad
 from .held_load import pose_functions as pose_functions
 from .joint_coupling import JointCoupling as JointCoupling
+from .joint_flexibility import JointFlexibility as JointFlexibility
 from .joint_offset import JointOffset as JointOffset
 from .joint_spring import JointSpring as JointSpring
 from .joint_spring import SpringHypothesis as SpringHypothesis
 from .link_com import LinkCom as LinkCom
 from .link_inertia import LinkInertia as LinkInertia
 from .link_weight import LinkWeight as LinkWeight
+from .load_friction import LoadFriction as LoadFriction
 from .payload import Payload as Payload
 from .payload import PayloadHypothesis as PayloadHypothesis
 from .payload import heaviest as heaviest
@@ -118,6 +120,7 @@ from .time_scale import TimeScale as TimeScale
 from .torque_offset import OffsetHypothesis as OffsetHypothesis
 from .torque_offset import TorqueOffset as TorqueOffset
 from .torque_offset import constant_as_reading as constant_as_reading
+from .torque_saturation import TorqueSaturation as TorqueSaturation
 from .torque_scale import TorqueScale as TorqueScale
 from .unknown import Unknown as Unknown
 from .unknown import unexplained_hypotheses as unexplained_hypotheses

@@ -102,6 +102,13 @@ class LeakHypothesis(Hypothesis):
     def parameters(self, theta: Array) -> dict[str, float]:
         return {"factor": float(theta[0])}
 
+    def plausible(self, theta: Array) -> bool:
+        """No more than the whole of the other's: beyond, the fit describes some other cause."""
+        target, source = self.arm.scale[list(self.joints)]
+        # Of a position in m, or an effort in N, a whole is that of a joint that turns by 1 rad.
+        whole = source / target if self.EFFORT_READING else target / source
+        return bool(abs(theta[0]) <= whole) and super().plausible(theta)
+
     def _map(self, theta: Array) -> Array:
         """Return the (n, n) map from what the joints do to what is read."""
         unit = np.eye(self.arm.n)

@@ -7,6 +7,8 @@ They are those of the rigid body, of every effect that declares what a fit solve
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import ClassVar
 
@@ -47,6 +49,7 @@ class Columns:
         valid: Range of positions in the data.
         rigid: The rigid body's columns, which come first.
         unknowns: What is fitted of each effect; their columns come next.
+        carried: Terms of a model whose torque some effects depend on; none before it is fitted.
         columns: All columns, in order.
     """
 
@@ -62,6 +65,7 @@ class Columns:
         self.valid = Range(lower - self.kinematics.offset, upper - self.kinematics.offset)
         self.rigid = RigidColumns(self.mounted, self.ABSENT)
         self.unknowns = tuple(_unknowns(arm, self.valid))
+        self.carried: tuple[Term, ...] = ()
         self._selected: dict[tuple[tuple[str, object], ...], list[int]] = {}
         own = (column for unknowns in self.unknowns for column in unknowns.columns)
         self.columns = (*self.rigid.columns, *own, *self.kinematics.columns(arm))
@@ -88,7 +92,27 @@ class Columns:
 
     def offers(self, column: Column) -> bool:
         """Whether a fit may use a column; the noise is estimated with all of them."""
-        return True
+        return bool(self.carried) or column.effect not in self._of_others
+
+    @cached_property
+    def _of_others(self) -> set[str]:
+        return {term.NAME for term in self.terms_looked_for if term.OF_OTHERS}
+
+    @property
+    def of_others(self) -> list[int]:
+        """Numbers of the columns that depend on the torque of a model's other terms."""
+        return [i for i, column in enumerate(self.columns) if column.effect in self._of_others]
+
+    def beside(self, terms: Sequence[Term]) -> Columns:
+        """Return the columns of the same data beside a model's terms."""
+        result = copy(self)
+        result.carried = tuple(terms)
+        result.unknowns = tuple(
+            replace(each, term=term) if isinstance(term, LinearTerm) else each
+            for each in self.unknowns
+            for term in [each.term.beside(terms)]
+        )
+        return result
 
     def select(self, **wanted: object) -> list[int]:
         """Return the indices of the columns whose fields have the wanted values."""
@@ -201,7 +225,8 @@ class Columns:
     def at(self, kinematics: KinematicCalibration) -> Columns:
         """Return the columns of the same data at other kinematics."""
         shift = self.kinematics.offset
-        return type(self)(self.arm, self.valid.lower + shift, self.valid.upper + shift, kinematics)
+        lower, upper = self.valid.lower + shift, self.valid.upper + shift
+        return type(self)(self.arm, lower, upper, kinematics).beside(self.carried)
 
     def corrected(self, theta: Array) -> KinematicCalibration:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""

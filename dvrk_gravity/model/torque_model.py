@@ -155,7 +155,12 @@ class TorqueModel:
     reading_errors: ReadingErrors = field(default_factory=lambda: ReadingErrors.none(0))
 
     def __post_init__(self) -> None:
-        """Put zeros where no offset or constant is given, right readings where no errors are."""
+        """Put zeros where no offset or constant is given, right readings where no errors are.
+
+        Terms that depend on the others' torque get these.
+        """
+        terms = tuple(term.beside(self.terms) for term in self.terms)
+        object.__setattr__(self, "terms", terms)
         if not len(self.reading_errors.velocity):
             object.__setattr__(self, "reading_errors", ReadingErrors.none(self.arm.n))
         for name in ("joint_offset", "constant"):

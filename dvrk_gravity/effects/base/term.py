@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
@@ -121,6 +121,10 @@ class Term(Effect):
     @abstractmethod
     def torque(self, state: State) -> Array:
         """Return (…, n) joint torques, N·m (N where a joint slides)."""
+
+    def beside(self, terms: Sequence[Term]) -> Term:
+        """Return the term in a model with others; the same unless it depends on their torque."""
+        return self
 
     # Without a measurement.
     @classmethod

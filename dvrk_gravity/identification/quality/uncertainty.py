@@ -112,8 +112,8 @@ def confounded(problem: Problem, chosen: Sequence[int]) -> list[int]:
 def _others(gram: Array, index: NDArray[np.int64], columns: Columns) -> NDArray[np.int64]:
     """Return the columns that are no multiple of one at ``index``, nor of an earlier one.
 
-    Of those that a fit chooses one of, the same friction with several settings, the middle one; none
-    where one is chosen.
+    Of those that a fit chooses one of, the same friction with several settings, the middle one;
+    none where one is chosen.
     """
     own = np.diag(gram)
     # A motor that moves its own joint alone is that joint: no other place.

@@ -51,7 +51,13 @@ from dvrk_gravity.identification.result import (
     joint_errors,
 )
 from dvrk_gravity.identification.trajectories.kinematics import calibrate
-from dvrk_gravity.identification.trajectories.problem import Problem, choose, pose, solved
+from dvrk_gravity.identification.trajectories.problem import (
+    Problem,
+    choose,
+    pose,
+    solved,
+    with_loads,
+)
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection
 from dvrk_gravity.intake import Design, Source, noise_floor, read_motions, without_standing
 from dvrk_gravity.model import Columns, TorqueModel, starts
@@ -140,6 +146,7 @@ def fit_dynamic(
         built, starts(built.design.columns, effects),
         lambda share: report("choice of terms", share),
     )  # fmt: skip
+    problem, chosen = with_loads(problem, chosen, parts)
     problem, chosen, kinematic = calibrate(problem, chosen, parts, report)
     columns, design = problem.design.columns, problem.design
     no_bodies: tuple[str, ...] = ()

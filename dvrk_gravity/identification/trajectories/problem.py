@@ -72,7 +72,7 @@ class ConsoleColumns(Columns):
             return column.index < N_POWERS and column.joint < N_POLYNOMIALS
         if column.effect == "coulomb_friction":
             return column.site_kind == "joint"  # a motor's is the same as presliding
-        return True
+        return super().offers(column)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
         """Return the model's terms, gravity with ten parameters."""
@@ -196,6 +196,35 @@ def choose(
     problem.selection.choices = kept
     chosen = problem.selection.run(chosen)
     return with_motor_weights(problem, chosen), chosen
+
+
+def with_loads(
+    problem: Problem, chosen: list[int], motions: Sequence[CalibrationMotion]
+) -> tuple[Problem, list[int]]:
+    """Return the problem with the columns that depend on the torque of a fit, and the choice.
+
+    Args:
+        problem: The problem.
+        chosen: Columns of the fit.
+        motions: Of the problem.
+    """
+    design, weighting, selection = problem.design, problem.weighting, problem.selection
+    columns = design.columns
+    theta = np.zeros(len(columns.columns))
+    theta[chosen] = solved(problem, chosen).theta
+    columns = columns.beside(columns.terms(theta))
+    new = columns.of_others
+    if not any(selection.allowed(columns.columns[index].effect) for index in new):
+        return problem, chosen
+    x = design.x.copy()
+    x[..., new] = build_design(columns, motions, chosen=new).x
+    design = replace(design, columns=columns, x=x)
+    equations = NormalEquations.of(x, design.y, weighting.sample)
+    sums = FoldSums(design, problem.folds, weighting.sample, equations)
+    selection = replace(selection, columns=columns, sums=sums)
+    problem = replace(problem, design=design, equations=equations, selection=selection)
+    found = selection.of_others(chosen)
+    return problem, chosen if found == chosen else selection.run(found)
 
 
 def with_motor_weights(problem: Problem, chosen: Sequence[int]) -> Problem:

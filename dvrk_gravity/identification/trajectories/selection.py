@@ -201,6 +201,10 @@ class ColumnSelection:
         """Add, exchange and remove columns for as long as that helps on held-out blocks."""
         return self._select(chosen, term_moves, _TERMS)
 
+    def of_others(self, chosen: list[int]) -> list[int]:
+        """Add what depends on the torque of the other columns for as long as that helps."""
+        return self._select(chosen, _moves_of_others, _TERMS)
+
     def kinematics(self, chosen: list[int]) -> list[int]:
         """Add tilt and encoder offsets for as long as the best of them helps."""
         return self._select(chosen, kinematic_moves, _KINEMATICS)
@@ -263,6 +267,12 @@ class ColumnSelection:
         reason = improvement("cross-validated error", gain, uncertainty, kept)
         reason += f", most at {name}: |e|/|tau| {old:.3f} -> {new:.3f}"
         return Choice(trial.move.text, kept, old, new, reason)
+
+
+def _moves_of_others(columns: Columns, inside: set[int]) -> Iterator[ModelChange]:
+    for term in columns.terms_looked_for:
+        if term.OF_OTHERS:
+            yield from term.moves(columns, inside)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,115 @@
+"""Dry friction that grows with the torque that a gear transmits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import (
+    Range,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+)
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.term import Evaluator, Term
+from dvrk_gravity.effects.rotor_inertia import RotorInertia
+from dvrk_gravity.parameters import Parameter, Value
+
+_PART = (
+    0.1  # of the load: of harmonic drives up to so much is measured, of spur gears a fifth of it
+)
+_TRANSITION = 0.003  # rad/s (a tenth in m/s): slower, it rises linearly, as fitted Coulomb friction
+
+
+@dataclass(frozen=True, eq=False)
+class LoadFriction(LinearTerm):
+    """tau = part |load| sign(qd): what a gear's teeth rub by the torque that they transmit.
+
+    The load is the torque of the model's other terms, friction and rotors left out: what is behind
+    the gear (Hamon, Gautier and Garrec 2010, Dynamic identification of robots with a dry friction
+    model depending on load and velocity; Bittencourt and Gunnarsson 2012, Static friction in a
+    robot joint). Beside it ``coulomb_friction`` is that of the gear without load.
+
+    Attributes:
+        arm: The arm.
+        part: (n,) of the load.
+        carried: The terms whose torque is the load.
+    """
+
+    NAME = "load_friction"
+    FRICTION = True
+    BY_MOTION = True
+    OF_OTHERS = True
+
+    arm: Arm
+    part: Array
+    carried: tuple[Term, ...] = ()
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        return (joint_array(arm, cls.NAME, "1", "dry friction, part of the joint's load", 0.0),)
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LoadFriction | None:
+        part = as_array(values.get(cls.NAME), arm.n, 0.0)
+        return cls(arm, part) if part.any() else None
+
+    def parameters(self) -> dict[str, Value]:
+        return {self.NAME: as_value(self.part)}
+
+    def beside(self, terms: Sequence[Term]) -> LoadFriction:
+        behind = (t for t in terms if not (t.FRICTION or isinstance(t, RotorInertia)))
+        return replace(self, carried=tuple(behind))
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
+        return self.part * self._per_part(state)
+
+    def _per_part(self, state: State) -> Array:
+        if state.direction is not None:
+            way = np.sign(state.direction)
+        elif state.qd is not None:
+            way = np.clip(state.qd / self.full_speed, -1.0, 1.0)
+        else:
+            return np.zeros(state.q.shape)
+        load = sum((term.torque(state) for term in self.carried), np.zeros(state.q.shape))
+        return np.asarray(way * np.abs(load))
+
+    @property
+    def full_speed(self) -> Array:
+        return _TRANSITION * self.arm.scale
+
+    def prepare(self) -> Evaluator:
+        carried, part, slope = [t.prepare() for t in self.carried], self.part, 1.0 / self.full_speed
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            if qd is None:
+                return np.zeros(len(part))
+            load = sum((each(q, qd) for each in carried), np.zeros(len(part)))
+            return part * np.abs(load) * np.minimum(np.maximum(slope * qd, -1.0), 1.0)
+
+        return evaluate
+
+    def scaled(self, part: Array) -> LoadFriction:
+        return replace(self, part=part * self.part)
+
+    @classmethod
+    def plausible(cls, arm: Arm, valid: Range) -> LoadFriction:
+        return cls(arm, np.full(arm.n, _PART))
+
+    @property
+    def theta(self) -> Array:
+        return self.part
+
+    def with_theta(self, theta: Array) -> LoadFriction:
+        return replace(self, part=np.asarray(theta, dtype=float))
+
+    def regressor(self, state: State) -> Array:
+        return diagonal_columns(self._per_part(state))
