@@ -75,3 +75,13 @@ def test_after_a_reversal_it_goes_to_the_other_side_by_the_way_alone(kind):
     np.testing.assert_allclose(after, (4.0 * np.exp(-back) - 2.0) * np.ones(6), atol=1e-3)
     alone = model.torque_at(State(way[-1:], qd[-1:]))  # a sample without a past
     np.testing.assert_allclose(alone, -2.0)
+
+
+def test_what_is_compensated_needs_no_past():
+    arm = Arm.load(UR5)
+    values = {"coulomb_friction.joint_positive": (2.0,) * 6,
+              "coulomb_friction.joint_displacement": (0.5,) * 6}  # fmt: skip
+    _, friction = CoulombFriction.from_parameters(arm, values).split(np.full(6, 0.7))
+    random = np.random.default_rng(3)
+    q, qd = random.normal(size=(2, 20, 6))  # in no order
+    np.testing.assert_allclose(friction.torque(State(q, qd)), 1.4 * np.clip(qd / 0.02, -1, 1))

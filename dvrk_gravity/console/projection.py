@@ -134,12 +134,11 @@ def sent(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
     for term in model.terms:
         if not term.COMPENSATED:
             continue
-        if isinstance(term, DirectionalCable):
-            torque += term.elastic().torque(State(at)) + term.scaled(part).torque(State(at, qd))
-        elif term.FRICTION:
-            torque += term.scaled(part).torque(State(at, qd))
-        else:
-            torque += term.torque(State(at))  # of what is carried the weight alone
+        smooth, friction = term.split(part)
+        if smooth is not None:
+            torque += smooth.torque(State(at))  # of what is carried the weight alone
+        if friction is not None:
+            torque += friction.torque(State(at, qd))
     return torque
 
 

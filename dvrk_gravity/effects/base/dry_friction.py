@@ -32,6 +32,7 @@ from dvrk_gravity.effects.base.linear_term import (
 )
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.site import effort_limits
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.parameters import Value
 
 BUILT_UP = "builds up over that after a reversal; 0: at once"
@@ -168,6 +169,11 @@ class DryFriction(Friction):
     def regressor(self, state: State) -> Array:
         past = self.past(state)
         return self.columns(state, np.zeros((len(state.q), 0)) if past is None else past)
+
+    def split(self, part: Array) -> tuple[Term | None, Term | None]:
+        nothing = np.zeros(self.arm.n)  # a compensator knows no past
+        at_once = replace(self, joint_displacement=nothing, motor_displacement=nothing)
+        return None, at_once.scaled(part)
 
     # Identified.
     @classmethod
