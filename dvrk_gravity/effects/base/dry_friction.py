@@ -171,9 +171,9 @@ class DryFriction(Friction):
         return self.columns(state, np.zeros((len(state.q), 0)) if past is None else past)
 
     def split(self, part: Array) -> tuple[Term | None, Term | None]:
-        nothing = np.zeros(self.arm.n)  # a compensator knows no past
-        at_once = replace(self, joint_displacement=nothing, motor_displacement=nothing)
-        return None, at_once.scaled(part)
+        lengths = ("joint_displacement", "motor_displacement")
+        at_once: dict[str, Any] = dict.fromkeys(lengths, np.zeros(self.arm.n))
+        return None, replace(self, **at_once).scaled(part)  # a compensator knows no past
 
     # Identified.
     @classmethod
