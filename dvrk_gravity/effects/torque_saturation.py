@@ -15,6 +15,7 @@ from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import Site
 
 _MOST = 0.6  # of the torque constant that may be lost. Chosen: beyond, a drive limits its current
+_LOADED = 0.2  # of a joint's effort limit. Chosen: motors are built to be linear up to their rating
 _LEAST = 1e-3  # in place of zero, of what is left of a torque constant
 
 
@@ -41,12 +42,16 @@ class TorqueSaturation(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Of each joint that was recorded; none in an arbitrary unit, of which see TorqueScale."""
+        """Of each joint that is loaded enough: far below a motor's limit its iron is linear.
+
+        None in an arbitrary unit, of which see TorqueScale.
+        """
         if motion.arm.read_in == ANY_UNIT:
             return
+        least = _LOADED * motion.arm.effort_limit
         for joint in np.flatnonzero(motion.present).tolist():
             largest = float(np.abs(motion.effort[:, joint]).max())
-            if largest > 0.0:
+            if largest > least[joint]:
                 yield SaturationHypothesis(
                     arm=motion.arm, site=Site.joint(joint), setting={"torque": largest}
                 )

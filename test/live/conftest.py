@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -13,13 +12,6 @@ from running import MODEL
 from support import MODEL_FILE, REPOSITORY
 
 from dvrk_gravity.ros import ENVIRONMENT, NodeProcess, private_domain
-
-
-@pytest.fixture(scope="session", autouse=True)
-def interruptible() -> None:
-    """Let processes see Ctrl-C even where a shell runs the tests in the background, ignoring it."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,6 @@
 """An effect that the package has never heard of goes all the way: one file, and it is known.
 
-It is defined in ``quadratic_drag.py`` beside this file, as ``docs/adding_an_effect.md`` shows it.
+It is defined in ``quadratic_drag.py`` in the folder above, as ``docs/adding_an_effect.md`` shows it.
 """
 
 from __future__ import annotations
@@ -251,4 +251,4 @@ def test_an_error_in_the_code_of_an_effect_is_a_line_that_names_both(
 def test_the_docs_show_this_very_effect():
     page = (REPOSITORY / "docs" / "adding_an_effect.md").read_text()
     code = page.split("```python\n")[1].split("```")[0]
-    assert code == Path(__file__).with_name("quadratic_drag.py").read_text()
+    assert code == Path(__file__).parents[1].joinpath("quadratic_drag.py").read_text()

@@ -174,7 +174,10 @@ def unexplained_joints(
     white = (data.noise_source(floor) != "repetition") & ~(held_out.lasting(error) > _LASTING)
     likely = np.fmax(floor, proven_error(data))
     uncertainty = data.motion.model.uncertainty
-    if uncertainty is not None:  # an unloaded joint of a file: nothing is expected, nor noise known
+    if uncertainty is not None:
+        # Friction of another day is fitted, but not whatever else it changed by: a PSM's wrist.
+        likely = np.fmax(likely, data.day_to_day_error)
+        # At an unloaded joint of a file nothing is expected, nor is noise known.
         likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
     named = {joint for trial in unknown for joint in trial.candidate.hypothesis.joints}
     large = np.flatnonzero(rms > np.where(white, _FAR_ABOVE, ABOVE) * likely).tolist()
