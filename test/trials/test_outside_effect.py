@@ -1,6 +1,6 @@
 """An effect that the package has never heard of goes all the way: one file, and it is known.
 
-It is defined in ``quadratic_drag.py`` in the folder above, as ``docs/adding_an_effect.md`` shows it.
+It is defined in ``quadratic_drag.py`` in the folder above, as ``docs/adding_an_effect.md`` says.
 """
 
 from __future__ import annotations
