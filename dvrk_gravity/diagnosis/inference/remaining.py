@@ -187,8 +187,8 @@ def unexplained_joints(
 def proven_error(data: FilteredData) -> Array:
     """Return (n,) RMS error that is expected of what the fit leaves on held-out samples, N·m.
 
-    An identified model's error at calibration alone: its uncertain parameters and the day's
-    friction have been fitted, at the cost of their prior, and would count twice. A file's has no
+    An identified model's error at calibration alone: its uncertain parameters have been fitted, at
+    the cost of their prior, and would count twice. A file's has no
     calibration; NaN of a model without uncertainty.
     """
     known = data.motion.model.uncertainty
