@@ -59,15 +59,16 @@ calibrate-demo: install/.done
 	  --time 10 --no-rehearsal
 
 # What computes first, on all cores; then nodes over DDS, one test at a time, on a machine that is idle.
+# Both, whatever the first says.
 test: install/.done
-	@$(IN_WORKSPACE) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
-	@$(IN_WORKSPACE) $(BIN)/python -m pytest test/live
+	@$(IN_WORKSPACE) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile; computed=$$?; \
+	$(IN_WORKSPACE) $(BIN)/python -m pytest test/live && exit $$computed
 WORKERS ?= 2
 
 # Properties, sweeps over all arms, what pages say, packaging, a browser; then nodes as above.
 test-long: install/.done
-	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile test/trials --ignore test/trials/live
-	@$(IN_WORKSPACE) $(BIN)/python -m pytest test/trials/live
+	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile test/trials --ignore test/trials/live; computed=$$?; \
+	$(IN_WORKSPACE) $(BIN)/python -m pytest test/trials/live && exit $$computed
 EXAMPLES ?= 1
 
 lint: $(VENV)/.done
