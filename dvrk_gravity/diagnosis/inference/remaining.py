@@ -175,7 +175,7 @@ def unexplained_joints(
     likely = np.fmax(floor, proven_error(data))
     uncertainty = data.motion.model.uncertainty
     if uncertainty is not None:
-        # Friction of another day is fitted, but not whatever else it changed by: a PSM's wrist.
+        # Day-to-day friction variation is fitted, but not whatever else changed: a PSM's wrist.
         likely = np.fmax(likely, data.day_to_day_error)
         # At an unloaded joint of a file nothing is expected, nor is noise known.
         likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
