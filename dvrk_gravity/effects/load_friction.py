@@ -16,16 +16,15 @@ from dvrk_gravity.effects.base.arrays import (
     diagonal_columns,
     joint_array,
 )
+from dvrk_gravity.effects.base.dry_friction import TRANSITION
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.term import Evaluator, Term
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
 from dvrk_gravity.parameters import Parameter, Value
 
-_PART = (
-    0.1  # of the load: of harmonic drives up to so much is measured, of spur gears a fifth of it
-)
-_TRANSITION = 0.003  # rad/s (a tenth in m/s): slower, it rises linearly, as fitted Coulomb friction
+# Of the load: of harmonic drives up to so much is measured, of spur gears a fifth of it.
+_PART = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +83,7 @@ class LoadFriction(LinearTerm):
 
     @property
     def full_speed(self) -> Array:
-        return _TRANSITION * self.arm.scale
+        return TRANSITION * self.arm.scale
 
     def prepare(self) -> Evaluator:
         carried, part, slope = [t.prepare() for t in self.carried], self.part, 1.0 / self.full_speed

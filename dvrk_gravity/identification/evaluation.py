@@ -34,6 +34,7 @@ from dvrk_gravity.intake import (
     completed,
     decide_coordinates,
     held_beyond,
+    noise_floor,
     read,
     read_motions,
     require_all,
@@ -407,5 +408,4 @@ def _floor(traces: Sequence[Trace]) -> Array | None:
     seen = [(trace.noise, len(trace.measured)) for trace in traces if trace.noise is not None]
     if len(seen) < len(traces) or not any(length for _, length in seen):
         return None
-    square = np.average([noise**2 for noise, _ in seen], axis=0, weights=[n for _, n in seen])
-    return np.asarray(np.sqrt(square))
+    return noise_floor([noise for noise, _ in seen], [length for _, length in seen])

@@ -75,10 +75,9 @@ class Motions:
     handling: tuple[str, ...]
 
 
-def noise_floor(parts: Sequence[CalibrationMotion]) -> Array:
-    """Return (n,) RMS that noise alone leaves in all of some motions."""
-    length = [float(len(part)) for part in parts]
-    return np.asarray(np.sqrt(np.average([p.noise**2 for p in parts], axis=0, weights=length)))
+def noise_floor(noise: Sequence[Array], lengths: Sequence[int]) -> Array:
+    """Return (n,) RMS noise of all of some motions, by that of each and its number of samples."""
+    return np.asarray(np.sqrt(np.average(np.square(noise), axis=0, weights=lengths)))
 
 
 def whole(recording: Recording | RecordingFile) -> Recording:

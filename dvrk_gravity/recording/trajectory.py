@@ -276,7 +276,9 @@ class _Work:
             for name in ("", " acceleration"):
                 if columns:
                     kept[f"derived{name}"][:, columns] = kept.pop(f"measured{name}")[:, columns]
-            noise = self._noise(kept["time"], kept.get("noise", np.zeros((0, len(columns)))))
+            noise = np.full(len(recording.joints), np.nan)
+            if "noise" in kept:
+                noise = self._noise(kept["time"], kept["noise"])
             found.append(
                 Stretch(kept["time"], kept["position"], kept["derived"],
                         kept["derived acceleration"], kept.get("effort"), slower, noise)
@@ -289,9 +291,7 @@ class _Work:
         counted = np.ones(above.shape, dtype=bool)
         for span in self.frozen:
             first, last = span.span
-            counted[(time[: len(above)] >= first) & (time[: len(above)] <= last), span.joint] = (
-                False
-            )
+            counted[(time >= first) & (time <= last), span.joint] = False
         count = counted.sum(axis=0)
         if rate < _ABOVE * cutoff or not count.all():
             return np.full(above.shape[1], np.nan)

@@ -188,8 +188,8 @@ def proven_error(data: FilteredData) -> Array:
     """Return (n,) RMS error that is expected of what the fit leaves on held-out samples, N·m.
 
     An identified model's error at calibration alone: its uncertain parameters have been fitted, at
-    the cost of their prior, and would count twice. A file's has no
-    calibration; NaN of a model without uncertainty.
+    the cost of their prior, and would count twice. A file's model has no calibration; NaN of a
+    model without uncertainty.
     """
     known = data.motion.model.uncertainty
     if known is None or data.motion.model.of_file:

@@ -114,7 +114,7 @@ class DryFriction(Friction):
 
     @cached_property
     def _builds_up(self) -> Mask:
-        return np.concatenate([self.joint_displacement, self.motor_displacement]) > 0.0
+        return self.displacement.ravel() > 0.0
 
     @cached_property
     def _slope(self) -> Array:
@@ -254,19 +254,21 @@ class SettingUnknowns(Unknowns):
         changed: dict[str, Any] = {f"joint_{name}": joint, f"motor_{name}": motor}
         return replace(self.term, **changed)
 
-    def memory(self, state: State, before: Array | None = None) -> Array:
+    def _split(self, memory: Array) -> list[Array]:
+        """Return each setting's part of (…, m) memory."""
         sizes = [2 * self.term.arm.n * term.remembers for term in self._terms]
-        known = [None] * len(sizes) if before is None else np.split(before, np.cumsum(sizes)[:-1])
+        return np.split(memory, np.cumsum(sizes)[:-1], axis=-1)
+
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        known = [None] * len(self._terms) if before is None else self._split(before)
         parts = zip(self._terms, known, strict=True)
         return np.concatenate([term.memory(state, part) for term, part in parts], axis=1)
 
     def regressor(self, state: State, memory: Array) -> Array:
-        found, first = np.zeros((*state.q.shape, len(self.columns))), 0
-        for number, term in enumerate(self._terms):
-            last = first + 2 * self.term.arm.n * term.remembers
+        found = np.zeros((*state.q.shape, len(self.columns)))
+        for number, (term, part) in enumerate(zip(self._terms, self._split(memory), strict=True)):
             own = [i for i, column in enumerate(self.columns) if column.index == number]
-            found[..., own] = term.columns(state, memory[:, first:last]) @ self.basis[:, own]
-            first = last
+            found[..., own] = term.columns(state, part) @ self.basis[:, own]
         return found
 
     def found(self, coefficients: Array) -> DryFriction | None:

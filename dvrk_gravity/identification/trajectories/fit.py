@@ -158,8 +158,9 @@ def fit_dynamic(
         no_bodies = (_NO_BODIES,)
         found = estimate(problem, chosen, physical=False)
     constant = _constants(design, problem.folds)
+    floor = noise_floor([part.noise for part in parts], [len(part) for part in parts])
     held_out, training = (
-        _errors(design, predicted, coordinates, constant, noise_floor(parts))
+        _errors(design, predicted, coordinates, constant, floor)
         for predicted in (found.blind, found.predicted)
     )
     theta, free = np.zeros((2, len(columns.columns)))
