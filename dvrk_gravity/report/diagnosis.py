@@ -220,8 +220,8 @@ def _errors(diagnosis: Diagnosis) -> str:
         )
     head = ("joint", "before", "after", "noise floor", "expected", "after / floor")
     legend = (
-        f'<p class="small">The noise floor is {FLOORS[diagnosis.floor_from]}. Expected: from the '
-        "posterior of the given model's parameters, its error at calibration, and day-to-day "
+        f'<p class="small">The noise floor is {FLOORS[diagnosis.floor_from]}. Expected: the '
+        "model's error at calibration; of a file's model, from its uncertain masses and day-to-day "
         "friction variation.</p>"
     )
     compared = f'<p class="small">Errors {diagnosis.compared}.</p>'

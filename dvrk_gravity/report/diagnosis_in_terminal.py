@@ -203,8 +203,12 @@ def _errors(diagnosis: Diagnosis) -> Iterator[str]:
     columns = dict(zip(("before", "after", "floor", "expected"), errors_of(diagnosis), strict=True))
     legend = f"floor: {FLOORS[diagnosis.floor_from]}"
     if np.isfinite(list(diagnosis.expected.values())).any():
-        legend += "; expected: from the model's uncertainty and day-to-day friction variation"
-        legend += ", larger where it extrapolates" if diagnosis.outside else ""
+        legend += "; expected: "
+        legend += (
+            "from the uncertain masses of the file and day-to-day friction variation"
+            if diagnosis.of_file
+            else "the model's error at calibration"
+        )
     else:
         del columns["expected"]
     yield f"{head:<{width}}" + "".join(f" {word:>9}" for word in columns)

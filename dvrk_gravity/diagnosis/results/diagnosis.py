@@ -68,8 +68,8 @@ class Diagnosis(Tabular):
         before: Held-out RMSE of the given model by joint, N·m.
         after: RMSE with all named findings.
         floor: RMSE of noise alone; NaN if unknown.
-        expected: RMSE that the model expects of itself here, from its parameters' posterior and its
-            error at calibration; NaN without uncertainty.
+        expected: RMSE that the model expects of itself: its error at calibration; of a file's, from
+            its uncertain masses and day-to-day friction variation. NaN without uncertainty.
         floor_from: Where the floor was seen.
         samples: Samples compared.
         held_out: Those of them held out of fit and selection.
