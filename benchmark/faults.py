@@ -22,9 +22,11 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test" / "live"))
 
-from conftest import MODEL_FILE, FakeArm
+from arm_side import FakeArm
 from sensor_msgs.msg import JointState
+from support import MODEL_FILE
 
 from dvrk_gravity.files import text_file
 from dvrk_gravity.ros import NodeProcess, ProcessError, private_domain

@@ -36,7 +36,7 @@ def measure(blocks: int, seconds: float) -> tuple[float, dict[str, list[Row]]]:
     """Return the rate, Hz, and for relay and compensator a row of figures a block."""
     namespaces = {name: f"{PRIVATE}/{name}" for name in ("relay", "compensator")}
     # Between two runs nothing is sent for 0.1 s: that is no silence to stop for.
-    waits = ("-p", "resume:=automatic", "-p", "timeout:=0.3")
+    waits = ("-p", "resume:=automatic", "-p", "timeout:=0.3", "-p", "await_watchdog:=0.0")
     arguments = ("--params-file", str(MODEL), *waits)
     with (
         private_domain(),

@@ -50,7 +50,7 @@ def soak(minutes: float) -> dict[str, list[float]]:
         private_domain(),
         Client() as client,
         NodeProcess("compensator", "--params-file", str(MODEL), "-p", "timeout:=1.0",
-                    "-p", "resume:=automatic") as node,
+                    "-p", "resume:=automatic", "-p", "await_watchdog:=0.0") as node,
     ):  # fmt: skip
         trip = RoundTrip(client, PRIVATE)
         trip.connect()

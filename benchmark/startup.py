@@ -41,7 +41,7 @@ def relay() -> NodeProcess:
 
 def compensator() -> NodeProcess:
     """Start the compensator."""
-    return NodeProcess("compensator", "--params-file", str(MODEL))
+    return NodeProcess("compensator", "--params-file", str(MODEL), "-p", "await_watchdog:=0.0")
 
 
 def ready(start: Callable[[], NodeProcess]) -> tuple[float, float]:

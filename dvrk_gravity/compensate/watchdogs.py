@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 UNWATCHED = "nothing will hold the arm if this node dies"
@@ -17,6 +17,7 @@ SILENCE = 5.0
 second. Chosen: a busy machine stalls for less."""
 
 NOT_YET = "the watchdog has not said yet what it watches"
+NONE_YET = "no watchdog yet (await_watchdog 0 does without)"
 
 
 @dataclass(frozen=True)
@@ -28,33 +29,50 @@ class Watching:
         topic: Topic of the commands that it watches.
         hold: Topic on which it sends a hold.
         timeout: Silence after which it does, s.
+        heard: The publishers whose commands would reach it, by the numbers that DDS gives them. A
+            name would not do: the publisher of a killed node is remembered for a while.
     """
 
     node: str
     topic: str
     hold: str
     timeout: float
+    heard: frozenset[str] = frozenset()
 
     def values(self) -> dict[str, str]:
         """Return all but the node, in words, as the watchdog publishes them."""
-        return {"topic": self.topic, "hold": self.hold, "timeout s": repr(self.timeout)}
+        return {
+            "topic": self.topic,
+            "hold": self.hold,
+            "timeout s": repr(self.timeout),
+            "heard": " ".join(sorted(self.heard)),
+        }
 
     @classmethod
     def of(cls, node: str, values: Mapping[str, str]) -> Watching | None:
         """Return what published values say, ``None``: they are not a watchdog's."""
         try:
             topic, hold, timeout = values["topic"], values["hold"], float(values["timeout s"])
+            heard = frozenset(values["heard"].split())
         except (KeyError, ValueError):
             return None
-        return cls(node, topic, hold, timeout) if 0.0 < timeout < math.inf else None
+        return cls(node, topic, hold, timeout, heard) if 0.0 < timeout < math.inf else None
 
 
 class Watchdogs:
     """The watchdogs in a compensator's namespace, by what they say of themselves."""
 
-    def __init__(self, topic: str, hold: str) -> None:
-        """Expect one that watches commands on ``topic`` and sends its holds to ``hold``."""
-        self._topic, self._hold = topic, hold
+    def __init__(self, topic: str, hold: str, appear: float = -math.inf) -> None:
+        """Expect one that watches commands on ``topic`` and sends its holds to ``hold``.
+
+        Args:
+            topic: Ours.
+            hold: Of our arm.
+            appear: Until then one that is there may have to be discovered: DDS repeats lost
+                greetings after 3 s.
+        """
+        self._topic, self._hold, self._appear = topic, hold, appear
+        self._own: Collection[str] = ()  # our publishers there
         self._said: dict[str, Watching] = {}
         self._heard: dict[str, float] = {}  # when, s of a monotonic clock
         self._present: Collection[str] = ()
@@ -63,15 +81,15 @@ class Watchdogs:
         """Note what a watchdog says: it replaces what one of that name said before."""
         self._said[said.node], self._heard[said.node] = said, now
 
-    def look(self, present: Collection[str]) -> None:
-        """Note the full names of the watchdogs that are there.
+    def look(self, present: Collection[str], own: Collection[str]) -> None:
+        """Note the full names of the watchdogs that are there, and our publishers by number.
 
         What one has said that is gone does not hold for another one of its name. What is published
         may arrive before its publisher is known.
         """
         for name in set(self._present).difference(present):
             self._said.pop(name, None)
-        self._present = present
+        self._present, self._own = present, own
 
     def _known(self) -> list[Watching]:
         return [self._said[name] for name in sorted(self._present) if name in self._said]
@@ -84,11 +102,18 @@ class Watchdogs:
     def unwatched(self, now: float) -> str:
         """Return for a person that no watchdog watches our commands, ``""``: one does."""
         ours = self._ours()
-        if any(now - self._heard[each.node] < SILENCE for each in ours):
-            return ""
+        speaking = [each for each in ours if now - self._heard[each.node] < SILENCE]
+        if speaking:
+            return "" if self._hearing(speaking) else f"{self._deaf(speaking[0])}: {UNWATCHED}"
         if ours:
             return f"the watchdog {ours[0].node} has been silent for {SILENCE:g} s: {UNWATCHED}"
         return f"no watchdog watches {self._topic}: {UNWATCHED}"
+
+    def _hearing(self, among: Iterable[Watching]) -> bool:
+        return bool(self._own) and any(each.heard.issuperset(self._own) for each in among)
+
+    def _deaf(self, watchdog: Watching) -> str:
+        return f"the watchdog {watchdog.node} does not hear our commands on {self._topic} yet"
 
     def too_soon(self, timeout: float) -> str:
         """Return why our ``timeout``, s, is longer than our watchdog allows, ``""``: it is not."""
@@ -100,14 +125,17 @@ class Watchdogs:
             f"sooner than timeout ({timeout:g} s): raise watchdog_timeout or lower timeout"
         )
 
-    def obstacle(self, timeout: float, active: bool) -> str:
+    def obstacle(self, timeout: float, now: float, active: bool) -> str:
         """Return why the arm must not be commanded, ``""``: it may; ``timeout`` is ours, s.
 
-        Without any watchdog it may: see :meth:`unwatched`. One that has not spoken yet is waited
-        for, unless the arm is commanded already: what it publishes may arrive seconds after it.
+        Without any watchdog it may: see :meth:`unwatched`. One that has not spoken yet, or that
+        our first commands would not reach yet, is waited for, unless the arm is commanded already:
+        what it publishes may arrive seconds after it.
         """
-        others = self._known()
-        if self._ours():
+        others, ours = self._known(), self._ours()
+        if ours and not active and not self._hearing(ours):
+            return self._deaf(ours[0])
+        if ours:
             return self.too_soon(timeout)
         if others:
             other = others[0]
@@ -115,7 +143,9 @@ class Watchdogs:
                 f"the watchdog {other.node} watches {other.topic} and sends hold to {other.hold}, "
                 f"we command {self._topic} and the arm holds at {self._hold}: {SAME_TOPIC}"
             )
-        return NOT_YET if self._present and not active else ""
+        if active or not (self._present or now < self._appear):
+            return ""
+        return NOT_YET if self._present else NONE_YET
 
 
 def unseen_commands(topic: str, commands: Mapping[str, Collection[str]]) -> str:

@@ -152,6 +152,12 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             lower=0.002, upper=1.0, read_only=True,
         ),
         Parameter(
+            "await_watchdog", 4.0, "s",
+            "after its start a compensator waits so long for a watchdog to appear, before it "
+            "commands without one; 0: it does not wait",
+            lower=0.0, upper=60.0, read_only=True,
+        ),
+        Parameter(
             "input_depth", 1.0, "", "depth of the measured_js queue; 1: always the newest",
             lower=1.0, upper=10000.0, read_only=True,
         ),

@@ -98,7 +98,14 @@ class Compensator(PromptNode):
             order=stated_order(arm.joint_names, self.get_parameter(STATEMENT).value),
             watchdogs=lambda: self._watchdog_nodes,
         )
-        self._watchdogs = Watchdogs(self._arm.topic, self.resolve_topic_name(HOLD))
+        self._watchdogs = Watchdogs(
+            self._arm.topic,
+            self.resolve_topic_name(HOLD),
+            time.monotonic() + float(self.get_parameter("await_watchdog").value),
+        )
+        self._commanders = Endpoints(
+            self._arm.topic, self.count_publishers, self.get_publishers_info_by_topic
+        )
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
         self._diagnostics = Diagnostics(self)
@@ -173,7 +180,9 @@ class Compensator(PromptNode):
 
     def _watchdog_obstacle(self) -> str:
         supervisor = self._supervisor
-        return self._watchdogs.obstacle(supervisor.settings.timeout, supervisor.active)
+        return self._watchdogs.obstacle(
+            supervisor.settings.timeout, time.monotonic(), supervisor.active
+        )
 
     def _on_watch(self) -> None:
         self._supervisor.check_input(time.monotonic())
@@ -188,7 +197,10 @@ class Compensator(PromptNode):
         active = self._supervisor.active
         self._watchdog_nodes = {*self._of_watchdogs.nodes(seldom=active).values()}
         obstacles = self._arm.look(active, measuring=self.prompt is not None)
-        self._watchdogs.look(self._watchdog_nodes)
+        us = self.get_fully_qualified_name()
+        commanders = self._commanders.nodes(seldom=active)
+        own = {number.hex() for number, name in commanders.items() if name == us}
+        self._watchdogs.look(self._watchdog_nodes, own)
         self._unwatched = self._watchdogs.unwatched(time.monotonic())
         obstacles["watchdog"] = self._watchdog_obstacle()
         for cause, reason in obstacles.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -16,7 +17,7 @@ from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.others import node_names
+from dvrk_gravity.ros.others import Endpoints, node_names
 from dvrk_gravity.ros.presence import HOLD, Presence
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
@@ -28,6 +29,8 @@ TIMEOUT_TOPIC = "watchdog_timeout"
 
 # Compensators are looked for, and what it does is said again, so often, s.
 _LOOK = 1.0
+# Those that it hears are looked for so often, s: a compensator waits for that before it commands.
+_LISTEN = 0.1
 
 _COMMANDS = {"sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"}
 
@@ -75,6 +78,10 @@ class Watchdog(PromptNode):
         )
         self._unseen = ""
         self.create_timer(timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
+        self._commanders = Endpoints(
+            self._watching.topic, self.count_publishers, self.get_publishers_info_by_topic
+        )
+        self.create_timer(_LISTEN, self._on_listen, clock=runtime.STEADY_CLOCK)
         self.create_timer(_LOOK, self._on_look, clock=runtime.STEADY_CLOCK)
         self._report(f"watching {topic.name}: hold after {timeout:g} s without a command")
         self._publish_status()
@@ -98,6 +105,13 @@ class Watchdog(PromptNode):
             self.get_logger().error(
                 f"{text}; to resume, call ~/enable of the compensator, or restart it"
             )
+
+    def _on_listen(self) -> None:
+        """Say at once whose commands would reach us."""
+        heard = frozenset(map(bytes.hex, self._commanders.nodes(seldom=self._watch.commanded)))
+        if heard != self._watching.heard:
+            self._watching = replace(self._watching, heard=heard)
+            self._publish_status()
 
     def _on_look(self) -> None:
         """Say what we do, and where compensators here command on another topic than the watched.

@@ -167,7 +167,10 @@ def test_a_watchdog_s_time_out_is_waited_for_and_must_not_be_the_shorter_one(arm
     arm.run_until(lambda: "watchdog" in arm.state, "the reason")
     assert_silent(arm)
     assert not arm.commands
-    said = Watching(f"{PRIVATE}/client", f"{PRIVATE}/servo_jf", f"{PRIVATE}/hold", 0.8)
+    topic = f"{PRIVATE}/servo_jf"
+    infos = arm.client.node.get_publishers_info_by_topic(topic)
+    heard = frozenset(bytes(info.endpoint_gid).hex() for info in infos)
+    said = Watching(f"{PRIVATE}/client", topic, f"{PRIVATE}/hold", 0.8, heard)
     values = [KeyValue(key=key, value=value) for key, value in said.values().items()]
     watchdog.publish(DiagnosticStatus(name=said.node, values=values))
     arm.run_until(lambda: "0.8 s" in arm.state, "the other reason")
