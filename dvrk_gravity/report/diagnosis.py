@@ -48,14 +48,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _WHEN: tuple[Literal["before", "after"], ...] = ("before", "after")
-_VERDICTS = {
-    "nothing_to_explain": "nothing to explain",
-    "explained": "explained",
-    "partly_explained": "partly explained",
-    "ambiguous": "explained, by more than one possible cause",
-    "unexplained": "unexplained",
-    "cannot_judge": "cannot judge",
-}
 # Parts of a picture around its axes, as in `fit_pictures`.
 _ROOM = {"left": 0.09, "right": 0.985, "bottom": 0.155, "top": 0.83, "wspace": 0.05}
 _BINS = 24
@@ -71,8 +63,9 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         sources: Names of the recordings.
     """
     arm = diagnosis.model.arm
+    verdict = diagnosis.verdict.replace("_", " ")
     facts = (
-        f"Verdict: {_VERDICTS[diagnosis.verdict]}. {', '.join(sources)}; {diagnosis.samples} "
+        f"Verdict: {verdict}. {', '.join(sources)}; {diagnosis.samples} "
         f"samples compared; {diagnosis.held_out} of them held out of fit and model selection; all "
         "errors and gains below are of those."
     )

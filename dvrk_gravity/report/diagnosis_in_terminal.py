@@ -21,7 +21,7 @@ from dvrk_gravity.report.findings import (
     model_verdict,
     size_of,
 )
-from dvrk_gravity.report.terminal import laid_out, warning_lines
+from dvrk_gravity.report.terminal import laid_out, painted, warning_lines
 from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
 
 
@@ -43,15 +43,15 @@ def diagnosis_text(
         yield laid_out(exact_model(diagnosis.exact), width)
     if diagnosis.model_verdict:
         yield laid_out(model_verdict(diagnosis.model_verdict), width)
-    verdict = diagnosis.verdict.replace("_", " ")
+    verdict = painted(diagnosis.verdict.replace("_", " "), diagnosis.verdict, width)
     if not findings:
-        yield laid_out(f"{verdict}: {diagnosis.sentence}", width)
+        yield laid_out(diagnosis.sentence, width, f"{verdict}: ")
         if diagnosis.detectable:
             line = detectable_line(diagnosis.detectable)
             yield laid_out(f"would have been found (95 %): {line}", width)
     else:
         of_what = _ambiguous(findings) if diagnosis.verdict == "ambiguous" else ""
-        yield laid_out(f"{verdict}: {_counted(findings)}{of_what}", width)
+        yield laid_out(f"{_counted(findings)}{of_what}", width, f"{verdict}: ")
         yield from finding_table(findings, diagnosis.model.arm.n, width)
         for reason in diagnosis.cannot_judge:
             yield laid_out(f"others may be there unseen: {reason}", width)

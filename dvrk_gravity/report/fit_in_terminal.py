@@ -27,7 +27,7 @@ from dvrk_gravity.identification import (
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
 from dvrk_gravity.recording import Coordinates
-from dvrk_gravity.report.terminal import laid_out, warning_lines
+from dvrk_gravity.report.terminal import laid_out, painted, warning_lines
 from dvrk_gravity.units import quantity
 
 FAR_ABOVE_NOISE = 3.0
@@ -42,7 +42,7 @@ def error_table(
     width: int | None = None,
     expected: Mapping[str, ExpectedError] | None = None,
 ) -> Iterator[str]:
-    """Yield a table of errors by joint, with the bound that each is judged by, and the rule.
+    """Yield a table of errors by joint, with the bound that each is judged by.
 
     Beside every verdict stands its reason, unless it is good by the two numbers before it.
 
@@ -72,15 +72,13 @@ def error_table(
         floor = f"{error.floor:>8.4f}" if noise else ""
         row = (
             f"{joint.name:<{broad}}{error.rmse:>9.4f}{floor}{_band(expected, joint.name)}"
-            f"{error.nrmse:>10.3f}{_in_column(error.r2):>9}{good_to(joint):>8.3f}  {word}{other}"
+            f"{error.nrmse:>10.3f}{_in_column(error.r2):>9}{good_to(joint):>8.3f}  "
+            f"{painted(word, verdict.level, width)}{other}"
         )
         plain = verdict.level == GOOD == level_of(joint, error.nrmse)
         why = f"as {said[verdict]}" if verdict.reason and verdict in said else verdict.reason
         yield row if plain or not why else laid_out(why, width, f"{row}: ")
         said.setdefault(verdict, joint.name)
-    yield laid_out(f"rule: {RULE}", width)
-    if said_of_noise := unmodelled(errors):
-        yield laid_out(said_of_noise, width)
 
 
 def unmodelled(errors: Mapping[str, JointError]) -> str:
@@ -122,11 +120,11 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
     named = [name for name, joint in verdict.joints.items() if joint.level == verdict.level]
     of_joints = "" if verdict.level == GOOD or not named else f" ({', '.join(named)})"
     why = contradiction(fit.warnings)
-    found = f"{verdict.words}: {why}" if why else f"{verdict.words}{of_joints}"
-    yield laid_out(f"verdict: {found}", width)
-    yield f"{fit.samples} samples, held-out errors in {fit.coordinates} coordinates"
+    found = f": {why}" if why else of_joints
+    yield laid_out(found, width, f"verdict: {painted(verdict.words, verdict.level, width)}")
     yield from error_table(fit.held_out, fit.model.arm, verdict.joints, width)
-    yield from (laid_out(line, width) for line in (*constant_lines(fit, verbose), weight_line(fit)))
+    said = (unmodelled(fit.held_out), *constant_lines(fit, verbose), weight_line(fit))
+    yield from (laid_out(line, width) for line in said if line)
     if verdict.record:
         yield laid_out(f"record instead: {verdict.record}", width)
     warnings = [each for each in fit.warnings if str(each) not in verdict.findings]
@@ -177,6 +175,8 @@ def weight_line(fit: Fit) -> str:
 
 
 def _details(fit: Fit) -> Iterator[str]:
+    yield f"{fit.samples} samples, held-out errors in {fit.coordinates} coordinates"
+    yield f"rule: {RULE}"
     for line in fit.handling:
         yield f"data: {line}"
     yield f"held out: {fit.validation}"
@@ -210,44 +210,65 @@ def evaluation_text(
     why = contradiction(result.warnings)
     if why:
         yield laid_out(why, width)
-    yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     verdicts = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
     yield from error_table(
         result.joints, model.arm, verdicts, width, result.expected if result.expected else None
     )
-    yield laid_out(result.metric, width)
-    yield laid_out(expectation(result, model), width)
-    if len(result.recordings) > 1:
-        for label, joints in result.recordings.items():
-            yield laid_out(f"{label}: |e|/|tau| {in_short(joints)}", width)
     said = compared(model, result.joints, result.coordinates, result.with_friction)
     yield laid_out(said, width)
-    if result.outside:
-        for line in result.outside if verbose else ():
-            yield laid_out(f"{line}: extrapolated there", width)
+    if next_step := _next_step(result, model):
+        yield laid_out(next_step, width)
+    if result.outside and not verbose:
         more = len(result.outside) - 1
-        shown = "" if verbose else f" ({result.outside[0]}{f'; {more} more' if more else ''})"
         yield laid_out(
-            "outside its range errors say little of a model: identify from recordings there, too"
-            + shown, width,
-        )  # fmt: skip
+            "outside its range errors say little of a model: identify from recordings there, too "
+            f"({result.outside[0]}{f'; {more} more' if more else ''})",
+            width,
+        )
     for line in warning_lines(result.warnings, result.handling, verbose):
         yield laid_out(line, width)
-    for line in (result.detected, *result.handling) if verbose else ():
-        if line:
-            yield laid_out(f"data: {line}", width)
+    if verbose:
+        yield from (laid_out(line, width) for line in _about_errors(result, model))
+
+
+def _next_step(result: Evaluation, model: TorqueModel) -> str:
+    """Return the one thing to do about errors larger than expected; ``""``: nothing."""
+    if above := _above(result):
+        return f"larger than the model expects of itself: {above}: `diagnose` finds out why"
+    verdicts = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
+    if any(verdict.level == POOR for verdict in verdicts.values()):
+        return "`diagnose` finds out why"
+    return unmodelled(result.joints)
+
+
+def _about_errors(result: Evaluation, model: TorqueModel) -> Iterator[str]:
+    """Yield what the figures of an evaluation mean, and what was done with the recordings."""
+    yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
+    yield f"rule: {RULE}"
+    yield result.metric
+    yield expectation(result, model)
+    if len(result.recordings) > 1:
+        for label, joints in result.recordings.items():
+            yield f"{label}: |e|/|tau| {in_short(joints)}"
+    yield from (f"{line}: extrapolated there" for line in result.outside)
+    yield from (f"data: {line}" for line in (result.detected, *result.handling) if line)
+
+
+def _above(result: Evaluation) -> str:
+    """Return the joints whose error is above its band, and how far."""
+    return ", ".join(
+        f"{name} {result.joints[name].rmse / band.high:.2g} times"
+        for name, band in result.expected.items()
+        if result.joints[name].rmse > band.high
+    )
 
 
 def expectation(result: Evaluation, model: TorqueModel) -> str:
     """Return what a model expects of itself, and where its errors are larger."""
     if not result.expected:
         return f"expected: the model does not know its error here ({_why_unknown(result, model)})"
-    above = [
-        f"{name} {result.joints[name].rmse / band.high:.2g} times"
-        for name, band in result.expected.items()
-        if result.joints[name].rmse > band.high
-    ]
-    larger = f"; above it: {', '.join(above)} (`diagnose` finds out why)" if above else ""
+    above = _above(result)
+    larger = f"; above it: {above} (`diagnose` finds out why)" if above else ""
     return (
         "expected: 95 % band of the RMSE that the model expects of itself here, by the posterior "
         "of its parameters and its error on data that its fit had not seen; day-to-day friction "
@@ -303,5 +324,4 @@ def compared(
     rubs = any(name in with_friction for name in worst)
     held = ", friction included, which these poses do not separate" if rubs else ""
     why = "" if found == GOOD else f" ({which} of the torque{held})"
-    further = "; `diagnose` finds out why" if found == POOR else ""
-    return f"{said}; from these errors alone it would be: {in_words(found)}{why}{further}"
+    return f"{said}; from these errors alone it would be: {in_words(found)}{why}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import sys
 import textwrap
@@ -15,6 +17,12 @@ MOST_WARNINGS = 3
 
 _NARROW = 40  # columns that a cell needs to be read
 _HANG = " " * 4
+_GREEN, _YELLOW, _RED, _BOLD = 32, 33, 31, 1  # of ECMA-48
+_COLOURS = {
+    "good": _GREEN, "usable": _YELLOW, "do_not_compensate": _RED,
+    "nothing_to_explain": _GREEN, "cannot_judge": _YELLOW, "unexplained": _RED,
+}  # fmt: skip
+_PAINT = re.compile("\033\\[[0-9]+m")
 
 # Found and put right, or of no consequence for what to do: for the report and --verbose. A kind
 # that is not here is shown.
@@ -54,18 +62,32 @@ def laid_out(text: str, width: int | None, head: str = "") -> str:
 
     Where the head leaves little room, and the text needs more, the text has lines of its own.
     """
-    if width is None or len(head) + len(text) <= width:
+    wide = len(_PAINT.sub("", head))
+    if width is None or wide + len(text) <= width:
         return head + text
-    apart = head and width - len(head) < _NARROW
+    apart = head and width - wide < _NARROW
     lines = textwrap.wrap(
-        text if apart else head + text,
+        text,
         width,
-        initial_indent=_HANG if apart else "",
-        subsequent_indent=_HANG if apart or not head else " " * len(head),
+        initial_indent=_HANG if apart else " " * wide,
+        subsequent_indent=_HANG if apart or not head else " " * wide,
         break_on_hyphens=False,
         break_long_words=False,
     )
-    return "\n".join([head.rstrip(), *lines] if apart else lines)
+    return "\n".join([head.rstrip(), *lines] if apart else [head + lines[0][wide:], *lines[1:]])
+
+
+def painted(text: str, verdict: str, width: int | None) -> str:
+    """Return a verdict's word in its colour; as it is where NO_COLOR asks for that (no-color.org).
+
+    Args:
+        text: The word.
+        verdict: Of an identification or a diagnosis; others are bold.
+        width: Columns of the terminal; ``None``: there is none, and no colour.
+    """
+    if width is None or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return text
+    return f"\033[{_COLOURS.get(verdict, _BOLD)}m{text}\033[0m"
 
 
 def warning_lines(

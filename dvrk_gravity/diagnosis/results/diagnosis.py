@@ -165,6 +165,7 @@ class Diagnosis(Tabular):
         return sentences.nothing_found(
             self.against_reference,
             "; ".join(entry.of_all_friction for entry in self.known if entry.of_all_friction),
+            [entry.sentence for entry in self.known if entry.said_first],
             ratio,
             words,
             [name for entry in self.known if entry.of_effect for name in entry.joints],

@@ -241,6 +241,7 @@ class Known:
         parameters: Estimates by name.
         sentence: In words, with figures.
         of_all_friction: Change of friction at all joints, in words; ``""`` for anything else.
+        said_first: A diagnosis without findings says it in its first sentence.
         remedy: What to do about it; ``""``: nothing.
         stated: It was said to be there.
     """
@@ -250,6 +251,7 @@ class Known:
     parameters: Mapping[str, Estimate]
     sentence: str
     of_all_friction: str = ""
+    said_first: bool = False
     remedy: str = ""
     stated: bool = False
 

@@ -243,6 +243,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
             elsewhere=hypothesis.site.kind is not Kind.ARM,
         ),
         claim if of_all else "",
+        not of_friction and not trial.seen_before,
         sentences.slower_compensation(_safe_ratio(parameters)) if of_all else "",
     )  # fmt: skip
 

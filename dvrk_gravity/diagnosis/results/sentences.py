@@ -260,27 +260,29 @@ def slower_compensation(ratio: float | None) -> str:
 
 
 def nothing_found(
-    against_reference: bool, friction: str, ratio: Mapping[str, float], least: str,
-    known: Sequence[str], unexpected: float | None,
+    against_reference: bool, friction: str, minor: Sequence[str], ratio: Mapping[str, float],
+    least: str, known: Sequence[str], unexpected: float | None,
 ) -> str:  # fmt: skip
     """Return that nothing was found, and what error remains.
 
     Args:
         against_reference: Two recordings were compared.
         friction: Change of friction since calibration; ``""`` for none.
+        minor: Other effects that are significant, and why each is no finding.
         ratio: By joint, remaining error over what is expected.
         least: What is expected, in words.
         known: Joints where known causes act.
         unexpected: Ratio that is more than it should be; ``None`` if nothing is.
     """
     but = f" but day-to-day friction variation: {friction}" if friction else ""
-    nothing = f"Nothing was found that {compared_with(against_reference)} lacks{but}"
+    also = f". Not certain enough for a finding: {'; '.join(minor)}" if minor else ""
+    nothing = f"Nothing was found that {compared_with(against_reference)} lacks{but}{also}"
     if not ratio:
         return f"{nothing}."
     most = max(ratio, key=lambda name: ratio[name])
     beside = ", known causes included" if most in known else ""
     sentence = (
-        f"{nothing}{'. The' if friction else '; the'} remaining error is at most "
+        f"{nothing}{'. The' if but or also else '; the'} remaining error is at most "
         f"{ratio[most]:.2g} times {least} ({most}{beside})."
     )
     if unexpected is None or ratio[most] <= unexpected:
