@@ -16,7 +16,7 @@ release = version = re.search(
 )[1]
 
 extensions = ["myst_parser", "autodoc2", "faces", "mathml"]
-exclude_patterns = ["sphinx_parts", "requirements.*"]
+exclude_patterns = ["README.md", "sphinx_parts", "requirements.*"]  # index.md includes the first
 myst_enable_extensions = ["dollarmath", "fieldlist"]
 myst_heading_anchors = 4
 
