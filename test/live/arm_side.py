@@ -14,7 +14,7 @@ from dvrk_gravity.ros import Client
 # Silence after which nodes give up, s: as long as they allow. The arm is a thread of the tests, or
 # they themselves: a busy machine stalls it for tenths of a second.
 TIMEOUT = 1.0
-ALONE = ("-p", "await_watchdog:=0.0")
+ALONE, AWAITING = ("-p", "await_watchdog:=0.0"), ("-p", "await_watchdog:=4.0")
 PATIENT = ("-p", f"timeout:={TIMEOUT}", "-p", "input_depth:=100", *ALONE)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 
-from arm_side import PATIENT, TIMEOUT
+from arm_side import AWAITING, PATIENT, TIMEOUT
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -163,7 +163,7 @@ def test_who_ends_holds_a_commanded_arm_and_says_by_its_status_whether_that_arri
 def test_a_watchdog_s_time_out_is_waited_for_and_must_not_be_the_shorter_one(arm, start):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     watchdog = arm.client.node.create_publisher(DiagnosticStatus, "watchdog_status", latched)
-    start("compensator")
+    start("compensator", *AWAITING)
     arm.run_until(lambda: "watchdog" in arm.state, "the reason")
     assert_silent(arm)
     assert not arm.commands
@@ -187,7 +187,7 @@ def test_a_watchdog_of_another_topic_is_refused_and_one_of_ours_holds_after_a_ki
     """Without any the arm is commanded, and that nothing would hold it is said."""
     obeyed = arm.takes_array(arm.names)
     deaf = start("watchdog", *WATCHED, wait=False)
-    compensator = start("compensator", "-p", "output:=array")
+    compensator = start("compensator", "-p", "output:=array", *AWAITING)
     both = f"{PRIVATE}/servo_jf", f"{PRIVATE}/commands"
     for name in ("compensator", "watchdog"):
         state = arm.client.states[name]
