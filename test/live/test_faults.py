@@ -195,7 +195,11 @@ def test_a_watchdog_of_another_topic_is_refused_and_one_of_ours_holds_after_a_ki
     arm.run(0.3)
     assert not obeyed
     deaf.stop()
-    arm.run_until(lambda: bool(obeyed) and UNWATCHED in arm.state, "commands without a watchdog")
+    said = (lambda: arm.state), (lambda: compensator.output)
+    arm.run_until(
+        lambda: bool(obeyed) and all(UNWATCHED in of() for of in said),
+        "commands without a watchdog",
+    )
     assert compensator.output.count(UNWATCHED) == 1
     start("watchdog", *WATCHED, "-p", "output:=array", wait=False)
     arm.run_until(lambda: UNWATCHED not in arm.state, "a watchdog of ours")

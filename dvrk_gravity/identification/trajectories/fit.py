@@ -141,9 +141,12 @@ def fit_dynamic(
             f"determines no motor's torque, as {', '.join(standing)} stand still: expected motions "
             "of all joints",
         )
-    built = pose(parts, arm, effects, lambda share: report("regressor", share), form, least_gain)
+    problem = pose(parts, arm, effects, lambda share: report("regressor", share), form, least_gain)
+    # Effects that were not allowed are no error that the model must have.
+    limited = effects is not None and form is Columns
+    with_all = problem if limited else None  # its regressor is large
     problem, chosen = choose(
-        built, starts(built.design.columns, effects),
+        problem, starts(problem.design.columns, effects),
         lambda share: report("choice of terms", share),
     )  # fmt: skip
     problem, chosen = with_loads(problem, chosen, parts)
@@ -178,10 +181,9 @@ def fit_dynamic(
         held_out, training, found.holding, arm, coordinates, duration=duration, against=against
     )
     error = known_error(design, found.blind, DEFAULT_CUTOFF)
-    kept = kept_samples(parts, arm)
-    if effects is not None and form is Columns:
-        error = _with_all_terms(built, error, report)
-        kept = None  # effects that were not allowed are no error that the model must have
+    kept = None if limited else kept_samples(parts, arm)
+    if with_all is not None:
+        error = _with_all_terms(with_all, error, report)
     uncertainty = model_uncertainty(
         columns, theta, *_posterior(problem, chosen, theta, found), error, model, kept
     )
