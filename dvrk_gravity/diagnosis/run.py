@@ -12,7 +12,7 @@ from dvrk_gravity.diagnosis.data.faults import Fault, put_right
 from dvrk_gravity.diagnosis.data.fit_to_judge import require_gravity, require_predictable
 from dvrk_gravity.diagnosis.data.loading import Loaded, load
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
-from dvrk_gravity.diagnosis.inference.infer import infer, silent
+from dvrk_gravity.diagnosis.inference.infer import infer, silent, with_load_elsewhere
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.effects import ReadingErrors, place_of, require_visible_load
@@ -83,7 +83,8 @@ def diagnose(
         arm: The arm, where there is no model.
         known_payload: Mass that a link carries, kg: the payload found is compared with it.
         payload_at: ``LINK[:X,Y,Z]``, m: a load is there (:func:`effects.place_of`); its mass is
-            reported whatever it is.
+            reported whatever it is. Where a load at another place explains the recordings clearly
+            better, that is said, and the findings are with that one.
 
     Returns:
         Findings, gains on held-out blocks, and the extended model.
@@ -98,9 +99,14 @@ def diagnose(
     say = progress or silent
     say("reading")
     problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
-    posterior = infer(problem.loaded, say)
+    posterior, elsewhere = infer(problem.loaded, say), None
+    if payload_at is not None:
+        elsewhere = with_load_elsewhere(posterior, problem.loaded, say)
+    posterior = elsewhere or posterior
     say("measuring gains on held-out blocks")
     diagnosis = report(posterior, problem.faults, known_payload, problem.errors)
+    if elsewhere is not None:
+        diagnosis = replace(diagnosis, misplaced=str(payload_at))
     shown = simulated and reference is None
     if not shown or not any(each.in_model and each.of_arm for each in diagnosis.findings):
         return diagnosis

@@ -30,6 +30,7 @@ from dvrk_gravity.report.findings import (
     SEPARATE,
     detectable_table,
     effect_title,
+    misplaced_load,
     model_verdict,
     parameter_rows,
     size_of,
@@ -69,6 +70,9 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         f"samples compared; {diagnosis.held_out} of them held out of fit and model selection; all "
         "errors and gains below are of those."
     )
+    if diagnosis.misplaced:
+        said = misplaced_load(diagnosis.misplaced)
+        facts = f"{said[0].upper()}{said[1:]}. {facts}"
     if own := model_verdict(diagnosis.model_verdict):
         facts += f" {own[0].upper()}{own[1:]}."
     level = worst_of(remark.level for remark in _remarks(diagnosis.findings)) or "good"

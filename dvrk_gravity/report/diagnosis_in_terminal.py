@@ -18,6 +18,7 @@ from dvrk_gravity.report.findings import (
     detectable_line,
     detectable_table,
     exact_model,
+    misplaced_load,
     model_verdict,
     size_of,
 )
@@ -39,6 +40,8 @@ def diagnosis_text(
     why = contradiction(diagnosis.warnings)
     if why:
         yield laid_out(why, width)
+    if diagnosis.misplaced:
+        yield laid_out(misplaced_load(diagnosis.misplaced), width)
     if diagnosis.exact:
         yield laid_out(exact_model(diagnosis.exact), width)
     if diagnosis.model_verdict:

@@ -25,6 +25,14 @@ DETECTABLE = (
 BETWEEN = "differences from the reference within day-to-day variation"
 
 
+def misplaced_load(place: str) -> str:
+    """Return that a load does not fit where it is stated to be."""
+    return (
+        f"no load fits at its stated place, {place}: what follows is with a load that may be "
+        "anywhere"
+    )
+
+
 def effect_title(effect: str) -> str:
     """Return the readable name of an effect."""
     return effects.named(effect).title()

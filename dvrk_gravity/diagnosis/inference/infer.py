@@ -115,6 +115,35 @@ def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
     return _confirmed(search)
 
 
+def with_load_elsewhere(
+    posterior: Posterior, loaded: Loaded, say: Callable[[str], None] = silent
+) -> Posterior | None:
+    """Return what explains a motion whose load is not where it is stated to be.
+
+    A stated place that is wrong leaves the load's torque to other causes, which are certain: so a
+    load anywhere is tried where one at that place is not significant, or not alone.
+
+    Args:
+        posterior: What explains it with a load at that place.
+        loaded: The motion, with a place that is stated.
+        say: Called with one line at every step.
+
+    Returns:
+        ``None`` where the stated place explains it as well.
+    """
+    if not posterior.stated and len(posterior.selected) == 1:
+        return None
+    say("comparing with a load at another place")
+    anywhere = infer(replace(loaded, motion=replace(loaded.motion, payload_at=None)), say)
+    named = [effect.trial.candidate for effect in anywhere.selected]
+    if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
+        return None
+    stated = [effect.trial.candidate for effect in posterior.selected]
+    gain = anywhere.validation.score(named).likelihood
+    gain -= posterior.validation.score(stated).likelihood
+    return anywhere if gain > _FREE_GAIN else None
+
+
 @dataclass(frozen=True, eq=False)
 class _Search:
     """What was selected, before it is linearised at the fit."""

@@ -90,6 +90,7 @@ class Diagnosis(Tabular):
         outside: Where joints are outside the identified range, one sentence each.
         of_file: The model is what an arm's own file states.
         exact: Why the model counts as exact; ``""`` if it states its uncertainty.
+        misplaced: Where a load was stated to be, and does not fit; ``""``: it fits, or none was.
         contest: What a plan may separate: the pairs of causes that this data cannot; ``None``: no
             such pair was looked for.
         files: Where it is written.
@@ -121,6 +122,7 @@ class Diagnosis(Tabular):
     detectable: tuple[Detectable, ...] = ()
     cannot_judge: tuple[str, ...] = ()
     model_verdict: str = ""
+    misplaced: str = ""
     files: Files = field(default_factory=Files)
 
     def __repr__(self) -> str:
@@ -225,6 +227,7 @@ class Diagnosis(Tabular):
             "format": 2,
             "verdict": self.verdict,
             "model_verdict": self.model_verdict or None,
+            "misplaced_payload": self.misplaced or None,
             "cannot_judge": list(self.cannot_judge),
             "findings": [
                 {
