@@ -64,6 +64,7 @@ def ripple_share(size):
 STILL = np.linspace(0.1, 0.101, 6000)
 ODD = np.arange(6000) % 2
 STATIC = replace(CLEAN, time=None, velocity=None)
+SLOWLY = np.arange(6000) // 20 * 20
 CLIP = 0.005
 
 FAULTS = [
@@ -71,6 +72,10 @@ FAULTS = [
     ("repeated_stamps", None, replace(CLEAN, repeated=4), {"samples": 4}, CLEAN),
     ("stale_samples", None, held(CLEAN, [*range(100, 5900, 50), 200 + 1, 200 + 2]),
      {"samples": 118, "longest": 3}, held(CLEAN, [100, 200])),
+    ("held_readings", None, replace(CLEAN, effort=CLEAN.effort[SLOWLY]),
+     {"renewals_hz": 10.0, "hold_s": 0.1}, column(CLEAN, "effort", "outer_yaw", steps(5e-3))),
+    ("held_readings", None, replace(held(CLEAN, np.flatnonzero(np.arange(6000) % 20)), effort=None),
+     {"renewals_hz": 10.0}, replace(CLEAN, position=steps(1e-3)(0.1 * CLEAN.position))),
     ("read_jitter", None, jittered(CLEAN, 2e-3), {"jitter_s": 2e-3}, jittered(CLEAN, 5e-4)),
     ("read_jitter", None, with_gap(jittered(CLEAN, 2e-3)), {"jitter_s": 2e-3}, with_gap(CLEAN)),
     ("time_jitter", None, replace(CLEAN, time=CLEAN.time + 5e-4 * ODD), {"jitter_s": 5e-4},
@@ -130,7 +135,14 @@ FAULTS = [
     ("time_unit", None, replace(CLEAN, time=1000 * CLEAN.time, velocity=None), {"interval": 5.0},
      replace(CLEAN, time=20 * CLEAN.time, velocity=None)),
 ]  # fmt: skip
-UNUSABLE = {"nothing_moves", "position_unit", "effort_unit", "time_unit", "position_jump"}
+UNUSABLE = {
+    "held_readings",
+    "nothing_moves",
+    "position_unit",
+    "effort_unit",
+    "time_unit",
+    "position_jump",
+}
 
 
 @pytest.mark.parametrize(("kind", "joint", "faulty", "numbers", "faultless"), FAULTS)

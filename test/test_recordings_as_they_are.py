@@ -105,6 +105,97 @@ def test_of_the_topics_in_a_bag_the_arm_s_is_read_and_named(tmp_path):
         Recording.load(tmp_path / "psms", arm="psm")
 
 
+def test_the_topic_whose_joints_move_is_named_where_those_that_were_read_stand_still(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        for k in range(400):
+            at, data = joint_state(k, position=[0.1] * 7)
+            bag.write("/arm/joint_states", JOINT_STATE, data, at)
+            bag.write("/arm/feedback", JOINT_STATE, joint_state(k, ("a", "b"))[1], at)
+    (note,) = Recording.load(tmp_path / "bag", arm=ARM).notes
+    assert note.text.endswith("move (a, b): --topic /arm/feedback")
+    found = Recording.load(tmp_path / "bag", arm=ARM)
+    assert "--topic /arm/feedback" in next(w.text for w in check(found) if w.unusable)
+
+
+def test_a_topic_without_messages_is_refused_with_those_that_there_are_and_the_qos(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/joint_states", JOINT_STATE)
+        bag.write("/other", "std_msgs/msg/Empty", b"\0\1\0\0", START)
+    with pytest.raises(RecordingError, match=r"/joint_states 0, /other 1;.*--qos-profile.*best"):
+        Recording.load(tmp_path / "bag", arm=ARM)
+
+
+# Names
+
+
+def test_a_common_prefix_of_joints_is_recognised_and_any_other_name_can_be_mapped(tmp_path):
+    prefixed = replace(CLEAN, joints=tuple(f"arm_{name}" for name in JOINT_NAMES), arm=None)
+    for path in (tmp_path / "a.csv", tmp_path / "bag"):
+        prefixed.save(path)
+        found = Recording.load(path, arm=ARM)
+        assert found.joints == prefixed.of(ARM).joints == JOINT_NAMES
+        np.testing.assert_allclose(found.effort, CLEAN.effort)
+        assert [note.kind for note in found.notes] == ["columns"]
+        given = ",".join(f"arm_{name}=b_{name}" for name in JOINT_NAMES)
+        assert Recording.load(path, columns=given).joints[0] == "b_outer_yaw"
+    odd = replace(CLEAN, joints=tuple("ABCDEFG"), arm=None)
+    both = messages(prefixed) + messages(CLEAN, names=[f"left_{name}" for name in JOINT_NAMES])
+    write_messages(tmp_path / "both", sorted(both))
+    odd.save(tmp_path / "odd.csv")
+    for path, name in ((tmp_path / "both", "arm_outer_yaw"), (tmp_path / "odd.csv", "A")):
+        with pytest.raises(RecordingError, match=f"outer_yaw.*--columns '{name}=<joint>"):
+            Recording.load(path, arm=ARM)
+    mapped = dict(zip("ABCDEFG", JOINT_NAMES, strict=True))
+    same(Recording.load(tmp_path / "odd.csv", arm=ARM, columns=mapped), CLEAN)
+
+
+# Publishers
+
+
+def second(rate, seconds=0.0, old=0.0, names=None, **columns):
+    """Return messages of another node at a rate, with positions some seconds old."""
+    at = np.arange(0.0221, 5.9, 1.0 / rate)
+    rows = np.round((at - old) * 200.0).astype(int)
+    given = replace(CLEAN, time=None).rows(rows)
+    stamps = START + np.round((at + seconds) * 1e9).astype(np.int64)
+    return messages(replace(given, time=at), stamps, names, **columns)
+
+
+@pytest.mark.parametrize("other", [
+    second(190, effort=np.zeros((1200, 7))), second(20, effort=np.zeros((1200, 7))),
+    second(100, velocity=np.zeros((1200, 7))), second(100, velocity=None, effort=None),
+    second(400, effort=None), second(20, old=0.01), second(187, old=0.005),
+    second(200, seconds=-47.7), second(30, seconds=1.5),
+    second(130, names=JOINT_NAMES[::-1]),
+])  # fmt: skip
+def test_the_messages_of_a_second_publisher_are_left_out_and_counted(tmp_path, other):
+    found = loaded(tmp_path, sorted(messages(CLEAN) + other))
+    np.testing.assert_array_equal(found.effort, CLEAN.effort)
+    np.testing.assert_array_equal(found.position, CLEAN.position)
+    assert sum(note.count for note in found.notes) == len(other)
+    assert {note.kind for note in found.notes} <= {"second_publisher", "other_messages"}
+
+
+def test_late_messages_pairs_and_jitter_are_one_publisher_s(tmp_path):
+    rng = np.random.default_rng(0)
+    late = [(at + 12_000_000 * int(rng.random() < 0.1), data) for at, data in messages(CLEAN)]
+    pairs = [(at - 5_000_000 * (k % 2), data) for k, (at, data) in enumerate(messages(CLEAN))]
+    jitter = START + np.round(1e9 * CLEAN.time + 1e6 * rng.normal(size=1200)).astype(np.int64)
+    for number, sent in enumerate((sorted(late), sorted(pairs), messages(CLEAN, stamps=jitter))):
+        write_messages(tmp_path / f"{number}", sent)
+        for base in ("stamp", "receive"):
+            found = Recording.load(tmp_path / f"{number}", arm=ARM, time_base=base)
+            assert "second_publisher" not in {note.kind for note in found.notes}
+
+
+def test_efforts_that_are_renewed_more_slowly_are_interpolated_between_their_renewals(tmp_path):
+    held = replace(CLEAN, effort=CLEAN.effort[np.arange(1200) // 4 * 4])
+    for found in files_of(held, tmp_path):
+        assert [note.kind for note in found.notes] == ["held_readings"]
+        np.testing.assert_array_equal(found.effort[::4], CLEAN.effort[::4])
+        assert np.abs(found.effort - CLEAN.effort)[:-3].max() < 5e-4  # of 2e-3
+
+
 # Times
 
 

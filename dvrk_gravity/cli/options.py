@@ -129,8 +129,9 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--columns", metavar="NAME=TARGET,...",
-        help="meaning of CSV columns, if not recognised: t=time[ms],q1=elbow.position[deg]; "
-        "or a .yaml file with NAME: TARGET",
+        help="meaning of CSV columns, if not recognised: t=time[ms],q1=elbow.position[deg]; joints "
+        "of other names than the arm's, in bags, too: ur_elbow=elbow; or a .yaml file with "
+        "NAME: TARGET",
     )  # fmt: skip
 
 

@@ -10,7 +10,6 @@ from .cdr import STAMP as STAMP
 from .cdr import CdrError as CdrError
 from .cdr import JointStateLayout as JointStateLayout
 from .cdr import encode_joint_state as encode_joint_state
-from .checks import STILL as STILL
 from .checks import check as check
 from .checks import check_counts as check_counts
 from .data_warning import DataWarning as DataWarning
@@ -29,6 +28,7 @@ from .filters import lowpass as lowpass
 from .filters import white_density as white_density
 from .joint_states import JointStateSample as JointStateSample
 from .joint_states import read_joint_states as read_joint_states
+from .limits import STILL as STILL
 from .limits import jumps as jumps
 from .piecewise import Excerpt as Excerpt
 from .piecewise import excerpt as excerpt

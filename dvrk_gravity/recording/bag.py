@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import cache
 from itertools import islice
@@ -26,6 +26,7 @@ from dvrk_gravity.recording.bag_file import (
 )
 from dvrk_gravity.recording.cdr import CdrError, from_ros1
 from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.joint_names import fits
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 # Of rosbag2; a ROS 1 bag, and one whose recorder was killed.
@@ -194,7 +195,7 @@ class BagReader:
         return target
 
     def joint_state_topic(
-        self, topic: str | None = None, arm: str = "", joints: Collection[str] = ()
+        self, topic: str | None = None, arm: str = "", joints: Sequence[str] = ()
     ) -> str:
         """Return the JointState topic: the named one, the only one, or that of an arm's readings.
 
@@ -226,7 +227,7 @@ class BagReader:
             return among[0]
         named = [name for name in among if arm and _is_under(name, arm)]
         if len(named) != 1 and joints:
-            named = [name for name in named or among if set(joints) & self._names(name)]
+            named = [name for name in named or among if fits(self._names(name), joints)]
         if len(named) != 1:
             raise RecordingError(
                 self.path,

@@ -8,10 +8,11 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
-from dvrk_gravity.recording.limits import beyond_the_arm, declaring, jumps, position_unit
+from dvrk_gravity.recording.limits import STILL, beyond_the_arm, declaring, jumps, position_unit
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.signal_checks import (
     driven_motors,
+    held,
     quantisation,
     ripple,
     sampling,
@@ -22,9 +23,6 @@ from dvrk_gravity.recording.unread import frozen
 from dvrk_gravity.recording.velocity import common_factor, compare_velocity
 
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
-# Way below which a joint did not move, rad (2 mm where it slides). Chosen: about 1 deg, more than a
-# servo that holds moves by.
-STILL = 0.02
 _JITTER = 0.05  # standard deviation of the intervals, as a part of their median. Chosen
 # Hz, between which robots are recorded: stamps that are not in seconds are known by it. Chosen
 # wider than any console's rate.
@@ -45,7 +43,7 @@ def check(
     if any(finding.kind in UNITS for finding in signals):
         return signals
     counts = check_counts(len(recording), recording.found)
-    motion = check_motion(recording, np.ptp(recording.position, axis=0))
+    motion = check_motion(recording, np.ptp(recording.position, axis=0), recording.notes)
     return in_order([*counts, *motion, *signals])
 
 
@@ -67,7 +65,12 @@ def check_signals(
         found = jumps(recording)
         if found:
             return (*findings, *found)
-        findings += [*sampling(recording), *ripple(recording), *_velocity(recording)]
+        findings += [
+            *held(recording),
+            *sampling(recording),
+            *ripple(recording),
+            *_velocity(recording),
+        ]
         findings += [*driven_motors(recording), *frozen(recording)]
     findings += [*saturation(recording, effort_limits or {}), *quantisation(recording)]
     return tuple(findings)
@@ -80,13 +83,16 @@ def check_counts(samples: int, notes: Iterable[Note]) -> list[DataWarning]:
     return [note.warning(total) for note in notes]
 
 
-def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
-    """Return findings about joints that do not move; ``ranges`` (n,) rad or m."""
+def check_motion(
+    recording: Recording, ranges: Array, notes: Iterable[Note] = ()
+) -> list[DataWarning]:
+    """Return findings about joints that do not move; ``ranges`` (n,) rad or m, reader's notes."""
     still = ranges < STILL * recording.scale
     if np.all(still):
         furthest = recording.joints[int(np.argmax(ranges))]
         unit = position_unit(recording, furthest)
         text = f"no joint moves by more than {ranges.max():.2g} {unit}"
+        text += "".join(f"; {note.text}" for note in notes if note.kind == "moving_topic")
         numbers = {f"range_{unit}": float(ranges.max())}
         return [DataWarning("nothing_moves", None, numbers, text, unusable=True)]
     findings = []

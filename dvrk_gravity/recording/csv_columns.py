@@ -6,10 +6,11 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
@@ -175,20 +176,38 @@ def _of_joint(text: str, known: Collection[str]) -> tuple[ColumnName, str] | Non
     return None
 
 
-def read_columns(given: Columns | None) -> dict[str, str]:
-    """Return the targets of a user's mapping of columns, by the columns' names.
+class Mapped(NamedTuple):
+    """What a user maps: targets by the names of columns, and joints by their recorded names."""
+
+    columns: dict[str, str]
+    joints: dict[str, str]
+
+    def of_bag(self, arm: Arm | None) -> Mapping[str, str]:
+        """Return the joints; raise ``ConfigError`` for columns, or joints that are not an arm's."""
+        for name, target in self.columns.items():
+            raise ConfigError("--columns", f"{name}={target}", "NAME=<joint> for a bag")
+        for name, joint in self.joints.items():
+            if arm is not None and joint not in arm.joint_names:
+                known = ", ".join(arm.joint_names)
+                raise ConfigError("--columns", f"{name}={joint}", f"a joint of {arm.name}: {known}")
+        return self.joints
+
+
+def read_columns(given: Columns | None) -> Mapped:
+    """Return a user's mapping of columns and joints.
 
     Args:
         given: ``NAME=TARGET,…``, the path of a YAML file with ``NAME: TARGET``, or such a mapping.
             A target is ``time``, ``direction`` or ``<joint>.position``, ``.velocity``, ``.effort``,
             followed by its unit where it is not the SI one: ``time[ms]``, ``elbow.position[deg]``.
-            Columns of a file without a header are called 1, 2, 3, ….
+            Columns of a file without a header are called 1, 2, 3, …. Or it is a joint alone, which
+            is recorded under the name, in a bag, too.
 
     Raises:
         ConfigError: Something else.
     """
     if given is None:
-        return {}
+        return Mapped({}, {})
     text = str(given)
     expected = "NAME=time,NAME=<joint>.position,… or a .yaml file with NAME: <joint>.position"
     if isinstance(given, Mapping):
@@ -202,11 +221,18 @@ def read_columns(given: Columns | None) -> dict[str, str]:
         if not entries or not all(equals for _, equals, _ in entries):
             raise ConfigError("--columns", text, expected)
         found = {name.strip(): target.strip() for name, _, target in entries}
-    for name, target in found.items():
-        column = recognised(str(target).strip())
-        if column is None or column.quantity not in ("time", *OF_READINGS) or column.number >= 0:
+    result = Mapped({}, {})
+    for name, target in ((str(name), str(target).strip()) for name, target in found.items()):
+        column = recognised(target)
+        if column is None or column.number >= 0:
+            if not re.fullmatch(r"[^\s.\[\]()]+", target):
+                raise ConfigError("--columns", f"{name}={target}", f"a target: {EXPECTED}")
+            result.joints[name] = target
+        elif column.quantity in ("time", *OF_READINGS):
+            result.columns[name] = target
+        else:
             raise ConfigError("--columns", f"{name}={target}", f"a target: {EXPECTED}")
-    return {str(name): str(target).strip() for name, target in found.items()}
+    return result
 
 
 @dataclass(frozen=True)

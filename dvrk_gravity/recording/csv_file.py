@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError, printable
-from dvrk_gravity.recording.csv_columns import WAY_OUT, Columns, Header, read_columns
+from dvrk_gravity.recording.csv_columns import WAY_OUT, Columns, Header, Mapped, read_columns
 from dvrk_gravity.recording.csv_header import HeaderReader
 from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.publishers import one_publisher
 from dvrk_gravity.recording.samples import CHUNK, LARGEST, Coordinates, Samples, TimeBase
 from dvrk_gravity.recording.table import Assembly, RowTable
 
@@ -64,7 +65,7 @@ def iterate_csv(
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
             reader = RowReader(source, file, arm, given, time_base)
-            yield from assembly.samples(reader.tables(chunk))
+            yield from assembly.samples(one_publisher(reader.tables(chunk)))
     except UnicodeDecodeError as error:
         raise RecordingError(source, "is not a text file, expected CSV") from error
     except OSError as error:
@@ -78,7 +79,7 @@ class RowReader:
     source: str
     file: TextIO
     arm: Arm | None
-    given: Mapping[str, str]
+    given: Mapped
     time_base: TimeBase = "stamp"
     _delimiter: str = ","
     _read: int = 0
@@ -183,8 +184,8 @@ class RowReader:
         cells = [cell.strip() for cell in self._cells(first)]
         where = f"{self.source}: line {number}"
         names = _echoed(cells)
-        if names is None or self.given:
-            if not self.given:
+        if names is None or self.given.columns:
+            if not self.given.columns:
                 raise RecordingError(
                     where, "has no header, expected names of columns; or --columns "
                     "'1=time,2=<joint>.position,…' by their numbers"

@@ -17,11 +17,13 @@ from dvrk_gravity.recording.csv_columns import (
     WAY_OUT,
     ColumnName,
     Header,
+    Mapped,
     Quantity,
     TimeColumns,
     recognised,
 )
 from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.joint_names import arm_names, renaming
 from dvrk_gravity.recording.samples import QUANTITIES, TimeBase, check_joints
 
 _SHOWN = 8  # names of columns in one line
@@ -36,7 +38,7 @@ class HeaderReader:
     Attributes:
         where: File and line, for errors.
         arm: Whose joints are read; ``None``: those that the header names.
-        given: Targets of columns that a user has mapped.
+        mapped: Columns and joints that a user has mapped.
         time_base: Which of two times is read, where there are two.
         names: Of the columns.
         first: Cells of the first row.
@@ -44,7 +46,7 @@ class HeaderReader:
 
     where: str
     arm: Arm | None
-    given: Mapping[str, str]
+    mapped: Mapped
     time_base: TimeBase
     names: Sequence[str]
     first: Sequence[str]
@@ -52,6 +54,11 @@ class HeaderReader:
     @property
     def _known(self) -> tuple[str, ...]:
         return self.arm.joint_names if self.arm else ()
+
+    @property
+    def given(self) -> Mapping[str, str]:
+        """Targets of columns that a user has mapped."""
+        return self.mapped.columns
 
     def _error(self, problem: str) -> RecordingError:
         return RecordingError(self.where, problem)
@@ -93,12 +100,23 @@ class HeaderReader:
                 same.append((first[name], at))
                 continue
             first[name] = at
-            column = recognised(self.given.get(name, name), self._known)
+            column = recognised(self.given.get(name, name), (*self._known, *self.mapped.joints))
             if column is not None and not (
                 self.given and name not in self.given and self._taken(column)
             ):
                 found[at] = replace(column, native=True) if name in self.given else column
-        return found, tuple(pair for pair in same if pair[0] in found)
+        return self._renamed(found), tuple(pair for pair in same if pair[0] in found)
+
+    def _renamed(self, columns: dict[int, ColumnName]) -> dict[int, ColumnName]:
+        """Return columns with the arm's names of their joints."""
+        joints = {column.joint for column in columns.values() if column.joint}
+        names = self.mapped.joints or arm_names(joints, self._known)
+        return {
+            at: replace(column, joint=names[column.joint], native=False)
+            if column.joint in names
+            else column
+            for at, column in columns.items()
+        }
 
     def _taken(self, column: ColumnName) -> bool:
         """Return whether ``--columns`` maps another column to the same quantity and joint."""
@@ -215,8 +233,10 @@ class HeaderReader:
 
     def _unknown(self, at: int) -> RecordingError:
         known = f", joints: {', '.join(self._known)}" if self._known else ""
+        column = recognised(self.names[at])
+        way_out = renaming(column.joint) if column and column.joint and known else WAY_OUT
         return self._error(
-            f"column {at + 1} is {self.names[at][:40]!r}, expected {EXPECTED}{known}{WAY_OUT}",
+            f"column {at + 1} is {self.names[at][:40]!r}, expected {EXPECTED}{known}{way_out}",
         )
 
     def _time(

@@ -12,6 +12,7 @@ from dvrk_gravity.errors import RecordingError, printable
 
 Kind = Literal[
     "invalid_stamps", "repeated_stamps", "stamps_back", "unreadable", "other_messages",
+    "second_publisher", "held_readings", "moving_topic",
     "not_finite", "impossible_readings", "cut_off", "not_recorded", "wrapped", "topic", "columns",
     "duplicate_samples", "stale_samples", "read_jitter", "time_jitter", "gaps", "samples_discarded",
     "velocity_mismatch", "velocity_factor", "wrong_clock", "effort_ripple", "effort_saturation",

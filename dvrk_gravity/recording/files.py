@@ -14,6 +14,7 @@ from dvrk_gravity.recording.bag import SUFFIXES, is_bag
 from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.csv_file import iterate_csv
 from dvrk_gravity.recording.joint_states import iterate_bag
+from dvrk_gravity.recording.renewal import renewed
 from dvrk_gravity.recording.repair import repaired
 from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples, TimeBase, converted
 from dvrk_gravity.validation import path_of
@@ -55,14 +56,15 @@ def read(path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]) -
     if not text_file.is_file(path):
         raise RecordingError(path, "is a pipe or device, expected a file or a folder")
     if is_bag(path):
-        parts = iterate_bag(path, options.get("topic"), coordinates, time_base, chunk, arm)
+        topic = options.get("topic")
+        parts = iterate_bag(path, topic, coordinates, time_base, chunk, arm, columns)
     elif path.suffix.lower() in CSV_SUFFIXES:
         parts = iterate_csv(path, coordinates, chunk, arm, columns, time_base)
     else:
         raise RecordingError(
             path, f"expected a .csv file, a rosbag2 folder, or a {', '.join(SUFFIXES)} file"
         )
-    return repaired(_in_torque(parts, arm))
+    return renewed(repaired(_in_torque(parts, arm)))
 
 
 def _in_torque(parts: Iterator[Samples], arm: Arm | None) -> Iterator[Samples]:

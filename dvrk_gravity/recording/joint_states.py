@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,11 +14,16 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.bag import BagReader
+from dvrk_gravity.recording.bag import JOINT_STATE, BagReader
 from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
+from dvrk_gravity.recording.csv_columns import Columns, read_columns
 from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.joint_names import arm_names, fits, note_on, renaming
+from dvrk_gravity.recording.limits import STILL
+from dvrk_gravity.recording.publishers import one_publisher
 from dvrk_gravity.recording.samples import (
     CHUNK,
+    LARGEST,
     QUANTITIES,
     Coordinates,
     Samples,
@@ -31,6 +36,8 @@ from dvrk_gravity.recording.table import Assembly, RowTable
 SHARED_LAYOUTS = 8
 # Bytes of messages decoded at a time: so many JointStates of 7 joints have a tenth.
 _PART_BYTES = 16_000_000
+# Part of the first messages that must have efforts to be preferred. Chosen: less is too little.
+_FEW = 0.02
 NO_STAMP = bytes(8)  # of data that the dVRK marks as invalid, and of drivers that never stamp
 
 
@@ -52,6 +59,7 @@ class _Batch(NamedTuple):
     names: tuple[str, ...]
     stamps: NDArray[np.int64]
     values: tuple[Array, ...]
+    layout: bytes  # all that is neither stamp nor number
 
 
 _Sent = tuple[_Batch, tuple[str, ...], tuple[str, ...]]  # with its joints and its quantities
@@ -75,7 +83,8 @@ def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
             match = np.arange(len(pending)) == 0
         index = pending[match]
         stamps, values = layout.decode([raws[i] for i in index])
-        batches.append(_Batch(index, layout.names, stamps, values))
+        constant = layout.template[layout.constant].tobytes()
+        batches.append(_Batch(index, layout.names, stamps, values, constant))
         pending = pending[~match]
     return batches, wrong
 
@@ -128,16 +137,19 @@ def iterate_bag(
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
     arm: Arm | None = None,
+    columns: Columns | None = None,
 ) -> Iterator[Samples]:
     """Yield a bag's JointStates as samples, about ``chunk`` at a time.
 
-    Joints are matched by name, in any order; names that are not the arm's (a gripper) are left
-    out. Without an arm, they are those of most of the first messages. Times are relative to the
-    first sample. Messages are left out and counted with stamp 0 (``invalid``), with the time of
-    the message before (``repeated``), or for a reason in ``notes``.
+    Joints are matched by name, in any order, or as ``columns`` maps them (``read_columns``); names
+    that are not the arm's (a gripper) are left out. Without an arm, they are those of most of the
+    first messages. Times are relative to the first sample. Messages are left out and counted with
+    stamp 0 (``invalid``), with the time of the message before (``repeated``), or for a reason in
+    ``notes``.
 
     Raises:
         RecordingError: If nothing of the bag can be read, or its times cannot be used.
+        ConfigError: ``columns`` that map no joints.
     """
     path = Path(path)
     way_out = "; or --time-base receive: the times at which the bag received them"
@@ -145,13 +157,14 @@ def iterate_bag(
         str(path), f"{time_base} of message", coordinates, arm,
         way_out if time_base == "stamp" else "",
     )  # fmt: skip
-    return assembly.samples(_tables(path, topic, time_base, chunk, arm))
+    messages = _Messages(str(path), arm, read_columns(columns).of_bag(arm))
+    return assembly.samples(one_publisher(_tables(path, topic, time_base, chunk, messages)))
 
 
 def _tables(
-    path: Path, topic: str | None, time_base: TimeBase, chunk: int, arm: Arm | None
+    path: Path, topic: str | None, time_base: TimeBase, chunk: int, messages_of: _Messages
 ) -> Iterator[RowTable]:
-    messages_of = _Messages(str(path), arm)
+    arm, moves = messages_of.arm, _Moves()
     first, invalid, table = 0, 0, None
     with BagReader(path) as bag:
         joints = arm.joint_names if arm else ()
@@ -165,31 +178,40 @@ def _tables(
             first += len(part)
             valid = read.used & ((read.stamps != 0) | (not stamped))
             left_out = int(read.used.sum()) - int(valid.sum())
-            stamps = read.stamps
-            if time_base == "receive":
-                stamps = np.array([receive_ns for _, receive_ns, _ in part], np.int64)
+            received = np.array([receive_ns for _, receive_ns, _ in part], np.int64)
+            stamps = received if time_base == "receive" else read.stamps
             numbers = np.arange(first - len(part), first)
             part.clear()  # its memory serves the next read
             if not messages_of.joints:
                 invalid += left_out
                 continue
-            table = RowTable(messages_of.joints, stamps, numbers, read.values, 0, read.notes)
+            moves.add(messages_of.joints, read.values["position"][valid])
+            table = RowTable(
+                messages_of.joints, stamps, numbers, read.values, 0, read.notes, received,
+                read.other_layout,
+            )  # fmt: skip
             yield replace(table.rows(valid), invalid=invalid + left_out)
             invalid, table = 0, table.rows(np.arange(0))
             del read
-        found = tuple(bag.notes)
-    if table is None:
-        raise messages_of.nothing(first)
+        if table is None:
+            raise messages_of.nothing(first, bag, name)
+        found = (*bag.notes, *messages_of.notes)
+        if not moves.joints:
+            found += _moving_topic(bag, name, joints)
     yield replace(table, invalid=invalid, notes=found)
 
 
 class _Read(NamedTuple):
-    """Content of N messages: stamps (N,) ns, arrays (N, n), mask of the used ones, notes."""
+    """Content of N messages: stamps (N,) ns, arrays (N, n), notes, and masks.
+
+    Of the used messages, and of those with another layout than the file's first one.
+    """
 
     stamps: NDArray[np.int64]
     values: dict[str, Array]
     used: NDArray[np.bool_]
     notes: tuple[Note, ...]
+    other_layout: NDArray[np.bool_]
 
 
 class _Messages:
@@ -197,15 +219,20 @@ class _Messages:
 
     Attributes:
         joints: Known joints of the messages, in the arm's order; empty before the first of use.
+        notes: On joints that the messages name otherwise than the arm.
+        arm: The arm.
     """
 
-    def __init__(self, source: str, arm: Arm | None) -> None:
+    def __init__(self, source: str, arm: Arm | None, given: Mapping[str, str]) -> None:
         self.joints: tuple[str, ...] = ()
-        self._arm = arm
+        self.notes: tuple[Note, ...] = ()
+        self.arm = arm
+        self._names = dict(given)  # of joints that have others in the messages
         self._known = arm.joint_names if arm else ()
         self._source = source
         self._quantities: tuple[str, ...] = ()
         self._all: frozenset[str] = frozenset()  # names of the messages that are used
+        self._layout = b""  # of the first message that is used
         self._problem = ""
 
     def read(self, first: int, raws: list[bytes]) -> _Read:
@@ -216,15 +243,17 @@ class _Messages:
         """
         stamps = np.zeros(len(raws), np.int64)
         used = np.zeros(len(raws), dtype=bool)
+        other_layout = np.zeros(len(raws), dtype=bool)
         batches, wrong = _decode(raws)
         for index, why in wrong.items():
             self._problem = self._problem or f"message {first + index} is not a JointState: {why}"
         damaged, others = len(wrong), 0
+        batches = self._renamed(batches)
         found: list[_Sent] = []
         for batch in batches:
             sent = tuple(q for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1])
             joints = tuple(joint for joint in self._known or batch.names if joint in batch.names)
-            if why := _misfit(batch, joints, self._arm):
+            if why := _misfit(batch, joints, self.arm):
                 self._problem = self._problem or f"message {first + int(batch.indices[0])} {why}"
                 damaged += len(batch.indices) if joints else 0
                 others += 0 if joints else len(batch.indices)
@@ -244,23 +273,98 @@ class _Messages:
                     values[quantity][batch.indices] = numbers[:, columns]
             stamps[batch.indices] = batch.stamps
             used[batch.indices] = True
-        return _Read(stamps, values, used, _notes(damaged, others))
+            self._layout = self._layout or batch.layout
+            other_layout[batch.indices] = batch.layout != self._layout
+        return _Read(stamps, values, used, _notes(damaged, others), other_layout)
+
+    def _renamed(self, batches: list[_Batch]) -> list[_Batch]:
+        """Return messages with the arm's names of their joints."""
+        if not self.joints and not self._names:
+            self._names = arm_names({name for b in batches for name in b.names}, self._known)
+            self.notes = note_on(self._names)
+        if not self._names:
+            return batches
+        return [b._replace(names=tuple(self._names.get(n, n) for n in b.names)) for b in batches]
 
     def _choose(self, found: list[_Sent]) -> None:
-        """Choose the joints and fields that most of the first messages have."""
-        counts: Counter[tuple[frozenset[str], tuple[str, ...]]] = Counter()
+        """Choose the joints that most of the first messages have, and the fields, with efforts.
+
+        A second publisher may send the same joints without efforts, and more often.
+        """
+        joints_of: Counter[frozenset[str]] = Counter()
+        fields: Counter[tuple[frozenset[str], tuple[str, ...]]] = Counter()
         for batch, joints, sent in found:
-            counts[frozenset(joints), sent] += len(batch.indices)
-        (names, self._quantities), _ = counts.most_common(1)[0]
+            joints_of[frozenset(joints)] += len(batch.indices)
+            fields[frozenset(joints), sent] += len(batch.indices)
+        ((names, total),) = joints_of.most_common(1)
+        often = {sent: n for (joints, sent), n in fields.items()
+                 if joints == names and n > _FEW * total}  # fmt: skip
+        self._quantities = max(often, key=lambda sent: ("effort" in sent, often[sent]))
         batch, self.joints = next((b, j) for b, j, _ in found if frozenset(j) == names)
         self._all = names
-        check_joints(self._source, batch.names, self._arm)
+        check_joints(self._source, batch.names, self.arm)
 
-    def nothing(self, messages: int) -> RecordingError:
+    def nothing(self, messages: int, bag: BagReader, topic: str) -> RecordingError:
         """Return the error about a topic without a usable message."""
         if self._problem:
             return RecordingError(self._source, self._problem)
-        return RecordingError(self._source, "holds no JointState messages")
+        if messages:
+            return RecordingError(self._source, "holds no JointState messages")
+        counts = Counter(name for name, _, _ in bag.raw(*bag.topics))
+        there = ", ".join(f"{name} {counts[name]}" for name in bag.topics)
+        return RecordingError(
+            self._source,
+            f"holds no JointState messages: the recorder subscribed to {topic} and received none "
+            f"(nothing published, or with another QoS); messages by topic: {there}; record with "
+            f"`ros2 bag record {topic} --qos-profile-overrides-path qos.yaml`, qos.yaml: "
+            f"`{topic}: {{history: keep_last, depth: 100, reliability: best_effort, "
+            "durability: volatile}`",
+        )
+
+
+class _Moves:
+    """Notices which joints move in JointStates.
+
+    Attributes:
+        joints: Those that moved by more than ``STILL``.
+    """
+
+    def __init__(self) -> None:
+        self.joints: tuple[str, ...] = ()
+        self._range: dict[str, tuple[float, float]] = {}
+
+    def add(self, names: Sequence[str], position: Array) -> None:
+        """Look at (N, n) positions of n joints."""
+        for name, column in zip(names, position.T if len(position) else (), strict=False):
+            finite = column[np.abs(column) < LARGEST]
+            if name in self.joints or not len(finite):
+                continue
+            low, high = self._range.get(name, (np.inf, -np.inf))
+            low, high = min(low, float(finite.min())), max(high, float(finite.max()))
+            self._range[name] = low, high
+            if high - low > STILL:
+                self.joints += (name,)
+
+
+def _moving_topic(bag: BagReader, read: str, joints: Sequence[str]) -> tuple[Note, ...]:
+    """Return a note on another topic with joints that move, preferably the arm's."""
+    found: list[tuple[bool, str, tuple[str, ...]]] = []
+    for topic, kind in bag.topics.items():
+        if topic == read or kind != JOINT_STATE:
+            continue
+        moves = _Moves()
+        for part in _parts(bag.raw(topic), CHUNK):
+            for batch in _decode([data for _, _, data in part])[0]:
+                if batch.values[0].shape[1] == len(batch.names):
+                    moves.add(batch.names, batch.values[0])
+        if moves.joints:
+            found.append((not joints or fits(moves.joints, joints), topic, moves.joints))
+    if not found:
+        return ()
+    _, topic, moving = max(found, key=lambda each: each[0])
+    named = f"{', '.join(moving[:3])}{', …' if len(moving) > 3 else ''}"
+    text = f"the joints of {read} stand still, those of {topic} move ({named}): --topic {topic}"
+    return (Note("moving_topic", text),)
 
 
 def _misfit(batch: _Batch, joints: tuple[str, ...], arm: Arm | None) -> str:
@@ -271,7 +375,8 @@ def _misfit(batch: _Batch, joints: tuple[str, ...], arm: Arm | None) -> str:
         other = other_arm(arm.name, names) if arm else ""
         if arm and other:
             expected += f" (they are of arm {other}, not {arm.name}: --arm, --model)"
-        return f"names joints {', '.join(names)[:200] or '(none)'}, expected {expected}"
+        way_out = renaming(names[0]) if arm and names and not other else ""
+        return f"names joints {', '.join(names)[:200] or '(none)'}, expected {expected}{way_out}"
     for joint in joints:
         if names.count(joint) > 1:
             return f"names {joint} twice"
@@ -287,6 +392,6 @@ def _notes(damaged: int, others: int) -> tuple[Note, ...]:
     if damaged:
         found.append(Note("unreadable", "of messages that are no such JointStates", count=damaged))
     if others:
-        text = "of messages of other joints or fields than most"
+        text = "of messages of other joints or fields (another publisher)"
         found.append(Note("other_messages", text, count=others))
     return tuple(found)

@@ -10,6 +10,9 @@ from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.samples import Samples
 from dvrk_gravity.recording.timing import stale
 
+# Way below which a joint did not move, rad (2 mm where it slides). Chosen: about 1 deg, more than a
+# servo that holds moves by.
+STILL = 0.02
 # rad/s^2, by which a joint may be faster than a moment before. Chosen: it is at FASTEST in 25 ms,
 # within five samples at 200 Hz.
 _SUDDEN = 1000.0

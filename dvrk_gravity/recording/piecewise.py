@@ -9,8 +9,9 @@ from itertools import chain
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.recording.checks import STILL, check_counts, check_motion, check_signals, in_order
+from dvrk_gravity.recording.checks import check_counts, check_motion, check_signals, in_order
 from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, require_usable
+from dvrk_gravity.recording.limits import STILL
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import join
 from dvrk_gravity.recording.stream import RecordingFile, blocks
@@ -84,7 +85,7 @@ class Findings:
         ranges = np.array(self._ranges)
         whole = ranges[:, 1].max(axis=0) - ranges[:, 0].min(axis=0)
         samples = np.array(self._samples)
-        motion = check_motion(recording, whole)
+        motion = check_motion(recording, whole, self._notes)
         require_usable(recording.source, motion)
         moved = ranges[:, 1] - ranges[:, 0] > STILL * recording.scale
         found = [*check_counts(int(samples.sum()), self._notes), *motion]

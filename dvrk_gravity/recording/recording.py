@@ -15,6 +15,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 from dvrk_gravity.recording import files, writing
 from dvrk_gravity.recording.csv_columns import Columns
+from dvrk_gravity.recording.joint_names import arm_names, note_on
 from dvrk_gravity.recording.samples import (
     CHUNK,
     LARGEST,
@@ -236,6 +237,10 @@ class Recording(Samples):
         """
         if self.arm is arm:
             return self
+        names = {} if self.arm else arm_names(self.joints, arm.joint_names)
+        if names:
+            joints = tuple(names.get(joint, joint) for joint in self.joints)
+            return replace(self, joints=joints, notes=(*self.notes, *note_on(names))).of(arm)
         self.require_held(arm)
         without = not_recorded(self.effort)
         recorded = [

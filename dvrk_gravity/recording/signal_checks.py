@@ -12,6 +12,7 @@ from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.limits import effort_unit, position_unit
 from dvrk_gravity.recording.quantization import quantum, velocity_error
 from dvrk_gravity.recording.recording import Recording
+from dvrk_gravity.recording.renewal import LEAST_RATE, OWN, common, holds, in_words
 from dvrk_gravity.recording.timing import retimed, speed, split_at_gaps, stale
 
 # When signals are worse than they seem.
@@ -71,6 +72,27 @@ def sampling(recording: Recording) -> list[DataWarning]:
             + ("; corrected by matching positions and velocities" if corrected else "")
         )
         findings.append(DataWarning("read_jitter", None, numbers, text))
+    return findings
+
+
+def held(recording: Recording) -> list[DataWarning]:
+    """Return findings about positions and efforts that are renewed more slowly than recorded.
+
+    Below ``LEAST_RATE`` they cannot be used.
+    """
+    rate, findings = recording.rate or 0.0, []
+    for quantity, hold in holds(recording).items():
+        if hold is None:
+            continue
+        renewals = rate / hold.samples
+        unusable = renewals < LEAST_RATE
+        if not unusable and hold.samples < OWN * common(recording):
+            continue  # stale samples
+        text = f"{in_words(recording, quantity, hold)}, and late by half of that"
+        if unusable:
+            text += f"; expected {LEAST_RATE:g} Hz or more: record what the driver renews faster"
+        numbers = {"renewals_hz": renewals, "hold_s": hold.samples / rate}
+        findings.append(DataWarning("held_readings", None, numbers, text, unusable))
     return findings
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, compress
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,8 @@ class RowTable:
         values: ``(N, n)`` by quantity, ``direction`` among them.
         invalid: Rows that were left out because they carried stamp 0.
         notes: The reader's findings.
+        received: ``(N,)`` ns at which a bag received its messages; ``None``: not known.
+        other_layout: ``(N,)`` whether they are laid out otherwise than the file's first one.
     """
 
     joints: tuple[str, ...]
@@ -48,6 +51,8 @@ class RowTable:
     values: dict[str, Array]
     invalid: int = 0
     notes: tuple[Note, ...] = ()
+    received: NDArray[np.int64] | None = None
+    other_layout: Mask | None = None
 
     def __len__(self) -> int:
         """Return the number of rows N."""
@@ -55,9 +60,13 @@ class RowTable:
 
     def rows(self, selection: slice | Mask | NDArray[np.intp]) -> RowTable:
         """Return some rows; a slice gives views, which keep all rows in memory."""
-        stamps = None if self.stamps is None else self.stamps[selection]
+        names = ("stamps", "numbers", "received", "other_layout")
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in names}
+        some: dict[str, Any] = {
+            name: None if array is None else array[selection] for name, array in arrays.items()
+        }
         values = {name: array[selection] for name, array in self.values.items()}
-        return replace(self, stamps=stamps, numbers=self.numbers[selection], values=values)
+        return replace(self, values=values, **some)
 
     def after(self, other: RowTable | None) -> RowTable:
         """Return the rows of another table followed by these, with the findings about these."""

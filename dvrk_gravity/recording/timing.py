@@ -53,6 +53,15 @@ def speed(recording: Samples) -> Array:
     return derivative(LowPass(rate / 20.0, rate)(recording.position), rate)
 
 
+def moving(recording: Samples) -> NDArray[np.bool_]:
+    """Return (N, n) where a joint travels by more than two encoder steps a sample."""
+    rate = recording.rate
+    assert rate is not None
+    steps = np.array([2.0 * quantum(column) for column in recording.position.T])
+    travel = np.abs(speed(recording)) / rate
+    return np.asarray(travel > np.maximum(steps, TimingSettings().moving))
+
+
 def stale(recording: Samples) -> NDArray[np.bool_]:
     """Return the (N,) mask of samples that repeat the one before although the arm moves.
 
@@ -70,10 +79,7 @@ def stale(recording: Samples) -> NDArray[np.bool_]:
             same &= np.all(values[1:, own] == values[:-1, own], axis=1)
     if not same.any():
         return result
-    steps = np.array([2.0 * quantum(column) for column in recording.position.T])
-    travel = np.abs(speed(recording)) / rate
-    moving = np.any(travel > np.maximum(steps, TimingSettings().moving), axis=1)
-    result[1:] = same & moving[1:]
+    result[1:] = same & moving(recording)[1:].any(axis=1)
     return result
 
 
