@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 from types import TracebackType
 from typing import Any
 
-from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.errors import ConfigError, RecordingError, printable
 from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.recording import record_files, sqlite_file
 from dvrk_gravity.recording.bag_file import (
@@ -33,6 +33,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 ROSBAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 SUFFIXES = (*ROSBAG2_SUFFIXES, ".bag", ".bag.active")
 METADATA = "metadata.yaml"
+_COUNTS = "topics_with_message_count"  # its list of topics
 _KINDS: tuple[tuple[bytes, Callable[[Path, int], BagFile]], ...] = (
     (sqlite_file.MAGIC, sqlite_file.SqliteFile),
     (record_files.MCAP_MAGIC, record_files.McapFile),
@@ -78,6 +79,7 @@ class BagReader:
         self.topics: dict[str, str] = {}
         self.notes: list[Note] = []
         self._files: list[tuple[str, BagFile]] = []
+        self._described: dict[str, str] = {}  # topics that the metadata names
         self._stack = ExitStack()
 
     def __enter__(self) -> BagReader:
@@ -111,6 +113,8 @@ class BagReader:
                 encoded = channel.encoding in ("cdr", "ros1")
                 kind = channel.msgtype if encoded else f"{channel.msgtype} as {channel.encoding}"
                 self.topics[channel.topic] = kind
+        # An mcap file has no trace of a topic without messages.
+        self.topics = {**self._described, **self.topics}
         return self
 
     def __exit__(
@@ -144,7 +148,11 @@ class BagReader:
         try:
             content = yaml_file.load(metadata)["rosbag2_bagfile_information"]
             named = [PurePath(name).name for name in content["relative_file_paths"]]
-        except (ConfigError, KeyError, TypeError):
+            topics = [each["topic_metadata"] for each in content.get(_COUNTS) or ()]
+            self._described = {
+                printable(str(each["name"])): printable(str(each["type"])) for each in topics
+            }
+        except (ConfigError, KeyError, TypeError, AttributeError):
             return self._all(list(inside.values()), metadata.exists())
         for name in named:
             if name not in inside:

@@ -98,7 +98,7 @@ def recognised(text: str, known: Collection[str] = ()) -> ColumnName | None:
         of: Quantity = quantity  # type: ignore[assignment]
         name, prefix = (joint, "") if joint in known else (own, path)
         return ColumnName(
-            of, name, unit=unit, prefix=prefix, command=_commanded(path), native=not prefix
+            of, name, unit=unit, prefix=prefix, command=commanded(path), native=not prefix
         )
     time = _time(text)
     if time is not None:
@@ -107,7 +107,7 @@ def recognised(text: str, known: Collection[str] = ()) -> ColumnName | None:
     if column is None:
         return None
     made, prefix = column
-    command = _commanded(text.replace(made.joint, ""))
+    command = commanded(text.replace(made.joint, ""))
     return ColumnName(made.quantity, made.joint, made.number, unit, prefix, command=command)
 
 
@@ -125,7 +125,8 @@ def _without_unit(text: str) -> tuple[str, str]:
     return text[:begin].rstrip(), unit
 
 
-def _commanded(text: str) -> bool:
+def commanded(text: str) -> bool:
+    """Return whether a name is that of commands, which are no readings."""
     lower = text.lower()
     return any(word in lower for word in _COMMANDS)
 

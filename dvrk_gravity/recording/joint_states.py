@@ -16,7 +16,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import JOINT_STATE, BagReader
 from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
-from dvrk_gravity.recording.csv_columns import Columns, read_columns
+from dvrk_gravity.recording.csv_columns import Columns, commanded, read_columns
 from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.joint_names import arm_names, fits, note_on, renaming
 from dvrk_gravity.recording.limits import STILL
@@ -350,7 +350,7 @@ def _moving_topic(bag: BagReader, read: str, joints: Sequence[str]) -> tuple[Not
     """Return a note on another topic with joints that move, preferably the arm's."""
     found: list[tuple[bool, str, tuple[str, ...]]] = []
     for topic, kind in bag.topics.items():
-        if topic == read or kind != JOINT_STATE:
+        if topic == read or kind != JOINT_STATE or commanded(topic):
             continue
         moves = _Moves()
         for part in _parts(bag.raw(topic), CHUNK):

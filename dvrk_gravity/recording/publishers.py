@@ -38,7 +38,7 @@ _RESTS = (
 # By how many intervals, and widths of their own, the delays of two clocks differ. Chosen: more than
 # those of messages that are sent or received in batches.
 _CLOCK, _WIDTHS = 5.0, 10.0
-_SEQUENCE = 200  # messages from which on regular sequences are looked for. Chosen
+_SEQUENCE = 50  # messages from which on regular sequences are looked for. Chosen
 _OFF = 0.2  # of an interval, by which a regular one may be off. Chosen: jitter
 _ALONE = 0.97  # part of the intervals that are regular in a single sequence. Chosen likewise
 _MOSTLY = 0.8  # part of the intervals that are regular. Chosen: others are of lost messages
@@ -218,10 +218,10 @@ def _regular(time: Array) -> float:
 
 def _periods(time: Array) -> list[float]:
     """Return the shortest intervals, s, at which all or most of (N,) times have another one."""
-    few = time[:_SEQUENCE]
+    few = time[: 4 * _SEQUENCE]
     steps = np.concatenate([few[k:] - few[:-k] for k in range(1, 5)])
-    tried = np.unique(steps[steps > 0.0])
-    tried = tried[:: 1 + len(tried) // _SEQUENCE]
+    candidates = np.unique(steps[steps > 0.0])
+    candidates = candidates[:: 1 + len(candidates) // (4 * _SEQUENCE)]
 
     def followed(period: float) -> Array:
         after = np.searchsorted(few, few + period).clip(1, len(few) - 1)
@@ -229,10 +229,10 @@ def _periods(time: Array) -> list[float]:
         nearest = off[np.argmin(np.abs(off), axis=0), np.arange(len(few))]
         return nearest[np.abs(nearest) < 0.25 * _OFF * period]
 
-    if not len(tried):
+    if not len(candidates):
         return []
-    counts = np.array([len(followed(period)) for period in tried.tolist()])
-    found = [float(tried[np.argmax(counts > part * counts.max())]) for part in _AS_GOOD]
+    counts = np.array([len(followed(period)) for period in candidates.tolist()])
+    found = [float(candidates[np.argmax(counts > part * counts.max())]) for part in _AS_GOOD]
     return [period + float(np.median(followed(period))) for period in found]
 
 

@@ -35,6 +35,7 @@ _MOVES, _SPEED = 0.1, 0.02
 # Samples below which a hold may be a late read of any length, ten of which a clock makes as long as
 # their mean within a sample, in most cases. Chosen: of those of a real MTM half are.
 _SHORT, _TEN = 3.0, 0.7
+_TOGETHER = 0.95  # part of the joints that a renewal changes, of all together. Chosen: a few repeat
 _STEPS = 2.0  # of a quantised reading, that a renewal changes it by. Chosen likewise
 # Holds of a quantity in those of whole samples, beyond which it has its own. Chosen.
 OWN = 1.3
@@ -56,9 +57,10 @@ class Hold:
 def holds(recording: Samples) -> dict[str, Hold | None]:
     """Return by quantity what is held; ``None``: nothing, absent: too little motion to judge by.
 
-    Readings are held if they stay the same for a regular number of samples while their joint moves
-    and then change by more than their steps. Velocities are compared with positions instead, and
-    differentiated from these where they are late (``compare_velocity``).
+    Readings are held if they stay the same for several samples while their joint moves, then change
+    by more than their steps, and do so regularly or at all joints together. Velocities are compared
+    with positions instead, and differentiated from these where they are late
+    (``compare_velocity``).
     """
     if recording.time is None or len(recording) < _SAMPLES:
         return {}
@@ -73,7 +75,10 @@ def holds(recording: Samples) -> dict[str, Hold | None]:
             found[quantity] = None
             continue
         goes = moving(recording) if quantity == "position" else _fast(recording)
-        lengths = [_lengths(*each) for each in zip(values.T, changed.T, goes.T, strict=True)]
+        live = changed[:, counts > 1]
+        together = live.shape[1] > 1 and live[live.any(axis=1)].mean() > _TOGETHER
+        columns = zip(values.T, changed.T, goes.T, strict=True)
+        lengths = [_lengths(*column, together) for column in columns]
         known = np.array([length is not None for length in lengths])
         if not known.any():
             continue
@@ -93,8 +98,15 @@ def _fast(recording: Samples) -> Mask:
     return np.asarray(rough > np.maximum(_MOVES * typical, _SPEED * recording.scale))
 
 
-def _lengths(values: Array, changed: Mask, goes: Mask) -> float | None:
-    """Return the mean samples for which one joint's values are held; 0: none; ``None``: unknown."""
+def _lengths(values: Array, changed: Mask, goes: Mask, together: bool) -> float | None:
+    """Return the mean samples for which one joint's values are held; 0: none; ``None``: unknown.
+
+    Args:
+        values: (N,).
+        changed: (N,) where they are new.
+        goes: (N,) where the joint moves.
+        together: Whether those of all joints are new at once.
+    """
     rows = np.flatnonzero(changed)
     rests = np.append(0, np.cumsum(~goes))
     inside = rests[rows[1:]] == rests[rows[:-1]]
@@ -102,8 +114,8 @@ def _lengths(values: Array, changed: Mask, goes: Mask) -> float | None:
     if len(lengths) < _RENEWALS:
         return None
     mean = float(np.mean(lengths))
-    regular = np.mean(np.abs(lengths - mean) <= max(1.0, _VARIES * mean)) >= _MOSTLY
-    if mean < _SHORT:
+    regular = together or np.mean(np.abs(lengths - mean) <= max(1.0, _VARIES * mean)) >= _MOSTLY
+    if mean < _SHORT and not together:
         ten = np.convolve(lengths, np.ones(10), "valid")
         regular &= np.mean(np.abs(ten - 10.0 * mean) <= 1.0) >= _TEN
     steps = np.abs(values[rows[1:]] - values[rows[:-1]])
