@@ -18,7 +18,7 @@ OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip")
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
-	@echo "make calibrate-demo  from a simulated arm to a model with a certificate, three minutes (out/calibrate)"
+	@echo "make calibrate-demo  from a simulated arm to a model with a certificate, some minutes (out/calibrate)"
 	@echo "make test    the test suite: what computes (WORKERS=2), then live nodes one at a time"
 	@echo "make test-long  properties, sweeps, pages, packaging, browser: test/trials"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
@@ -104,7 +104,7 @@ $(DOCS)/.done: docs/requirements.lock
 	@touch $(DOCS)/COLCON_IGNORE $@
 
 docs: $(DOCS)/.done
-	@$(DOCS)/bin/python -m sphinx -q -W --keep-going -b html docs out/site -d out/site-doctrees
+	@$(DOCS)/bin/python -m sphinx -q -W --keep-going -j auto -b html docs out/site -d out/site-doctrees
 	@echo "out/site/index.html"
 
 SEEDS ?= 0 12

@@ -11,7 +11,7 @@ NAME = "dvrk_gravity"
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = (
     "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
-    "convert", "identify", "evaluate", "diagnose", "demo", "newton-euler",
+    "convert", "identify", "evaluate", "diagnose", "demo", "get", "set", "newton-euler",
 )  # fmt: skip
 
 # A wheel's executables share one folder with all others, where `convert` is ImageMagick's: there is

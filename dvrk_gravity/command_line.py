@@ -34,6 +34,8 @@ VERBS: dict[str, tuple[str, str]] = {
     "compensator": ("dvrk_gravity.ros.verbs:CompensatorVerb", "node: make an arm weightless"),
     "simulator": ("dvrk_gravity.ros.verbs:SimulatorVerb", "node: a simulated arm"),
     "watchdog": ("dvrk_gravity.ros.verbs:WatchdogVerb", "node: hold the arm when commands stop"),
+    "get": ("dvrk_gravity.cli.node_parameters:Get", "parameters of a running node"),
+    "set": ("dvrk_gravity.cli.node_parameters:Set", "change a parameter of a running node"),
     "convert": ("dvrk_gravity.cli.convert", "console JSON <-> model, CSV <-> rosbag2"),
     "plan": ("dvrk_gravity.cli.plan", "the motion that would teach most, within limits"),
     "collect": ("dvrk_gravity.cli.collect", "move an arm along a plan, and record it"),
@@ -159,7 +161,11 @@ def _how_to_get(module: str) -> str:
             f"needs ROS 2 (no module {module}): source its setup.bash, or "
             '`pip install "dvrk_gravity[ros]"`'
         )
-    return f"needs the Python module {module}, which is not installed"
+    package = {"pinocchio": "pin", "yaml": "pyyaml"}.get(module, module)
+    return (
+        f"needs the Python module {module}, which is not installed: `pip install {package}`, with "
+        f"ROS's Python `pip install --break-system-packages {package}`"
+    )
 
 
 def by_signal(error: BaseException) -> bool:

@@ -1,4 +1,4 @@
-"""The arm of these examples: simulated, so that they need no robot and no data.
+"""The arms of these examples: simulated, so that they need no robot and no data.
 
 With an arm of your own: ``Recording.load("my_bag", arm="mtmr")`` in place of ``record``.
 """
@@ -16,19 +16,20 @@ RATE = 100.0  # Hz
 STEP = 2.5e-3  # s
 
 
-def record(seed: int, seconds: float = 20.0, **changed: list[float]) -> Recording:
-    """Record the simulated arm along an exciting motion.
+def record(seed: int, seconds: float = 20.0, arm: Arm = ARM, **changed: list[float]) -> Recording:
+    """Record a simulated arm along an exciting motion.
 
     Args:
         seed: Of the motion and of the sensors' noise.
         seconds: Length.
+        arm: The arm; of a URDF the plant is what its file states.
         changed: Parameters of the simulated arm that differ from what it was calibrated with, by
             their name in a model file with ``__`` for the dot: ``viscous_friction__joint``.
     """
-    plant = PlantFile.of(ARM)
+    plant = PlantFile.of(arm)
     values = plant.model.parameters() | {
         name.replace("__", "."): value for name, value in changed.items()
     }
     plant = replace(plant, model=TorqueModel.from_parameters(values))
-    arm = SimulatedArm(plant.plant(), plant.sensors, seed, dt=STEP)
-    return record_motion(arm, Multisine.draw(ARM, seed), seconds, RATE)
+    simulated = SimulatedArm(plant.plant(), plant.sensors, seed, dt=STEP)
+    return record_motion(simulated, Multisine.draw(arm, seed), seconds, RATE)

@@ -22,7 +22,7 @@ ROOMS: Mapping[str, str] = {
     "model/kinematics.py": "kinematic calibration estimates encoder offsets and a tilt",
     "identification/quality/identifiability.py": "data leave sums of certain effects open",
     "identification/poses/": "what poses determine: weight, cables, held load",
-    "identification/trajectories/problem.py": "what the console's form has",
+    "identification/trajectories/problem.py": "what a console's file, a URDF and an MJCF hold",
     "exports/": "a URDF and an MJCF are made of bodies, friction at joints, rotors and springs",
     "simulate/model_plant.py": "bodies that can exist are made of a model's inertia",
 }

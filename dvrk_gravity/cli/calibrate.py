@@ -30,8 +30,8 @@ EXAMPLE = (
 DURATIONS = (10.0, 120.0)  # s; below, hardly anything is identified
 TIMES = (1.0, 120.0)  # s, for each plan
 POSES = (1, 100)
-# Evaluations per second of one core of a first plan: 7 (MTM, PSM) to 13 (UR5), measured on two
-# busy cores. Those that use a model, about 1.
+# Evaluations per second of one fast core of a first plan: 7 (MTM, PSM) to 13 (UR5), measured on
+# two busy cores. Those that use a model, about 1.
 _PACE = 10.0
 _STAGES = {"identify": OF_IDENTIFY, "diagnose": OF_DIAGNOSE}
 
@@ -62,9 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--poses", type=int, default=20, metavar="N",
                         help="poses at which the arm is released (default: 20)")  # fmt: skip
     parser.add_argument("--time", type=float, default=10.0, metavar="S",
-                        help="effort of each plan: about this time of one core, s, for the first, "
-                        "up to eight times as much for those that use a model; a number of steps, "
-                        "so that the same seed plans the same (default: 10)")  # fmt: skip
+                        help="effort of each plan: about this time of one fast core, s, for the "
+                        "first, up to eight times as much for those that use a model; a number of "
+                        "steps, so that the same seed plans the same (default: 10)")  # fmt: skip
     parser.add_argument(
         "--yes", action="store_true", help="consent beforehand: do not ask before the arm moves"
     )

@@ -6,11 +6,13 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.command_line import one_line
 from dvrk_gravity.console import (
     FILE_NAME,
@@ -27,6 +29,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.exports import SUFFIXES
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.report import effort_in_table
 
 _COMMENT = """Torque model from the dVRK console's {name} (version {version}).
 Units: rad, rad/s, N·m; g is inside beta. Outside valid_lower … valid_upper positions are held at
@@ -80,7 +83,7 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         print(f"{target}: {result.file.document['ARM_NAME']}, version 2.0")
         notes = [f"  {note}" for note in result.file.notes]
         header = ["the file differs from the model in:"] if notes else []
-        for line in (*_cost_table(result), *header, *notes):
+        for line in (*_cost_table(result, model.arm), *header, *notes):
             print(line)
     return 0
 
@@ -93,21 +96,21 @@ def _require_name(path: Path, document: Mapping[str, Any]) -> None:
         raise ConfigError("ARM_NAME", arm, f"{match['arm']}, as in its name, or {named}", path)
 
 
-def _cost_table(result: Conversion) -> Iterator[str]:
+def _cost_table(result: Conversion, arm: Arm) -> Iterator[str]:
     """Yield a table of the differences between the console's and the compensator's torque."""
     if result.exact:
         yield "already in the console's form; differences come from rounding and the blend:"
     else:
-        yield "projected onto the console's form by least squares; torque error, mN·m:"
-    yield f"{'':<16}{'torque':>9}{'at rest':>18}{'moving':>18}{'range':>14}"
+        yield "projected onto the console's form by least squares; torque error:"
+    costs = [(c.torque, c.rest_rms, c.rest_max, c.moving_rms, c.moving_max)
+             for c in result.joints.values()]  # fmt: skip
+    unit, factor, decimals = effort_in_table(arm, chain.from_iterable(costs))
+    yield f"{unit:<16}{'torque':>9}{'at rest':>18}{'moving':>18}{'range':>14}"
     yield f"{'joint':<16}{'RMS':>9}{'RMS':>9}{'max':>9}{'RMS':>9}{'max':>9}{'deg':>14}"
     edges = zip(np.degrees(result.lower), np.degrees(result.upper), strict=True)
-    for (name, cost), (low, high) in zip(result.joints.items(), edges, strict=True):
-        numbers = (cost.torque, cost.rest_rms, cost.rest_max, cost.moving_rms, cost.moving_max)
-        yield (
-            f"{name:<16}" + "".join(f"{1e3 * number:>9.2f}" for number in numbers)
-            + f"{low:>9.0f}{high:>5.0f}"
-        )  # fmt: skip
+    for name, numbers, (low, high) in zip(result.joints, costs, edges, strict=True):
+        cells = "".join(f"{factor * number:>9.{decimals}f}" for number in numbers)
+        yield f"{name:<16}{cells}{low:>9.0f}{high:>5.0f}"
 
 
 def check(paths: Sequence[Path], report: Path | None = None) -> int:

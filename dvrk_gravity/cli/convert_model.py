@@ -7,14 +7,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from dvrk_gravity.arms import thousandth
-from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.exports import SUFFIXES, Exported, export_model
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.report import effort_in_table
+from dvrk_gravity.units import quantity
 
-_SHOWN = 5e-6  # N·m, what a table of 0.01 mN·m shows
+_NEGLIGIBLE = 0.01  # of the largest, at other joints: not worth a word. Chosen
 
 
 def convert(source: Path, target: Path, report: Path | None) -> int:
@@ -48,21 +48,20 @@ def _table(exported: Exported) -> Iterator[str]:
     if not exported.left_out:
         yield "the file has all of the model's torque"
         return
-    yield "what the file leaves out of the model's torque, RMS over the calibrated range, moving:"
-    yield f"{'joint':<20}{'torque':>10}{'left out':>10}"
-    rows = zip(joints, exported.torque.tolist(), exported.total.tolist(), strict=True)
-    for joint, torque, missed in rows:
-        unit = thousandth(joint.effort_unit)
-        yield f"{joint.name:<20}{1e3 * torque:>10.2f}{1e3 * missed:>10.2f} {unit}"
+    torques, missed = exported.torque.tolist(), exported.total.tolist()
+    unit, factor, decimals = effort_in_table(exported.held.arm, torques + missed)
+    yield "what the file leaves out of the model's torque, over the calibrated range, moving:"
+    yield f"{f'RMS, {unit}':<20}{'torque':>10}{'left out':>10}"
+    for joint, *values in zip(joints, torques, missed, strict=True):
+        cells = (f"{factor * value:>10.{decimals}f}" for value in values)
+        yield f"{joint.name:<20}{''.join(cells)}"
     for part in exported.left_out:
-        yield f"  {part.name} ({part.why}): {_by_joint(exported, part.rms)}"
-
-
-def _by_joint(exported: Exported, rms: Array) -> str:
-    joints = exported.held.arm.joints
-    shown = [
-        f"{joint.name} {1e3 * value:.2f} {thousandth(joint.effort_unit)}"
-        for joint, value in zip(joints, rms.tolist(), strict=True)
-        if value >= _SHOWN
-    ]
-    return ", ".join(shown) or "below .01 mN·m"
+        most = sorted(zip(part.largest.tolist(), joints, strict=True), key=lambda each: -each[0])
+        shown = [f"{quantity(value, joint.effort_unit)} at {joint.name}"
+                 for value, joint in most if value > _NEGLIGIBLE * most[0][0]]  # fmt: skip
+        yield f"  left out: {part.name.replace('_', ' ')} ({part.why}): up to {', '.join(shown)}"
+    arm = exported.held.arm
+    yield (
+        f"a model that loses nothing: python -m dvrk_gravity identify RECORDING --arm {arm.source} "
+        f"--for {exported.form.lower()} --out model.yaml"
+    )

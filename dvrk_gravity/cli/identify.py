@@ -60,8 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--physical", action=argparse.BooleanOptionalAction,
                         help="physically consistent links, positive definite pseudo-inertias "
                         "(default: of trajectories)")  # fmt: skip
-    parser.add_argument("--for-console", action="store_true",
-                        help="only terms that `convert` can write to a console's file")  # fmt: skip
+    parser.add_argument("--for", dest="for_file", choices=("console", "urdf", "mjcf"),
+                        help="only terms that `convert` can write to such a file, so that nothing "
+                        "is lost there")  # fmt: skip
+    parser.add_argument("--for-console", dest="for_file", action="store_const", const="console",
+                        help="the same as --for console")  # fmt: skip
     options.add_drive_gains(parser)
     parser.add_argument("--known-payload", metavar="KG", type=float,
                         help="the last recording, and only that one, was made with a payload of "
@@ -119,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
         stages = command_line.Stages(progress, STAGES)
         fit = identify(
             recordings, arm, coordinates, terms, validate, arguments.physical, stages, still,
-            arguments.for_console, carried, bias_is=arguments.bias_is,
+            known_payload=carried, bias_is=arguments.bias_is, for_file=arguments.for_file,
         )  # fmt: skip
     sources = ", ".join(str(path) for path in arguments.recordings)
     fit.model.save(

@@ -102,9 +102,15 @@ def replay(
         ProcessError: The node did not start, or stopped answering.
     """
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.recording import BagReader
+    from dvrk_gravity.recording import BagReader, is_bag, is_recording
     from dvrk_gravity.ros import namespace_of
 
+    if is_recording(bag) and not is_bag(bag):
+        raise RecordingError(
+            bag,
+            "is no bag, whose messages are played: convert it first: python -m dvrk_gravity "
+            f"convert {bag} {bag.with_suffix('')}_bag",
+        )
     model = TorqueModel.load(model_file)
     options.require_parameters(model, model_file)
     with BagReader(bag) as reader:

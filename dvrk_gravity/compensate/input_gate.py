@@ -144,8 +144,7 @@ class InputGate:
             raise DroppedSampleError(
                 "stamp_too_old",
                 f"stamp {age - quickest:.3f} s later than that of others, at most {timeout:g} s "
-                "allowed (timeout): delayed by a network, or a simulator on a busy computer (a "
-                "compensator's max_stamp_age 0 disables this check)",
+                "allowed (timeout): delayed by a network, or a simulator on a busy computer",
             )
         self._quickest = quickest
 
@@ -160,8 +159,7 @@ def _require_recent(stamp: int, clock: int, oldest: float) -> None:
     raise DroppedSampleError(
         cause,
         f"stamp {abs(age):.3f} s {where} this computer's clock, at most {oldest:g} s allowed: "
-        "stale data, unsynchronised computers, or a simulator on a busy one (a compensator's "
-        "max_stamp_age 0 disables this check)",
+        "stale data, unsynchronised computers, or a simulator on a busy one",
     )
 
 

@@ -59,6 +59,9 @@ class Status(Enum):
     FAULT = "fault"
 
 
+IF_BUSY = "if this computer is busy, raise timeout"
+
+
 class Supervisor:
     """Answers valid samples with commands while nothing speaks against it.
 
@@ -72,6 +75,7 @@ class Supervisor:
         saturated: (n,) whether a limit cut the last command.
         origin: Source of the first command of the last start, in words; ``""`` before the first.
         change: How changed parameters have changed the arm's support since the start, in words.
+        if_busy: What a person can do on a busy computer; ``""``: as with an arm.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -82,7 +86,7 @@ class Supervisor:
         self._uncut.setflags(write=False)
         self.saturated: NDArray[np.bool_] = self._uncut
         self.hold_due = False
-        self.origin = self.change = ""
+        self.origin = self.change = self.if_busy = ""
         self._accepted = Accepted(settings)
         self._asked = True  # a person has asked for the next start
         self._changed = False  # since the last start was accepted
@@ -223,7 +227,7 @@ class Supervisor:
         silence = self._gate.silence(now, self.settings.timeout)
         if silence and self.active:
             self._input_fault = True
-            self._stop(Status.FAULT, f"{silence}; if this computer is busy, raise timeout")
+            self._stop(Status.FAULT, f"{silence}; {self.if_busy or IF_BUSY}")
         elif silence:
             self._wait()
 

@@ -68,7 +68,7 @@ class Answer:
 
 
 _AGAIN = (
-    "calibrate this arm: record it, then `identify RECORDING --arm {arm} --for-console --out "
+    "calibrate this arm: record it, then `identify RECORDING --arm {arm} --for console --out "
     "model.yaml` and `convert model.yaml {file}`"
 )
 # Parameters that are not this arm's, or that no edit makes right, and why.

@@ -29,6 +29,7 @@ from dvrk_gravity.console.projection import (
 from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.units import quantity
 
 
 @dataclass(frozen=True)
@@ -187,7 +188,7 @@ def _cost_of_wrong_readings(model: TorqueModel, lower: Array, upper: Array) -> s
     worst = int(np.argmax(off))
     return (
         f"left out, known errors of readings: {', '.join(model.of_readings())} (the console takes "
-        f"readings as they are: torque at rest is off by {1e3 * off[worst]:.1f} mN·m RMS at "
+        f"readings as they are: torque at rest is off by {quantity(off[worst], 'N·m')} RMS at "
         f"{JOINT_NAMES[worst]} if its drives take efforts at the scale that they are read at)"
     )
 
@@ -217,11 +218,11 @@ def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCo
         if joint_cost.rest_rms > most:
             raise ConfigError(
                 name,
-                f"{1e3 * joint_cost.rest_rms:.1f} mN·m (RMS) at rest that the console cannot "
+                f"{quantity(joint_cost.rest_rms, 'N·m')} (RMS) at rest that the console cannot "
                 "command",
-                f"at most {1e3 * most:.1f}: {SETTINGS.largest_share:.0%} of what the joint needs "
-                f"or {SETTINGS.held_by_friction:.0%} of its largest torque (identify --for-console "
-                "fits a model of the console's form)",
+                f"at most {quantity(most, 'N·m')}: {SETTINGS.largest_share:.0%} of what the joint "
+                f"needs or {SETTINGS.held_by_friction:.0%} of its largest torque (identify --for "
+                "console fits a model of the console's form)",
             )
 
 

@@ -62,7 +62,12 @@ class Exported:
             "torque_rms": by_joint(self.torque),
             "left_out_rms": by_joint(self.total),
             "left_out": [
-                {"effect": part.name, "why": part.why, "rms": by_joint(part.rms)}
+                {
+                    "effect": part.name,
+                    "why": part.why,
+                    "rms": by_joint(part.rms),
+                    "largest": by_joint(part.largest),
+                }
                 for part in self.left_out
             ],
             "range": {
@@ -99,7 +104,7 @@ def export_model(model: TorqueModel, form: Format, folder: Path = Path()) -> Exp
         total += missed
         rms = np.sqrt(np.mean(missed**2, axis=0))
         if rms.max() > _NOTHING:
-            left_out.append(LeftOut(part.name, part.why, rms))
+            left_out.append(LeftOut(part.name, part.why, rms, np.abs(missed).max(axis=0)))
     if form == "URDF":
         edit = urdf_edit.editable(held)
         content = urdf_edit.text(held, folder) if edit else urdf.text(held)

@@ -67,11 +67,13 @@ class LeftOut:
         name: Of the cause, an effect's name.
         why: What the file cannot hold, in words.
         rms: (n,) RMS torque of it, N·m or N.
+        largest: (n,) its largest torque.
     """
 
     name: str
     why: str
     rms: Array
+    largest: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,20 +96,28 @@ def load(path: str | Path) -> dict[str, Any]:
     Raises:
         ConfigError: No such file, too large, not text, not YAML, or not a mapping.
     """
-    text = text_file.read(path, "YAML")
+    content = parse(text_file.read(path, "YAML"), path)
+    if not isinstance(content, dict):
+        raise ConfigError("", type(content).__name__, "a YAML mapping", path)
+    return content
+
+
+def parse(text: str, source: str | Path) -> Any:
+    """Return the content of a YAML text.
+
+    Raises:
+        ConfigError: Not YAML; names the ``source``.
+    """
     try:
-        content = deepcopy(_parsed(text))
+        return deepcopy(_parsed(text))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or str(error)
-        raise ConfigError(where, problem, "valid YAML", path) from error
+        raise ConfigError(where, problem, "valid YAML", source) from error
     except (ValueError, RecursionError, LookupError, AttributeError, TypeError) as error:
         # Absurd dates, numbers or nesting, and tags that do not fit (`!!int ""`): PyYAML's own.
-        raise ConfigError("", str(error) or type(error).__name__, "valid YAML", path) from error
-    if not isinstance(content, dict):
-        raise ConfigError("", type(content).__name__, "a YAML mapping", path)
-    return content
+        raise ConfigError("", str(error) or type(error).__name__, "valid YAML", source) from error
 
 
 def dump(content: Mapping[str, Any]) -> str:

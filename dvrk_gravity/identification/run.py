@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -18,13 +19,13 @@ from dvrk_gravity.identification.quality.constant import (
     settle,
     stated_bias,
 )
+from dvrk_gravity.identification.quality.physical import require_solver
 from dvrk_gravity.identification.quality.verdict import POOR, judge, with_constants
 from dvrk_gravity.identification.quality.weights import by_weight, held_weights
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.trajectories.fit import fit_dynamic
 from dvrk_gravity.identification.trajectories.problem import (
-    CONSOLE_EFFECTS,
-    ConsoleColumns,
+    FORMS,
     require_console_arm,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
@@ -60,10 +61,14 @@ Report = Callable[[str, float], None]
 Recordings = Sequence[Recording | RecordingFile]
 _SAME_TORQUE = 1e-9  # of the largest: two sums of the same products
 
-_FOR_CONSOLE = (
-    "fitted for the dVRK console: at rest only gravity of ten parameters, and polynomials of "
-    "degree four of joints 1 to 6; what `convert` cannot write acts in motion only"
-)
+ForFile = Literal["console", "urdf", "mjcf"]
+_OF_BODIES = "fitted for {}: bodies, zeros, mounting and friction at joints, which `convert` writes"
+_HELD: dict[ForFile, str] = {
+    "console": "fitted for the dVRK console: at rest only gravity of ten parameters, and "
+    "polynomials of degree four of joints 1 to 6; what `convert` cannot write acts in motion only",
+    "urdf": _OF_BODIES.format("a URDF"),
+    "mjcf": _OF_BODIES.format("an MJCF") + "; rotors, and friction at motors",
+}
 
 
 def identify(
@@ -79,6 +84,7 @@ def identify(
     known_payload: KnownPayload | float | None = None,
     least_gain: float = LEAST_GAIN,
     bias_is: str | Mapping[str, str] | None = None,
+    for_file: ForFile | None = None,
 ) -> Fit:
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
@@ -96,7 +102,7 @@ def identify(
             determine inertia.
         report: Called with the stage and the share of it that is done.
         still: Where joints stood that some recording does not hold: joint position, rad.
-        for_console: Fit a model whose compensation the dVRK console can hold.
+        for_console: The same as ``for_file="console"``.
         known_payload: Load of the last recording, and of no other: efforts are motor currents, and
             it determines their gains (``drive_gains``). The model is fitted to the others. A
             number: its mass, kg, on the last link.
@@ -105,6 +111,8 @@ def identify(
         bias_is: What a constant torque is that dry friction does not hold, for all joints or by
             joint: ``torque``, of a spring, which is compensated, or ``reading``, a bias of its
             effort (or a hand through the whole recording), which is not. ``None``: not known.
+        for_file: Fit a model that this file can hold: of the dVRK console its compensation, a URDF,
+            or an MJCF.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
@@ -134,19 +142,20 @@ def identify(
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     if validate:
         _require_new(validate, recordings)
-    if for_console:
-        _check_for_console(arm, effects)
+    for_file = "console" if for_console else for_file
+    if for_file is not None:
+        _require_form(for_file, arm, effects, all_static(recordings))
     if all_static(recordings):
-        fit = _static(recordings, arm, given, effects, physical, report, for_console)
+        fit = _static(recordings, arm, given, effects, physical, report, for_file == "console")
     else:
         _require_identified(effects, arm)
         fit = _dynamic(
-            recordings, arm, given, effects, physical, report, still, for_console, least_gain
+            recordings, arm, given, effects, physical, report, still, for_file, least_gain
         )
     warnings = (*about_arm(arm.doubts), *fit.warnings)
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
-    handling = (*handling, *fit.handling, *((_FOR_CONSOLE,) if for_console else ()))
+    handling = (*handling, *fit.handling, *((_HELD[for_file],) if for_file else ()))
     fit = replace(fit, handling=handling, warnings=warnings)
     _require_one_torque(fit.model)
     fit = _judged_with_constants(_validated(fit, validate) if validate else fit, bias)
@@ -255,10 +264,16 @@ def _with_gains(
     return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
 
-def _check_for_console(arm: Arm, effects: Sequence[str] | None) -> None:
-    require_console_arm(arm)
+def _require_form(for_file: ForFile, arm: Arm, effects: Sequence[str] | None, static: bool) -> None:
+    if for_file not in FORMS:
+        raise ArgumentError("for_file", for_file, f"one of {', '.join(FORMS)}")
+    if for_file == "console":
+        require_console_arm(arm)
+    elif static:
+        poses = "trajectories: static poses do not determine the links' inertia"
+        raise ConfigError("--for", for_file, poses)
     if effects is not None:
-        raise ConfigError("--terms", ",".join(effects), "no --terms with --for-console")
+        raise ConfigError("--terms", ",".join(effects), f"no --terms with --for {for_file}")
 
 
 def _each(
@@ -317,9 +332,11 @@ def _dynamic(
     physical: bool | None,
     report: Report,
     still: Mapping[str, float],
-    for_console: bool,
+    for_file: ForFile | None,
     least_gain: float,
 ) -> Fit:
+    if physical is not False:
+        require_solver()
     for recording in recordings:
         require_all(recording.head, arm, still)
     complete = [len(recording.head.joints) == len(arm.joint_names) for recording in recordings]
@@ -350,9 +367,12 @@ def _dynamic(
         readable.append(replace(trajectory, coordinates=system, still={} if full else still))
     shown = readable[complete.index(True)].coordinates
     assert shown is not None
-    form = ConsoleColumns if for_console else Columns
-    allowed = CONSOLE_EFFECTS if for_console else effects
+    form, allowed = (Columns, effects) if for_file is None else FORMS[for_file]
+    if for_file in ("urdf", "mjcf") and physical is None:
+        physical = True
     fit = fit_dynamic(readable, arm, shown, allowed, physical, report, form, least_gain)
+    if shown == "actuator" and coordinates[fitted[complete.index(True)]] is None:
+        fit = replace(fit, model=replace(fit.model, found_in=shown))
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
 
 

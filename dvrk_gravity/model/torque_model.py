@@ -65,6 +65,11 @@ UNCERTAINTY_PARAMETER = Parameter(
     "file beside the model's with its uncertainty: the parameters' covariance, the known error",
     read_only=True, adjustable=True,
 )  # fmt: skip
+COORDINATES_PARAMETER = Parameter(
+    "identification.coordinates", "", "",
+    "coordinates that identify found its recordings to be in, if they are not the joints': a "
+    "diagnosis expects them", choices=("", "actuator"), read_only=True, adjustable=True,
+)  # fmt: skip
 OFFSET = "joint_offset"
 CONSTANT = "identification.constant"
 # What declares the groups of parameters of models.
@@ -102,6 +107,7 @@ def _declared(arm: Arm, effects: tuple[type[Term | SensorEffect], ...]) -> Mappi
         VERDICT_PARAMETER,
         REASON_PARAMETER,
         UNCERTAINTY_PARAMETER,
+        COORDINATES_PARAMETER,
         IDENTITY_PARAMETER,
         *(
             # Whoever has put a reading right takes it out of the file.
@@ -132,6 +138,7 @@ class TorqueModel:
         constant: (n,) constant torque that it commands and that the arm may not feel, N·m or N:
             more than dry friction holds, and nothing has settled what it is; zero elsewhere.
         constant_is: What such torques are and what settled it, in words; ``""``: nothing has.
+        found_in: Coordinates that its recordings were found to be in; ``""``: joint, or stated.
         uncertainty: Its posterior and known error; ``None``: not identified, or not stored.
         unsure: Why it has none though its file names an uncertainty.
         foreign: Groups of its parameters that do not belong to the model whose identity is among
@@ -148,6 +155,7 @@ class TorqueModel:
     reason: str = ""
     constant: Array = field(default_factory=lambda: np.zeros(0))
     constant_is: str = ""
+    found_in: str = ""
     uncertainty: ModelUncertainty | None = None
     unsure: str = ""
     foreign: tuple[str, ...] = ()
@@ -272,16 +280,18 @@ class TorqueModel:
                 ) from error
         given = tuple(term for term in built if term is not None)
         offset = as_array(checked.get(OFFSET), arm.n, 0.0)
-        verdict, reason, settled = (
+        verdict, reason, settled, found_in = (
             str(checked.get(entry.name, entry.default))
-            for entry in (VERDICT_PARAMETER, REASON_PARAMETER, SETTLED_PARAMETER)
-        )
+            for entry in (
+                VERDICT_PARAMETER, REASON_PARAMETER, SETTLED_PARAMETER, COORDINATES_PARAMETER
+            )
+        )  # fmt: skip
         errors = ReadingErrors.none(arm.n)
         for effect in sensor_effects():
             errors = effect.read(arm, checked, errors)
         constant = as_array(checked.get(CONSTANT), arm.n, 0.0)
         model = cls(
-            arm, given, node, document, offset, verdict, reason, constant, settled,
+            arm, given, node, document, offset, verdict, reason, constant, settled, found_in,
             reading_errors=errors,
         )  # fmt: skip
         identity = str(checked.get(IDENTITY_PARAMETER.name, ""))
@@ -312,6 +322,8 @@ class TorqueModel:
             values[CONSTANT] = tuple(self.constant.tolist())
         if self.constant_is:
             values[SETTLED_PARAMETER.name] = self.constant_is
+        if self.found_in:
+            values[COORDINATES_PARAMETER.name] = self.found_in
         # An empty array means "not given", and ROS cannot read one.
         return values | {name: value for name, value in self.node.items() if value != ()}
 

@@ -30,6 +30,4 @@ from .terminal import columns as columns
 from .terminal import laid_out as laid_out
 from .terminal import warning_lines as warning_lines
 from .units import effort_in_table as effort_in_table
-from .units import milli_effort as milli_effort
-from .units import milli_position as milli_position
 from .units import shown_position as shown_position

@@ -11,7 +11,7 @@ from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
 from dvrk_gravity.report.html import beside, erase, escape, inline, legend, panel, picture
-from dvrk_gravity.report.units import effort_in_picture
+from dvrk_gravity.report.units import effort_in_picture, position_in_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,11 +90,12 @@ def residual_pictures(traces: Sequence[Trace], joints: Sequence[Joint]) -> Itera
     figure, axes = panel()
     for column, joint in enumerate(joints):
         effort_unit, factor = effort_in_picture(joint, residual[:, column])
+        unit, scale = position_in_picture(joint)
         axes.set_ylabel(f"difference [{effort_unit}]")
         drawn = {}
         for label, rate, x in panels:
-            _scatter(axes, x[:, column], factor * residual[:, column])
-            axes.set_xlabel(f"{label} [{joint.unit}{rate}]")
+            _scatter(axes, scale * x[:, column], factor * residual[:, column])
+            axes.set_xlabel(f"{label} [{unit}{rate}]")
             drawn[label] = inline(figure)
             erase(axes)
         yield drawn

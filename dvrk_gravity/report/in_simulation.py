@@ -10,7 +10,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
 from dvrk_gravity.report.html import beside, erase, escape, inline, legend, panel, picture, table
-from dvrk_gravity.report.units import milli_position, shown_position
+from dvrk_gravity.report.units import shown_position
 from dvrk_gravity.units import fixed
 
 _BEFORE, _AFTER = "#bb3322", "#2266aa"
@@ -25,9 +25,11 @@ def section(result: InSimulation, arm: Arm) -> str:
         parts.append(
             f"<p>Measured efforts drive the simulated arm for {WINDOW:g} s from measured states "
             f"({result.windows} pieces of held-out motion). RMS error of the position at the end, "
-            f"{milli_position(arm)}:</p>"
+            f"{_units(arm)}:</p>"
         )
-        parts.append(table(("", *arm.joint_names), _rows(1e3 * result.before, 1e3 * result.after)))
+        factors = _factors(arm)
+        rows = _rows(factors * result.before, factors * result.after)
+        parts.append(table(("", *arm.joint_names), rows))
     if result.drifts:
         first = result.drifts[0]
         parts.append(
@@ -54,11 +56,11 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
     joint = arm.joint_names.index(name)
     said = []
     if result.before is not None and result.after is not None:
+        factor, unit = shown_position(arm)[joint]
         said.append(
             f"{name}'s position after {WINDOW:g} s is off by "
-            f"{fixed(1e3 * result.after[joint], 1)} instead of "
-            f"{fixed(1e3 * result.before[joint], 1)} "
-            f"m{arm.units[joint]}"
+            f"{fixed(factor * result.after[joint], 2)} instead of "
+            f"{fixed(factor * result.before[joint], 2)} {unit}"
         )
     for drift in result.drifts:
         before, after = _largest(drift.before, arm), _largest(drift.after, arm)
@@ -80,8 +82,11 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
 
 def _largest(way: Array, arm: Arm) -> Array:
     """Return (n,) the largest drift of each joint, deg or mm."""
-    factors = np.array([factor for factor, _ in shown_position(arm)])
-    return np.abs(way).max(axis=(0, 1)) * factors
+    return np.abs(way).max(axis=(0, 1)) * _factors(arm)
+
+
+def _factors(arm: Arm) -> Array:
+    return np.array([factor for factor, _ in shown_position(arm)])
 
 
 def _units(arm: Arm) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 
 from dvrk_gravity.planning import Plan, link_origins, tip
 from dvrk_gravity.report.html import png
+from dvrk_gravity.report.units import position_in_picture
 
 _POINTS = 2000
 _PATH, _ENDS, _BOX = "#7f8fa6", "#c0392b", "#2c3e50"
@@ -34,8 +35,7 @@ def plan_picture(plan: Plan) -> bytes:
             axes.set_axis_off()
             continue
         joint = arm.joints[k]
-        turns = joint.kind == "revolute"
-        factor, unit = (np.degrees(1.0), "deg") if turns else (1e3, "mm")
+        unit, factor = position_in_picture(joint)
         axes.plot(time, factor * q[:, k], color=_PATH, linewidth=1.2)
         for limit in (limits.lower[k], limits.upper[k]):
             axes.axhline(factor * limit, color=_ENDS, linewidth=0.7, linestyle="--")

@@ -1,4 +1,4 @@
-"""Units of an arm's joints in tables and pictures, where numbers are a thousandth of SI ones."""
+"""Units of an arm's joints in tables and pictures: one for all efforts of each, deg and mm."""
 
 from __future__ import annotations
 
@@ -14,23 +14,18 @@ from dvrk_gravity.diagnosis import Diagnosis
 _MOST = 1.0  # N·m or N, from which a table or a picture is not in thousandths
 
 
-def milli_effort(arm: Arm) -> str:
-    """Return mN·m or mN, with the joints named whose unit is the other one."""
-    return _milli(arm, arm.effort_units)
-
-
 def effort_in_table(arm: Arm, values: Iterable[float]) -> tuple[str, float, int]:
     """Return the unit of a table of efforts, its factor, and the decimals to show.
 
-    Thousandths, as :func:`milli_effort` has them, unless the largest of these has four digits
-    before its point.
+    Thousandths, unless the largest of these has four digits before its point; with the joints
+    named whose unit is the other one.
 
     Args:
         arm: The arm.
         values: Those of the table, N·m or N; NaN where one is not known.
     """
     if max(filter(math.isfinite, values), default=0.0) < _MOST:
-        return milli_effort(arm), 1e3, 3
+        return _named([thousandth(unit) for unit in arm.effort_units], arm.joint_names), 1e3, 3
     return _named(arm.effort_units, arm.joint_names), 1.0, 4
 
 
@@ -45,15 +40,6 @@ def effort_in_picture(joint: Joint, *values: Array) -> tuple[str, float]:
     return (thousandth(joint.effort_unit), 1e3) if largest < _MOST else (joint.effort_unit, 1.0)
 
 
-def milli_position(arm: Arm) -> str:
-    """Return mrad or mm, with the joints named whose unit is the other one."""
-    return _milli(arm, arm.units)
-
-
-def _milli(arm: Arm, units: tuple[str, ...]) -> str:
-    return _named([thousandth(unit) for unit in units], arm.joint_names)
-
-
 def _named(units: Sequence[str], joints: Sequence[str]) -> str:
     first = units[0]
     others = [f"{name} {u}" for name, u in zip(joints, units, strict=True) if u != first]
@@ -63,6 +49,12 @@ def _named(units: Sequence[str], joints: Sequence[str]) -> str:
 def shown_position(arm: Arm) -> tuple[tuple[float, str], ...]:
     """Return factor and unit of each joint's position as a person reads it: deg or mm."""
     return tuple(_SHOWN[unit] for unit in arm.units)
+
+
+def position_in_picture(joint: Joint) -> tuple[str, float]:
+    """Return the unit of a joint's positions in a picture, and its factor."""
+    factor, unit = _SHOWN[joint.unit]
+    return unit, factor
 
 
 _SHOWN = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}

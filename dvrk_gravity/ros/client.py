@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import rclpy
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
@@ -92,13 +92,13 @@ class Client:
         """Return whether each publisher has a subscriber."""
         return all(item.get_subscription_count() > 0 for item in (publisher, *others))
 
-    def call(self, kind: Any, name: str, request: Any = None) -> Any:
-        """Call a service and return its answer."""
+    def call(self, kind: Any, name: str, request: Any = None, timeout: float = 20.0) -> Any:
+        """Call a service and return its answer, for which each step may take ``timeout`` s."""
         client = self.node.create_client(kind, name)
         try:
-            self.wait(client.service_is_ready, f"the service {name}")
+            self.wait(client.service_is_ready, f"the service {name}", timeout)
             future = client.call_async(kind.Request() if request is None else request)
-            self.wait(future.done, f"a response of {name}")
+            self.wait(future.done, f"a response of {name}", timeout)
             return future.result()
         finally:
             self.node.destroy_client(client)
@@ -107,13 +107,30 @@ class Client:
         """Call ``~/enable`` of a compensator and return its answer."""
         return self.call(SetBool, f"{node}/enable", SetBool.Request(data=value))
 
-    def set_parameters(self, values: dict[str, Any], node: str = "compensator") -> tuple[bool, str]:
-        """Set parameters of another node at once; return whether it accepted them, or why not."""
+    def parameters(self, node: str, timeout: float = 20.0) -> dict[str, Any]:
+        """Return the parameters of another node by name; ``None`` where one has no value."""
+        listed = self.call(ListParameters, f"{node}/list_parameters", None, timeout).result.names
+
+        def ask(names: Sequence[str]) -> list[Any]:
+            request = GetParameters.Request(names=names)
+            answer = self.call(GetParameters, f"{node}/get_parameters", request, timeout)
+            return [parameter_value_to_python(value) for value in answer.values]
+
+        names = sorted(listed)
+        values = ask(names)
+        if len(values) < len(names):  # as rclpy answers where one has no value
+            values = [next(iter(ask([name])), None) for name in names]
+        return dict(zip(names, values, strict=True))
+
+    def set_parameters(
+        self, values: dict[str, Any], node: str = "compensator", timeout: float = 20.0
+    ) -> tuple[bool, str]:
+        """Set parameters of another node at once; return whether it accepts, and its words."""
         request = SetParametersAtomically.Request(
             parameters=[
                 Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
             ]
         )
         name = f"{node}/set_parameters_atomically"
-        result = self.call(SetParametersAtomically, name, request).result
+        result = self.call(SetParametersAtomically, name, request, timeout).result
         return result.successful, result.reason

@@ -33,7 +33,7 @@ from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.others import LATELY, Endpoints
-from dvrk_gravity.ros.presence import HOLD, MEASURED, require_own
+from dvrk_gravity.ros.presence import HOLD, MEASURED, if_busy, require_own
 from dvrk_gravity.ros.watchdog_node import WATCHDOG_TOPIC
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
@@ -144,8 +144,10 @@ class Compensator(PromptNode):
             self._statistics.received(now)
             if error.cause == "after_gap":
                 self._arm.hold.repeat()
+            advice = self._supervisor.if_busy if error.cause == "stamp_too_old" else ""
             self.get_logger().warning(
-                f"measured_js dropped ({error.cause}): {error}", throttle_duration_sec=5.0
+                f"measured_js dropped ({error.cause}): {error}{advice and f'; {advice}'}",
+                throttle_duration_sec=5.0,
             )
         else:
             if effort is not None and self._supervisor.in_time(time.monotonic()):
@@ -202,6 +204,8 @@ class Compensator(PromptNode):
         own = {number.hex() for number, name in commanders.items() if name == us}
         self._watchdogs.look(self._watchdog_nodes, own)
         self._unwatched = self._watchdogs.unwatched(time.monotonic())
+        if not active:
+            self._supervisor.if_busy = if_busy(self)
         obstacles["watchdog"] = self._watchdog_obstacle()
         for cause, reason in obstacles.items():
             self._obstruct(cause, reason)

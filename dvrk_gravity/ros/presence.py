@@ -67,6 +67,19 @@ def simulator_of(node: Node) -> str:
     return min(measures & is_pushed, default="")
 
 
+def if_busy(node: Node) -> str:
+    """Return all options that our simulator needs on a busy computer; ``""``: an arm measures.
+
+    An arm gets no such advice: for so long it would keep its last torque.
+    """
+    simulator = simulator_of(node)
+    return simulator and (
+        f"if this computer is busy, as {simulator} is no arm, start the compensator with "
+        "`-p timeout:=1.0 -p max_stamp_age:=0.0 -p resume:=automatic`, and the watchdog with "
+        "`-p watchdog_timeout:=1.0`"
+    )
+
+
 def require_name(option: str, name: str) -> None:
     """Refuse what cannot be the name of a topic or an action.
 

@@ -18,7 +18,7 @@ from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.hold import Hold
 from dvrk_gravity.ros.others import Endpoints, node_names
-from dvrk_gravity.ros.presence import HOLD, Presence
+from dvrk_gravity.ros.presence import HOLD, Presence, if_busy
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
 WATCHDOG_TOPIC = "watchdog_status"
@@ -102,9 +102,8 @@ class Watchdog(PromptNode):
             self._hold.send()
             text = f"hold sent: no command for {silence:.3f} s and no hold before"
             self._state.publish(String(data=text))
-            self.get_logger().error(
-                f"{text}; to resume, call ~/enable of the compensator, or restart it"
-            )
+            advice = if_busy(self) or "to resume, call ~/enable of the compensator, or restart it"
+            self.get_logger().error(f"{text}; {advice}")
 
     def _on_listen(self) -> None:
         """Say at once whose commands would reach us."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import runpy
+import sys
 from pathlib import Path
 
 import jupytext
 import matplotlib
 from support import REPOSITORY
+
+from dvrk_gravity import TorqueModel
 
 EXAMPLES = REPOSITORY / "examples"
 NOTEBOOKS = [path.with_suffix(".py") for path in sorted(EXAMPLES.glob("*.ipynb"))]
@@ -20,6 +23,11 @@ def test_the_examples_run_as_they_stand(monkeypatch, tmp_path, capsys):
     runpy.run_path(str(EXAMPLES / "ten_lines.py"))
     assert Path("model.yaml").is_file()
     assert "elbow_pitch has" in capsys.readouterr().out
+
+    monkeypatch.setattr(sys, "argv", ["any_arm.py"])
+    runpy.run_path(str(EXAMPLES / "any_arm.py"), run_name="__main__")
+    assert TorqueModel.load("model.yaml").arm.joint_names == ("turn", "shoulder", "elbow")
+    assert "good" in capsys.readouterr().out
 
     with matplotlib.rc_context({"backend": "agg"}):
         errors = runpy.run_path(str(EXAMPLES / "identify_and_compare.py"))["errors"]

@@ -147,12 +147,14 @@ def put_right(
         warnings += decision.warnings
         if decision.coordinates != stated:
             recording = _mended(recording, partial(replace, coordinates=decision.coordinates))
-            if given is None and decision.errors is not None:
+            expected = decision.coordinates == model.found_in
+            if given is None and decision.errors is not None and not expected:
                 fault = _wrong_coordinates(model.arm, decision.coordinates, decision.errors)
                 right_one = ReadingErrors.none(model.arm.n)
                 note(fault, head, replace(right_one, coordinates=decision.coordinates))
             elif given is None:
-                text = f"{decision.reason}: --coordinates overrides this"
+                as_before = ", as those that the model was identified from" if expected else ""
+                text = f"{decision.reason}{as_before}: --coordinates overrides this"
                 warnings.append(DataWarning("coordinates", None, {}, text))
         right.append(recording)
     return PutRight(right, tuple(faults), tuple(warnings), read)

@@ -32,6 +32,11 @@ _UNSEEN = 1e-6
 _PRECISION = 1e-6  # of the program's solution, in standard deviations
 
 
+def require_solver() -> None:
+    """Import the solver: where it is missing, that is said before minutes of work, not after."""
+    import clarabel  # noqa: F401
+
+
 def possible_links(columns: Columns, base: Array) -> Array | None:
     """Return links that bodies can have and of exactly a fit's torque; ``None`` if none are.
 

@@ -251,9 +251,9 @@ def by_errors(
         reason = ""
         if level != level_of(joint, error.nrmse):
             reason = (
-                f"{_milli(error.rmse, joint)} is less than dry friction"
+                f"{_shown(error.rmse, joint)} is less than dry friction"
                 if error.rmse <= _NEGLIGIBLE * limit
-                else f"{_milli(error.rmse, joint)} may be friction, which these poses do not show"
+                else f"{_shown(error.rmse, joint)} may be friction, which these poses do not show"
             )
         found[joint.name] = JointVerdict(level, reason)
     return found
@@ -283,7 +283,7 @@ def _of_error(
     static: bool,
     with_friction: bool,
 ) -> JointVerdict:
-    reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse, joint)})"
+    reason = f"held-out error {_percent(error.nrmse)} of its torque ({_shown(error.rmse, joint)})"
     if not error.beats_constant:
         return JointVerdict(POOR, f"{reason}, no better than a constant", CLEAN[static])
     if error.rmse <= _NEGLIGIBLE * limit:
@@ -320,17 +320,17 @@ def _of_holding(
         )
     )
     if here != GOOD:
-        size, error = _milli(holding.torque, joint), _milli(holding.error, joint)
+        size, error = _shown(holding.torque, joint), _shown(holding.error, joint)
         reason = f"gravity torque uncertain: {size} ± {error}"
         # A joint stays at rest where |e| <= friction: of e ~ N(0, error^2) at two poses of three,
         # if both are equal, and it drifts slowly at the third. That is usable. A calibration's
         # certificate demands 95 % (``calibration.release``).
         if here == POOR and holding.error <= holding.friction:
             here = USABLE
-            reason += f", less than its dry friction ({_milli(holding.friction, joint)})"
+            reason += f", less than its dry friction ({_shown(holding.friction, joint)})"
         yield JointVerdict(here, reason, MORE[static])
     elif anywhere == POOR:
-        error, outside = _milli(holding.error_anywhere, joint), "outside the recorded poses"
+        error, outside = _shown(holding.error_anywhere, joint), "outside the recorded poses"
         yield JointVerdict(
             USABLE, f"gravity torque uncertain by ±{error} {outside}", FURTHER[static]
         )  # fmt: skip
@@ -343,8 +343,10 @@ def _of_holding(
         )
 
 
-def _milli(torque: float, joint: Joint) -> str:
-    """Return a torque in mN·m or mN, with two digits or more."""
+def _shown(torque: float, joint: Joint) -> str:
+    """Return a torque or force, from 1 N·m or N on as such and else in thousandths."""
+    if abs(torque) >= 1.0:
+        return f"{torque:.3g} {joint.effort_unit}"
     number = f"{1e3 * torque:.2g}" if abs(torque) < 0.01 else f"{1e3 * torque:.0f}"
     return f"{number} {thousandth(joint.effort_unit)}"
 

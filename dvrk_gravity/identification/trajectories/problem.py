@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +12,14 @@ from dvrk_gravity.arms import BODIES as TREE_LINKS
 from dvrk_gravity.arms import PER_LINK, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.effects import Column, Gravity, Term
+from dvrk_gravity.effects import (
+    Column,
+    CoulombFriction,
+    Gravity,
+    RotorInertia,
+    Term,
+    ViscousFriction,
+)
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
@@ -28,7 +35,7 @@ from dvrk_gravity.estimation import (
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection, FoldSums
 from dvrk_gravity.intake import CalibrationMotion, Design, build_design
-from dvrk_gravity.model import Columns
+from dvrk_gravity.model import KINEMATIC, Columns
 
 # Part of a motor's torque that a model leaves, at first. Chosen: the iteration forgets it.
 _FIRST_GUESS = 0.1
@@ -48,11 +55,28 @@ def require_console_arm(arm: Arm) -> None:
         ConfigError: It does not, or the arm's base is tilted.
     """
     if arm.name not in ARMS.values():
-        raise ConfigError("--for-console", arm.name, f"an arm of the console: {', '.join(ARMS)}")
+        raise ConfigError("--for console", arm.name, f"an arm of the console: {', '.join(ARMS)}")
     if np.abs(arm.gravity[:2]).max() > 1e-9:
         raise ConfigError(
-            "--for-console", list(arm.base_rpy), "an upright base: the console knows no other"
+            "--for console", list(arm.base_rpy), "an upright base: the console knows no other"
         )
+
+
+class BodyColumns(Columns):
+    """Columns that an MJCF has: bodies, without what springs add to their weight, and friction."""
+
+    def offers(self, column: Column) -> bool:
+        """Whether the file has such a column: dry friction there is full at once."""
+        builds_up = column.effect == CoulombFriction.NAME and column.index > 0
+        return column.effect != Gravity.NAME and not builds_up and super().offers(column)
+
+
+class UrdfColumns(BodyColumns):
+    """Columns that a URDF has: no friction of motors that move several joints."""
+
+    def offers(self, column: Column) -> bool:
+        """Whether the file has such a column."""
+        return column.site_kind != "motor" and super().offers(column)
 
 
 class ConsoleColumns(Columns):
@@ -82,6 +106,15 @@ class ConsoleColumns(Columns):
             else term
             for term in super().terms(theta, links)
         )
+
+
+_OF_BODIES = (CoulombFriction.NAME, ViscousFriction.NAME, *KINEMATIC)
+FORMS: Mapping[str, tuple[type[Columns], tuple[str, ...]]] = {
+    "console": (ConsoleColumns, CONSOLE_EFFECTS),
+    "urdf": (UrdfColumns, _OF_BODIES),
+    "mjcf": (BodyColumns, (*_OF_BODIES, RotorInertia.NAME)),
+}
+"""Columns, and effects besides the rigid body, of a model that a file must hold."""
 
 
 @dataclass(frozen=True, eq=False)

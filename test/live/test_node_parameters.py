@@ -1,0 +1,56 @@
+"""``get`` and ``set`` on running nodes, and what a compensator of a simulated arm advises."""
+
+from __future__ import annotations
+
+import signal
+
+from support import MODEL_FILE
+
+from dvrk_gravity.__main__ import main
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess
+
+SPACE = f"{PRIVATE}/lab"
+NODE = f"{SPACE}/compensator"
+
+
+def test_parameters_of_a_running_node_are_read_and_set(domain, capsys):
+    def ask(*words: str) -> tuple[int, str]:
+        status = main([*words, "--timeout", "1" if "/nobody" in words else "60"])
+        said = capsys.readouterr()
+        return status, (said.out + said.err).strip()
+
+    with NodeProcess("compensator", "--params-file", str(MODEL_FILE), namespace=SPACE):
+        assert ask("get", NODE, "timeout") == (0, "timeout: 0.1")
+        assert ask("set", NODE, "timeout", "1") == (0, f"{NODE}: timeout: 1.0")
+        assert ask("set", NODE, "resume", "automatic") == (0, f"{NODE}: resume: automatic")
+        assert "timeout: 1.0\n" in ask("get", NODE)[1]
+        refused = ask("set", NODE, "timeout", "7")
+        assert refused[0] == 1
+        assert "refuses timeout" in refused[1]
+        for words, named in (
+            (("get", NODE, "timeou"), "timeout"),
+            (("set", NODE, "timeou", "1"), "timeout"),
+            (("get", "/nobody"), NODE),
+            (("set", NODE, "timeout", "{a: 1}"), "VALUE"),
+        ):
+            status, said = ask(*words)
+            assert status == 2
+            assert named in said
+            assert said.count("\n") == 0
+
+
+def test_all_options_for_a_busy_computer_are_named_at_once_where_the_arm_is_a_simulator(domain):
+    model = ("--params-file", str(MODEL_FILE))
+    with (
+        Client(SPACE) as client,
+        NodeProcess(
+            "simulator", "-p", "builtin_gravity_compensation:=false", namespace=SPACE
+        ) as simulator,
+        NodeProcess("compensator", *model, "-p", "ramp_time:=0.0", namespace=SPACE),
+    ):
+        client.watch_state("compensator")
+        client.wait(lambda: "commanding" in client.state("compensator"), "commands", 60.0)
+        simulator.signal(signal.SIGSTOP)
+        client.wait(lambda: client.state("compensator").startswith("fault"), "a fault")
+        for option in ("timeout", "max_stamp_age:=0.0", "resume:=automatic", "watchdog_timeout"):
+            assert option in client.state("compensator")
