@@ -61,7 +61,7 @@ def test_no_name_is_declared_twice():
     declared += [entry for effect in effects for entry in effect.schema(ARM)]
     declared += arm_parameters(ARM)
     names = [entry.name for entry in declared] + ["joint_offset", "identification.identity"]
-    names += ["identification.constant", "identification.constant_is"]
+    names += [f"identification.{name}" for name in ("constant", "constant_is", "coordinates")]
     assert sorted(names) == sorted(set(names))
     assert set(names) == set(ALL_PARAMETERS)
 

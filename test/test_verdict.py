@@ -87,7 +87,7 @@ def test_an_error_that_moves_no_joint_counts_as_none():
 def test_gravity_that_the_data_leave_open_is_not_compensated():
     poor = of("shoulder_pitch", error=0.4)
     assert poor.level == POOR
-    assert "1000 mN·m ± 400 mN·m" in poor.reason
+    assert "1.00 ± 0.40 N·m" in poor.reason
     assert of("shoulder_pitch", error=0.2).level == "usable"
     assert of("shoulder_pitch", torque=0.0, error=0.001).level == "good"
     assert of("shoulder_pitch", torque=0.0, error=0.1).level == POOR

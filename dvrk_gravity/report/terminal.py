@@ -44,6 +44,7 @@ _SHOWN = (
     "not judged",
     "efforts are ",
     "drive gains",
+    "fitted for",
     "the load does",
     "recordings are corrected",
 )

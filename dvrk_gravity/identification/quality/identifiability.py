@@ -174,7 +174,9 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
         direction[list(values)] = list(values.values())
         return direction
 
-    springs = {columns.columns[i].index: index[i] for i in columns.select(effect="gravity")}
+    springs = {
+        columns.columns[i].index: index[i] for i in columns.select(effect="gravity") if i in index
+    }
     if rigid:
         of_beta = beta_map(columns.mounted) @ columns.base if is_mtm(arm) else ()
         for k, line in enumerate(of_beta):

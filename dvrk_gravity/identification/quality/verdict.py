@@ -320,8 +320,8 @@ def _of_holding(
         )
     )
     if here != GOOD:
-        size, error = _shown(holding.torque, joint), _shown(holding.error, joint)
-        reason = f"gravity torque uncertain: {size} ± {error}"
+        size = quantity(holding.torque, joint.effort_unit, holding.error)
+        reason = f"gravity torque uncertain: {size}"
         # A joint stays at rest where |e| <= friction: of e ~ N(0, error^2) at two poses of three,
         # if both are equal, and it drifts slowly at the third. That is usable. A calibration's
         # certificate demands 95 % (``calibration.release``).
