@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -125,3 +126,10 @@ def test_what_does_not_go_with_the_console_is_refused(
     assert named in error
     assert error.count("\n") == 1
     assert not (tmp_path / "m.yaml").exists()
+
+
+def test_a_solver_that_is_missing_is_said_before_the_fit(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    motion(1, 2.0).save(tmp_path / "run.csv")
+    assert run("identify", tmp_path / "run.csv", "--arm", "mtmr", "--out", tmp_path / "m.yaml") == 2
+    assert "pip install clarabel" in capsys.readouterr().err

@@ -99,4 +99,4 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Register directive and pages."""
     app.add_directive("face", Face)
     app.connect("config-inited", write_pages)
-    return {"parallel_read_safe": False, "parallel_write_safe": True}
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

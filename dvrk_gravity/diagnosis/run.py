@@ -17,6 +17,7 @@ from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.effects import ReadingErrors, place_of, require_visible_load
 from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.identification import require_solver
 from dvrk_gravity.intake import (
     check_mass,
     in_their_unit,
@@ -94,6 +95,8 @@ def diagnose(
         ConfigError: A model of absurd torques; neither model nor arm, or two arms.
         ArgumentError: An argument of a wrong type.
     """
+    if simulated:
+        require_solver()
     if known_payload is not None:
         check_mass(known_payload)
     say = progress or silent

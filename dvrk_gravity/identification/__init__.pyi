@@ -24,6 +24,7 @@ from .quality.physical import nearest_bodies as nearest_bodies
 from .quality.physical import physical_links as physical_links
 from .quality.physical import possible_links as possible_links
 from .quality.physical import pseudo_inertia as pseudo_inertia
+from .quality.physical import require_solver as require_solver
 from .quality.uncertainty import dry_friction as dry_friction
 from .quality.uncertainty import held_by_terms as held_by_terms
 from .quality.verdict import GOOD as GOOD

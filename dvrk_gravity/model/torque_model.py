@@ -66,9 +66,9 @@ UNCERTAINTY_PARAMETER = Parameter(
     read_only=True, adjustable=True,
 )  # fmt: skip
 COORDINATES_PARAMETER = Parameter(
-    "identification.coordinates", "", "",
-    "coordinates that identify found its recordings to be in, if they are not the joints': a "
-    "diagnosis expects them", choices=("", "actuator"), read_only=True, adjustable=True,
+    "identification.coordinates", "joint", "",
+    "coordinates that identify found its recordings to be in, which a diagnosis expects",
+    choices=("joint", "actuator"), read_only=True, adjustable=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
 CONSTANT = "identification.constant"
@@ -138,7 +138,7 @@ class TorqueModel:
         constant: (n,) constant torque that it commands and that the arm may not feel, N·m or N:
             more than dry friction holds, and nothing has settled what it is; zero elsewhere.
         constant_is: What such torques are and what settled it, in words; ``""``: nothing has.
-        found_in: Coordinates that its recordings were found to be in; ``""``: joint, or stated.
+        found_in: Coordinates that its recordings were found to be in, where they were not given.
         uncertainty: Its posterior and known error; ``None``: not identified, or not stored.
         unsure: Why it has none though its file names an uncertainty.
         foreign: Groups of its parameters that do not belong to the model whose identity is among
@@ -155,7 +155,7 @@ class TorqueModel:
     reason: str = ""
     constant: Array = field(default_factory=lambda: np.zeros(0))
     constant_is: str = ""
-    found_in: str = ""
+    found_in: str = "joint"
     uncertainty: ModelUncertainty | None = None
     unsure: str = ""
     foreign: tuple[str, ...] = ()
@@ -322,7 +322,7 @@ class TorqueModel:
             values[CONSTANT] = tuple(self.constant.tolist())
         if self.constant_is:
             values[SETTLED_PARAMETER.name] = self.constant_is
-        if self.found_in:
+        if self.found_in != COORDINATES_PARAMETER.default:
             values[COORDINATES_PARAMETER.name] = self.found_in
         # An empty array means "not given", and ROS cannot read one.
         return values | {name: value for name, value in self.node.items() if value != ()}
