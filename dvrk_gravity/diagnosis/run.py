@@ -161,7 +161,7 @@ def build(
     doubts = tested.arm.doubts if tested.of_file else ()  # an identified model has its own
     loaded = replace(
         loaded,
-        handling=(*corrected, *said, *loaded.handling),
+        handling=(*corrected, *read.handling, *said, *loaded.handling),
         warnings=(*about_arm(doubts), *warnings, *read.warnings, *loaded.warnings),
     )
     if references:

@@ -84,12 +84,14 @@ class PutRight:
         faults: The faults, those of all joints first.
         warnings: That given coordinates look wrong.
         errors: The faults that all recordings share, as errors of readings.
+        handling: What was done as at identification.
     """
 
     recordings: list[Recording | RecordingFile]
     faults: tuple[Fault, ...]
     warnings: tuple[DataWarning, ...]
     errors: ReadingErrors
+    handling: tuple[str, ...]
 
     @property
     def of_reference(self) -> tuple[DataWarning, ...]:
@@ -121,7 +123,7 @@ def put_right(
             a finding if they are not joint coordinates.
         still: Where joints stood that the recordings do not hold.
     """
-    right, faults, warnings = [], list[Fault](), list[DataWarning]()
+    right, faults, warnings, handling = [], list[Fault](), list[DataWarning](), list[str]()
     several = len(recordings) > 1
     read = ReadingErrors.none(model.arm.n)
 
@@ -147,17 +149,17 @@ def put_right(
         warnings += decision.warnings
         if decision.coordinates != stated:
             recording = _mended(recording, partial(replace, coordinates=decision.coordinates))
-            expected = decision.coordinates == model.found_in
-            if given is None and decision.errors is not None and not expected:
+            if given is None and decision.coordinates == model.found_in:
+                handling.append(f"{decision.reason}, as those that the model was identified from")
+            elif given is None and decision.errors is not None:
                 fault = _wrong_coordinates(model.arm, decision.coordinates, decision.errors)
                 right_one = ReadingErrors.none(model.arm.n)
                 note(fault, head, replace(right_one, coordinates=decision.coordinates))
             elif given is None:
-                as_before = ", as those that the model was identified from" if expected else ""
-                text = f"{decision.reason}{as_before}: --coordinates overrides this"
+                text = f"{decision.reason}: --coordinates overrides this"
                 warnings.append(DataWarning("coordinates", None, {}, text))
         right.append(recording)
-    return PutRight(right, tuple(faults), tuple(warnings), read)
+    return PutRight(right, tuple(faults), tuple(warnings), read, tuple(handling))
 
 
 def _coordinates(
