@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -26,7 +25,8 @@ from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.trajectories.fit import fit_dynamic
 from dvrk_gravity.identification.trajectories.problem import (
     FORMS,
-    require_console_arm,
+    ForFile,
+    require_form,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
 from dvrk_gravity.intake import (
@@ -60,15 +60,6 @@ from dvrk_gravity.recording import (
 Report = Callable[[str, float], None]
 Recordings = Sequence[Recording | RecordingFile]
 _SAME_TORQUE = 1e-9  # of the largest: two sums of the same products
-
-ForFile = Literal["console", "urdf", "mjcf"]
-_OF_BODIES = "fitted for {}: bodies, zeros, mounting and friction at joints, which `convert` writes"
-_HELD: dict[ForFile, str] = {
-    "console": "fitted for the dVRK console: at rest only gravity of ten parameters, and "
-    "polynomials of degree four of joints 1 to 6; what `convert` cannot write acts in motion only",
-    "urdf": _OF_BODIES.format("a URDF"),
-    "mjcf": _OF_BODIES.format("an MJCF") + "; rotors, and friction at motors",
-}
 
 
 def identify(
@@ -144,7 +135,7 @@ def identify(
         _require_new(validate, recordings)
     for_file = "console" if for_console else for_file
     if for_file is not None:
-        _require_form(for_file, arm, effects, all_static(recordings))
+        require_form(for_file, arm, effects, all_static(recordings))
     if all_static(recordings):
         fit = _static(recordings, arm, given, effects, physical, report, for_file == "console")
     else:
@@ -155,7 +146,7 @@ def identify(
     warnings = (*about_arm(arm.doubts), *fit.warnings)
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
-    handling = (*handling, *fit.handling, *((_HELD[for_file],) if for_file else ()))
+    handling = (*handling, *fit.handling, *((FORMS[for_file].words,) if for_file else ()))
     fit = replace(fit, handling=handling, warnings=warnings)
     _require_one_torque(fit.model)
     fit = _judged_with_constants(_validated(fit, validate) if validate else fit, bias)
@@ -264,18 +255,6 @@ def _with_gains(
     return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
 
-def _require_form(for_file: ForFile, arm: Arm, effects: Sequence[str] | None, static: bool) -> None:
-    if for_file not in FORMS:
-        raise ArgumentError("for_file", for_file, f"one of {', '.join(FORMS)}")
-    if for_file == "console":
-        require_console_arm(arm)
-    elif static:
-        poses = "trajectories: static poses do not determine the links' inertia"
-        raise ConfigError("--for", for_file, poses)
-    if effects is not None:
-        raise ConfigError("--terms", ",".join(effects), f"no --terms with --for {for_file}")
-
-
 def _each(
     coordinates: Coordinates | Sequence[Coordinates] | None, count: int
 ) -> Sequence[Coordinates | None]:
@@ -367,10 +346,13 @@ def _dynamic(
         readable.append(replace(trajectory, coordinates=system, still={} if full else still))
     shown = readable[complete.index(True)].coordinates
     assert shown is not None
-    form, allowed = (Columns, effects) if for_file is None else FORMS[for_file]
-    if for_file in ("urdf", "mjcf") and physical is None:
-        physical = True
-    fit = fit_dynamic(readable, arm, shown, allowed, physical, report, form, least_gain)
+    columns: type[Columns] = Columns
+    if for_file is not None:
+        form = FORMS[for_file]
+        columns, effects = form.columns, form.effects
+        if form.of_bodies and physical is None:
+            physical = True
+    fit = fit_dynamic(readable, arm, shown, effects, physical, report, columns, least_gain)
     if shown == "actuator" and coordinates[fitted[complete.index(True)]] is None:
         fit = replace(fit, model=replace(fit.model, found_in=shown))
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))

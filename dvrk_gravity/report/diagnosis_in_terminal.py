@@ -60,7 +60,7 @@ def diagnosis_text(
             yield laid_out(f"others may be there unseen: {reason}", width)
         yield laid_out(_how_good(diagnosis), width)
         if not why:
-            yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
+            yield laid_out(f"next: {_largest(diagnosis).remedy or 'see the report'}", width)
         if any(diagnosis.separating(finding) for finding in findings):
             yield f"{SEPARATE}: {diagnosis.separated_by}"
         for number, finding in enumerate(findings, start=1):
@@ -118,6 +118,16 @@ def _counted(findings: Sequence[Finding]) -> str:
         return f"1 finding, {'certain' if certain else 'not certain'}"
     some = f"{certain} of them certain" if certain else "none of them certain"
     return f"{of} findings, {'certain' if certain == of else some}"
+
+
+def _largest(diagnosis: Diagnosis) -> Finding:
+    """Return the finding of the largest gain, a certain one if there is any.
+
+    Of a file's masses it is the first: friction, which is in no such file, comes last.
+    """
+    certain = [finding for finding in diagnosis.findings if finding.certain]
+    pool = certain or list(diagnosis.findings)
+    return pool[0] if diagnosis.of_file else max(pool, key=lambda each: each.gain.relative)
 
 
 def _ambiguous(findings: Sequence[Finding]) -> str:

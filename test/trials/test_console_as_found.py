@@ -193,7 +193,7 @@ def test_parameters_that_no_edit_makes_right_are_not_to_be_used(tmp_path):
     for document in (two, cancelling):
         answer = check_file(write(tmp_path, document)).answer
         assert answer.use is Use.NOT
-        assert "--arm mtmr --for-console" in answer.todo[0]
+        assert "--arm mtmr --for console" in answer.todo[0]
 
 
 @pytest.mark.parametrize("joint", [1, 6])

@@ -197,7 +197,7 @@ def test_fewer_poses_than_the_columns_of_the_largest_joint_need_are_refused():
 def test_what_poses_cannot_give_is_refused_in_one_line():
     posed = ecm()
     for options, says in (
-        ({"for_console": True}, "^--for-console: got 'ecm'"),
+        ({"for_console": True}, "^--for console: got 'ecm'"),
         ({"physical": True}, "^--physical: got True"),
         ({"effects": ["payload"]}, "^--terms: got 'payload'"),
     ):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from dvrk_gravity.effects import (
     Term,
     ViscousFriction,
 )
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
     Folds,
@@ -48,12 +49,7 @@ CONSOLE_EFFECTS = (
 _ACROSS = tuple(PER_LINK * TREE_LINKS.index("link7") + k for k in (1, 2))
 
 
-def require_console_arm(arm: Arm) -> None:
-    """Check that the console knows an arm.
-
-    Raises:
-        ConfigError: It does not, or the arm's base is tilted.
-    """
+def _require_console_arm(arm: Arm) -> None:
     if arm.name not in ARMS.values():
         raise ConfigError("--for console", arm.name, f"an arm of the console: {', '.join(ARMS)}")
     if np.abs(arm.gravity[:2]).max() > 1e-9:
@@ -108,13 +104,60 @@ class ConsoleColumns(Columns):
         )
 
 
+@dataclass(frozen=True)
+class Form:
+    """What a model may have that a file must hold.
+
+    Attributes:
+        columns: Its columns.
+        effects: Effects besides the rigid body.
+        words: What was fitted, for a person.
+        of_bodies: Whether it holds links as bodies.
+    """
+
+    columns: type[Columns]
+    effects: tuple[str, ...]
+    words: str
+    of_bodies: bool = True
+
+
+ForFile = Literal["console", "urdf", "mjcf"]
 _OF_BODIES = (CoulombFriction.NAME, ViscousFriction.NAME, *KINEMATIC)
-FORMS: Mapping[str, tuple[type[Columns], tuple[str, ...]]] = {
-    "console": (ConsoleColumns, CONSOLE_EFFECTS),
-    "urdf": (UrdfColumns, _OF_BODIES),
-    "mjcf": (BodyColumns, (*_OF_BODIES, RotorInertia.NAME)),
+_WORDS = (
+    "fitted for {}, all of which `convert` writes: bodies, zeros, mounting, friction at joints{}; "
+    "what else the arm does is in the errors"
+)
+FORMS: Mapping[ForFile, Form] = {
+    "console": Form(
+        ConsoleColumns,
+        CONSOLE_EFFECTS,
+        "fitted for the dVRK console: at rest only gravity of ten parameters, and polynomials of "
+        "degree four of joints 1 to 6; what `convert` cannot write acts in motion only",
+        of_bodies=False,
+    ),
+    "urdf": Form(UrdfColumns, _OF_BODIES, _WORDS.format("a URDF", "")),
+    "mjcf": Form(
+        BodyColumns, (*_OF_BODIES, RotorInertia.NAME), _WORDS.format("an MJCF", ", motors, rotors")
+    ),
 }
-"""Columns, and effects besides the rigid body, of a model that a file must hold."""
+
+
+def require_form(for_file: ForFile, arm: Arm, effects: Sequence[str] | None, static: bool) -> None:
+    """Check that a model of an arm can be fitted for a file.
+
+    Raises:
+        ArgumentError: No such form.
+        ConfigError: An arm that it does not know, static poses, or effects given beside it.
+    """
+    if for_file not in FORMS:
+        raise ArgumentError("for_file", for_file, f"one of {', '.join(FORMS)}")
+    if for_file == "console":
+        _require_console_arm(arm)
+    elif static:
+        poses = "trajectories: static poses do not determine the links' inertia"
+        raise ConfigError("--for", for_file, poses)
+    if effects is not None:
+        raise ConfigError("--terms", ",".join(effects), f"no --terms with --for {for_file}")
 
 
 @dataclass(frozen=True, eq=False)
