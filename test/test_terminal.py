@@ -11,7 +11,7 @@ from made_results import CLEAR, finding, fit_of
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import Progress
-from dvrk_gravity.diagnosis import Alternative, Diagnosis
+from dvrk_gravity.diagnosis import Alternative, Diagnosis, Gain
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.identification import (
     Evaluation,
@@ -127,6 +127,10 @@ def test_a_diagnosis_is_a_table_with_sizes_and_what_is_next():
     assert "elbow_pitch 200 -> 300, 30 times" in lines[5]
     assert "oil it" in lines[6]
     assert len(lines) == 9, "a warning, and how many more"
+    clock = finding("time_scale", Estimate(1.1, 1.0, 1.2, ""), Gain(0.1, 0.0, 0.2, 0.001), "factor")
+    both = (replace(clock, remedy="set it"), *diagnosis().findings)
+    said = list(diagnosis_text(replace(diagnosis(), findings=both)))
+    assert [line for line in said if line.startswith("next:")] == ["next: oil it"]
     said = "\n".join(diagnosis_text(diagnosis(), verbose=True))
     assert "thinned out" in said
     assert "thinned out" not in "\n".join(lines)
