@@ -15,7 +15,7 @@ from dvrk_gravity.command_line import VERBS
 
 # Nodes write nothing.
 MAKE_FOLDERS = ("calibrate", "demo", "diagnose")  # with theirs
-WITHOUT_OUTPUT = {"compensator", "simulator", "watchdog"}
+WITHOUT_OUTPUT = {"compensator", "get", "set", "simulator", "watchdog"}
 
 
 @dataclass(frozen=True)
