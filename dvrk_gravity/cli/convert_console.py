@@ -109,7 +109,7 @@ def _cost_table(result: Conversion, arm: Arm) -> Iterator[str]:
     yield f"{'joint':<16}{'RMS':>9}{'RMS':>9}{'max':>9}{'RMS':>9}{'max':>9}{'deg':>14}"
     edges = zip(np.degrees(result.lower), np.degrees(result.upper), strict=True)
     for name, numbers, (low, high) in zip(result.joints, costs, edges, strict=True):
-        cells = "".join(f"{factor * number:>9.{decimals}f}" for number in numbers)
+        cells = "".join(f"{factor * number:>9.{decimals - 1}f}" for number in numbers)
         yield f"{name:<16}{cells}{low:>9.0f}{high:>5.0f}"
 
 
