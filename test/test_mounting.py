@@ -14,7 +14,7 @@ from dvrk_gravity.arms import Arm, gravity_in_base, nominal_inertias
 from dvrk_gravity.diagnosis import load, try_readings
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import evaluate
-from dvrk_gravity.intake import Mounting, NominalTorque, in_their_unit, mounting
+from dvrk_gravity.intake import Mounting, NominalTorque, in_their_unit, misread, mounting
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing.plain_world import PlainWorld
@@ -78,6 +78,16 @@ def test_it_is_refused_with_what_to_write_and_taken_when_that_is_written(hanging
     # What a file states itself is believed.
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump({"urdf": str(UR5), "base_rpy": [0, 0, 0]}))
     assert any("masses" in line for line in evaluate(tmp_path / "arm.yaml", hanging).handling)
+
+
+def test_a_joint_whose_axis_points_the_other_way_is_named_and_no_mounting(upright, hanging):
+    for joint in (1, 2, 3):
+        sign = np.where(np.arange(ARM.n) == joint, -1.0, 1.0)
+        changed = {name: sign * getattr(upright, name) for name in ("position", "effort")}
+        found = misread(NominalTorque.of(replace(upright, velocity=None, **changed), ARM))
+        assert (found.joints, found.mounted) == ((ARM.joint_names[joint],), False)
+    assert misread(NominalTorque.of(upright, ARM)) is None
+    assert misread(NominalTorque.of(hanging, ARM)).mounted
 
 
 def test_efforts_of_the_wrong_sign_are_no_other_mounting(upright):

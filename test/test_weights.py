@@ -79,6 +79,17 @@ def test_a_joint_of_another_scale_or_sign_is_named_alone(joint, factor):
     assert ("sign" in line) == (factor < 0.0)
 
 
+def test_a_reversed_axis_takes_the_blame_of_all_joints():
+    sign = np.where(np.arange(6) == ELBOW, -1.0, 1.0)
+    read = ur5_motion()
+    arrays = {name: sign * getattr(read, name) for name in ("position", "velocity", "effort")}
+    fit = fitted_to(recording=replace(read, **arrays))
+    assert poor(fit) == {"elbow_joint"}
+    assert (fit.model.verdict, fit.model.reason) == (POOR, fit.verdict.findings[0])
+    assert "all signs of elbow_joint are reversed" in fit.verdict.findings[0]
+    assert not [line for line in fit.handling if "mounting" in line or "opposite" in line]
+
+
 def test_efforts_that_are_exchanged_are_named():
     effort = ur5_motion().effort.copy()
     effort[:, [LIFT, ELBOW]] = effort[:, [ELBOW, LIFT]]

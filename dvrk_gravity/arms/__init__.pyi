@@ -11,6 +11,7 @@ from .description import Body as Body
 from .description import Joint as Joint
 from .description import JointKind as JointKind
 from .description import in_newtons as in_newtons
+from .description import newton_metres as newton_metres
 from .description import thousandth as thousandth
 from .dh import DHRow as DHRow
 from .held import STAYS as STAYS

@@ -54,7 +54,13 @@ def read_in(unit: str, effort: str) -> str:
 
 def in_newtons(unit: str) -> bool:
     """Return whether a unit is N·m, or N, in any spelling."""
-    return _letters(unit).lower() in _NEWTON_METRES
+    return newton_metres(unit) == 1.0
+
+
+def newton_metres(unit: str) -> float | None:
+    """Return a unit's size in N·m, or N, in any spelling; ``None`` of one that is no multiple."""
+    letters = _letters(unit)
+    return 1.0 if letters.lower() in _NEWTON_METRES else _OF_NEWTON_METRES.get(letters)
 
 
 def _letters(unit: str) -> str:

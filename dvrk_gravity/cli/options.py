@@ -116,7 +116,7 @@ def add_drive_gains(parser: argparse.ArgumentParser) -> None:
     given.add_argument(
         "--effort-unit", metavar="UNIT",
         help="unit of the efforts if it is not N·m and the gains are unknown: A; or N·m, to "
-        "override the masses in the arm's file",
+        "override the masses in the arm's file; or by joint, JOINT=mN·m,JOINT=%% (of its limit)",
     )  # fmt: skip
 
 
@@ -167,7 +167,27 @@ def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
             shown = ",".join(f"{gain:g}" for gain in arm.drive_gains)
             raise ConfigError("--drive-gains", text, f"the arm's own, {shown}, or none")
         return arm if arm.drive_gains is not None else arm.with_drive_gains(gains)
-    return arm if unit is None else arm.with_effort_unit(unit)
+    if unit is None or "=" not in unit:
+        return arm if unit is None else arm.with_effort_unit(unit)
+    return arm.with_drive_gains(_gains_by_joint(unit, arm), [0.0] * arm.n)
+
+
+def _gains_by_joint(text: str, arm: Arm) -> list[float]:
+    """Return what is read as one at each joint, N·m or N, of ``JOINT=UNIT,…``; others: 1."""
+    from dvrk_gravity.arms import newton_metres
+
+    joints, gains = {joint.name: joint for joint in arm.joints}, dict.fromkeys(arm.joint_names, 1.0)
+    for entry in text.split(","):
+        name, _, unit = (part.strip() for part in entry.partition("="))
+        joint = joints.get(name)
+        size = newton_metres(unit)
+        if joint is not None and unit == "%" and joint.effort_stated:
+            size = joint.effort_limit / 100.0
+        if joint is None or size is None:
+            known = "mN·m, N·mm, N·cm, kN·m, N·m or % (of an effort limit that the file states)"
+            raise ConfigError("--effort-unit", entry, f"JOINT={known} with {', '.join(joints)}")
+        gains[name] = size
+    return list(gains.values())
 
 
 def add_rehearsal(parser: argparse.ArgumentParser) -> None:
@@ -202,7 +222,7 @@ def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
             "efforts in N·m",
             file=sys.stderr,
         )
-    if given is None:
+    if given is None or ("=" in given and model.of_file and arm.drive_gains is None):
         return replace(model, arm=with_drive_gains(arm, arguments))
     expected = f"{arm.read_in or 'N·m'}, the unit of the model's torques"
     if arm.drive_gains is not None and (arm.drive_gains != 1.0).any():

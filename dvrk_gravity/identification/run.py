@@ -19,7 +19,7 @@ from dvrk_gravity.identification.quality.constant import (
     stated_bias,
 )
 from dvrk_gravity.identification.quality.physical import require_solver
-from dvrk_gravity.identification.quality.verdict import POOR, judge, with_constants
+from dvrk_gravity.identification.quality.verdict import POOR, judge, of_misread, with_constants
 from dvrk_gravity.identification.quality.weights import by_weight, held_weights
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.trajectories.fit import fit_dynamic
@@ -32,12 +32,14 @@ from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
 from dvrk_gravity.intake import (
     OTHER_SIDE,
     KnownPayload,
+    NominalTorque,
     all_static,
     contradiction,
     decide_coordinates,
     drive_gains,
     in_their_unit,
     known_still,
+    misread,
     read_once,
     require_all,
     whole,
@@ -128,6 +130,9 @@ def identify(
         arm, gains = _with_gains(recordings, arm, known_payload, given)
         recordings, given = recordings[:-1], given[:-1]
     arm, unit = in_their_unit(arm, recordings)
+    wrong = None
+    if arm.gravity_in_reading and not arm.newtons_said:  # or the masses are not believed
+        wrong = misread(NominalTorque.of(recordings[0], arm))
     # The lines on gains by a known load replace the first one on the unit.
     handling = (*missing, *gains, *unit[bool(gains) :])
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
@@ -150,7 +155,8 @@ def identify(
     fit = replace(fit, handling=handling, warnings=warnings)
     _require_one_torque(fit.model)
     fit = _judged_with_constants(_validated(fit, validate) if validate else fit, bias)
-    return _unless_contradicted(fit)
+    fit = _unless_contradicted(fit)
+    return of_misread(fit, wrong) if wrong is not None else fit
 
 
 def _judged_with_constants(fit: Fit, bias: Mapping[str, str]) -> Fit:

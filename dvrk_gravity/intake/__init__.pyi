@@ -38,5 +38,7 @@ from .motion import without_standing as without_standing
 from .nominal import Mounting as Mounting
 from .nominal import NominalTorque as NominalTorque
 from .nominal import mounting as mounting
+from .reversed_axis import Misread as Misread
+from .reversed_axis import misread as misread
 from .velocity_faults import VelocityFault as VelocityFault
 from .velocity_faults import velocity_fault as velocity_fault

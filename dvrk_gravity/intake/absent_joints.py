@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from numbers import Real
 
 import numpy as np
@@ -12,11 +12,20 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.model import parts
 from dvrk_gravity.parameters import is_finite
-from dvrk_gravity.recording import Coordinates, Recording, RecordingFile, Trajectory, opened
+from dvrk_gravity.recording import (
+    Coordinates,
+    Kind,
+    Note,
+    Recording,
+    RecordingFile,
+    Trajectory,
+    opened,
+)
 
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory
 
+_MOVES = "has positions, but no efforts (none is a number that an effort can be)"
 _PARTS = 3  # of a robot that a refusal names
 
 
@@ -55,7 +64,7 @@ def known_still(still: Mapping[str, float] | None, arm: Arm) -> Mapping[str, flo
 
 
 def held_beyond(
-    recordings: Iterable[Source], arm: Arm, still: Mapping[str, float]
+    recordings: Sequence[Source], arm: Arm, still: Mapping[str, float]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return where unrecorded joints stood, and a line about those that were assumed.
 
@@ -63,7 +72,8 @@ def held_beyond(
     An MTM's recording has all seven joints; there, a missing one is a mistake.
     """
     seen = _recorded(recordings)
-    missing = [joint for joint in arm.joint_names if joint not in (*seen, *still)]
+    moving = {note.joint for each in recordings for note in _notes(each.head, "effort_missing")}
+    missing = [joint for joint in arm.joint_names if joint not in (*seen, *still, *moving)]
     if not missing or is_mtm(arm):
         return dict(still), ()
     # A joint whose position is given may itself be carried by one that is beyond.
@@ -101,6 +111,12 @@ def _recorded(recordings: Iterable[Source]) -> tuple[str, ...]:
     return tuple({joint for recording in recordings for joint in recording.head.joints})
 
 
+def _notes(recording: Recording | Trajectory, kind: Kind) -> Iterator[Note]:
+    """Yield the reader's notes of a kind about a recording's joints."""
+    notes = recording.notes if isinstance(recording, Recording) else ()
+    return (note for note in notes if note.kind == kind and note.joint)
+
+
 def _shown(where: Mapping[str, float]) -> str:
     return ", ".join(f"{name} at {position:g}" for name, position in where.items())
 
@@ -115,20 +131,28 @@ def require_all(
     """
     unknown = [name for name in arm.joint_names if name not in (*recording.joints, *(still or {}))]
     if unknown:
+        what = f"has no {', '.join(unknown)}"
         expected = "all joints"
-        if still is not None:  # only a fit to trajectories can do with less
+        moving = [n.joint for n in _notes(recording, "effort_missing") if n.joint in unknown]
+        if moving:
+            what = f"{', '.join(filter(None, moving))}: {_MOVES}"
+            expected = "measured ones"
+        elif still is not None:  # only a fit to trajectories can do with less
             turns = arm.joints[arm.joint_names.index(unknown[0])].kind == "revolute"
             at = f"--at {unknown[0]}={'0deg' if turns else '0mm'},..."
             expected += f", or `{at}` for the positions of joints that were not recorded"
         if some := " or ".join(parts(arm, recording.joints)[:_PARTS]):
             expected += f", or a part of the robot: --arm {some}"
-        raise RecordingError(recording.source, f"has no {', '.join(unknown)}: expected {expected}")
+        raise RecordingError(recording.source, f"{what}: expected {expected}")
     if isinstance(recording, Trajectory):
         without = any(stretch.effort is None for stretch in recording.stretches)
     else:
         without = recording.effort is None
     if without:
-        raise RecordingError(recording.source, "has no efforts, expected <joint>.effort columns")
+        notes = recording.notes if isinstance(recording, Recording) else ()
+        read = "".join(f"; {note.text}" for note in notes if note.kind == "columns")
+        expected = f"<joint>.effort columns{read}"
+        raise RecordingError(recording.source, f"has no efforts, expected {expected}")
 
 
 def motors_measured(columns: Sequence[int], arm: Arm, coordinates: Coordinates) -> Mask:

@@ -7,12 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvrk_gravity.arms import ANY_UNIT, Arm
+from dvrk_gravity.arms import ANY_UNIT, OF_WEIGHT, Arm, weight_regressor
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.intake.nominal import NominalTorque, mounting
+from dvrk_gravity.intake.effort_sign import require_signs
+from dvrk_gravity.intake.nominal import NominalTorque, recorded, without_friction
+from dvrk_gravity.intake.reversed_axis import misread
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
-from dvrk_gravity.recording import Recording, RecordingFile
+from dvrk_gravity.recording import Recording, RecordingFile, beyond_the_arm, disproved
 
 # Least correlation of a joint's effort with what nominal masses require for it to show the unit.
 # Chosen: half of the effort's variance is then theirs.
@@ -23,6 +26,11 @@ OFF = 4.0
 # Such a factor with drive gains is a slip of units or of a decimal: less than the least, a hundred,
 # and more than any masses of an arm's file were seen to be off. Chosen.
 SLIP = 30.0
+_UNITS = {"N·m": 1.0, "mN·m": 1e3, "N·cm": 1e2, "kN·m": 1e-3}  # efforts over those in N·m
+# Factor within which efforts are per cent of the limits, and others in N·m. Chosen: rotors, which
+# no file states, add less.
+_CLOSE = 1.5
+_SAMPLES = 600  # on which a load is compared: a bound on time
 
 
 class _Part(NamedTuple):
@@ -32,19 +40,111 @@ class _Part(NamedTuple):
     needed: float
 
 
-def _parts(nominal: NominalTorque | None) -> dict[str, _Part]:
-    """Return these products of the joints whose effort follows the nominal torque."""
+def _parts(nominal: NominalTorque | None, beside_friction: bool = False) -> dict[str, _Part]:
+    """Return these products of the joints whose effort follows the nominal torque.
+
+    Args:
+        nominal: Samples; ``None``: nothing is known.
+        beside_friction: What friction can explain is left out of both.
+    """
     if nominal is None:
         return {}
     parts = {}
     # By joints' coordinates; what a transmission mixes is of one size.
     every = nominal.weight @ nominal.arm.gravity + nominal.inertia
-    for name, needed, read in zip(nominal.arm.joint_names, every.T, nominal.effort.T, strict=True):
+    columns = (nominal.arm.joint_names, every.T, nominal.effort.T, nominal.qd.T)
+    for name, needed, read, speed in zip(*columns, strict=True):
         needed, read = needed - needed.mean(), read - read.mean()
+        if beside_friction:
+            needed, read = without_friction(np.stack([needed, read], axis=1), speed).T
         size = float(np.linalg.norm(needed) * np.linalg.norm(read))
         if size > 0.0 and abs(needed @ read) > FOLLOWS * size:
             parts[name] = _Part(float(needed @ read), float(needed @ needed))
     return parts
+
+
+def _require_one_unit(source: str, nominal: NominalTorque | None) -> None:
+    """Refuse efforts in N·m at some joints, and in another known unit at others.
+
+    A load makes no such difference: the joints before it carry it, too.
+    """
+    if nominal is None:
+        return
+    arm, parts = nominal.arm, _parts(nominal, beside_friction=True)
+    if arm.newtons_said or arm.drive_gains is not None or arm.read_in:
+        return
+    size = {name: abs(part.shared) / part.needed for name, part in parts.items()}
+    units = {name: _known_unit(each) for name, each in size.items()}
+    limits = {joint.name: joint.effort_limit for joint in arm.joints if joint.effort_stated}
+    percent = {
+        name: "%"
+        for name, each in size.items()
+        if name in limits and _near(each * limits[name] / 100.0) and not _near(each)
+    }
+    if len(percent) > 1 and all(name in percent or _near(size[name]) for name in size):
+        units = dict.fromkeys(size, "N·m") | percent
+    others = {name: unit for name, unit in units.items() if unit not in ("", "N·m")}
+    if not others or not (len(set(units.values())) > 1 or percent == others):
+        return
+    gains = {
+        n: limits[n] / 100.0 if unit == "%" else 1.0 / _UNITS[unit] for n, unit in others.items()
+    }
+    if _is_load(nominal, gains):
+        return
+    shown = ", ".join(f"{name} {size[name]:.2g}" for name in size)
+    rest = (
+        name
+        for name in arm.joint_names
+        if name not in size
+        or (percent and name not in others and _near(size[name] * limits.get(name, 0.0) / 100.0))
+    )
+    unseen = ", ".join(rest)
+    stated = ",".join(f"{name}={unit}" for name, unit in others.items())
+    raise RecordingError(
+        source,
+        f"efforts over what the masses in the arm's file need are {shown}: expected one unit, "
+        f"N·m; if it is another at some joints, --effort-unit {stated} states it"
+        + (f" (efforts of {unseen} do not show theirs)" if unseen else "")
+        + "; if the masses are wrong, --effort-unit N·m",
+    )
+
+
+def _known_unit(size: float) -> str:
+    """Return the unit in which efforts are so many times those in N·m; ``""``: none is known."""
+    off = {name: float(abs(np.log(size / each))) for name, each in _UNITS.items()}
+    best = min(off, key=lambda name: off[name])
+    return best if off[best] < np.log(OFF) else ""
+
+
+def _is_load(nominal: NominalTorque, gains: Mapping[str, float]) -> bool:
+    """Return whether a load on the last link explains efforts as well as units of some joints.
+
+    Args:
+        nominal: Samples.
+        gains: What is read as one at these joints, N·m or N.
+    """
+    arm, rows = nominal.arm, slice(None, None, max(1, len(nominal.q) // _SAMPLES))
+    first = OF_WEIGHT * arm.body_names.index(last_link(arm))
+    load = weight_regressor(arm, nominal.q[rows], arm.gravity)[:, :, first : first + OF_WEIGHT]
+    needed = (nominal.weight @ arm.gravity + nominal.inertia)[rows]
+    rest, by_unit = [], 0.0
+    for joint, name in enumerate(arm.joint_names):
+        read = nominal.effort[rows, joint]
+        pair = (gains.get(name, 1.0) * read, read, needed[:, joint])
+        torques = np.column_stack([*pair, load[:, joint]])
+        torques = without_friction(torques, nominal.qd[rows, joint])
+        stated, read, own = torques[:, :3].T
+        by_unit += float(np.log((stated - own) @ (stated - own) / max(own @ own, 1e-300) + 1e-4))
+        size = max(float(np.linalg.norm(own)), 1e-300)
+        rest.append(np.column_stack([read - own, torques[:, 3:]]) / size)
+    left = np.stack(rest)
+    found = np.linalg.lstsq(np.concatenate(left[:, :, 1:]), np.concatenate(left[:, :, 0]))[0]
+    by_load = np.log(((left[:, :, 0] - left[:, :, 1:] @ found) ** 2).sum(axis=1) + 1e-4).sum()
+    return bool(by_load < by_unit + 1.0)
+
+
+def _near(size: float) -> bool:
+    return 1.0 / _CLOSE < size < _CLOSE
 
 
 def _size(parts: Mapping[str, _Part]) -> float | None:
@@ -55,25 +155,6 @@ def _size(parts: Mapping[str, _Part]) -> float | None:
     if not parts:
         return None
     return sum(abs(part.shared) for part in parts.values()) / sum(p.needed for p in parts.values())
-
-
-def _mounted(nominal: NominalTorque | None) -> str:
-    """Return a sentence on another apparent mounting; ``""`` if it is as the file says."""
-    # Of motors that share joints no sign is known.
-    found = None if nominal is None or not nominal.arm.direct_drive else mounting(nominal)
-    if found is None:
-        return ""
-    roll, pitch = np.degrees((found.roll, found.pitch))
-    signs = (
-        "; or efforts have the wrong sign (all, or those that carry most): friction does not decide"
-        if found.signs
-        else ""
-    )
-    return (
-        "according to the masses in the arm's file, gravity acts as on a base with "
-        f"base_rpy: [{roll:.0f}, {pitch:.0f}, 0] (degrees): state the mounting, whatever it is, in "
-        f"a .yaml that names the URDF (docs/own_arm.md){signs}"
-    )
 
 
 def _opposite(parts: Mapping[str, _Part], arm: Arm) -> tuple[str, ...]:
@@ -103,12 +184,27 @@ def in_their_unit(
     if not arm.gravity_in_reading:
         _require_stated_weight(arm, recordings)
         return arm, ()
-    nominal = NominalTorque.of(recordings[0], arm)
-    parts = _parts(nominal)
+    nominal, parts = _checked(recordings[0], arm)
     with_unit, lines = _unit(arm, _size(parts))
-    if mounted := _mounted(nominal):
-        return with_unit, (*lines, f"warning: {mounted}")
+    if found := misread(nominal):
+        return with_unit, (*lines, f"warning: {found.line}")
     return with_unit, (*lines, *_opposite(parts, arm))
+
+
+def _checked(
+    given: Recording | RecordingFile, arm: Arm
+) -> tuple[NominalTorque | None, dict[str, _Part]]:
+    """Return what masses require beside efforts, where those of all joints are in one unit."""
+    head = recorded(given, arm)
+    for finding in beyond_the_arm(head):
+        if finding.kind == "position_unit":
+            raise RecordingError(head.source, str(finding))
+    if why := disproved(head):
+        raise RecordingError(head.source, why)
+    require_signs(head)
+    nominal = NominalTorque.of(head, arm)
+    _require_one_unit(head.source, nominal)
+    return nominal, _parts(nominal)
 
 
 def require_newtons(
@@ -132,8 +228,7 @@ def require_newtons(
     if model.verdict != NO_VERDICT or arm.read_in:
         return ()
     for recording in recordings:
-        nominal = NominalTorque.of(recording, arm)
-        parts = _parts(nominal)
+        nominal, parts = _checked(recording, arm)
         size = _size(parts)
         with_unit, lines = _unit(arm, size)
         if with_unit.read_in:
@@ -143,11 +238,10 @@ def require_newtons(
                 "(--drive-gains converts currents), or other masses; --effort-unit N·m overrides "
                 "them",
             )
-        if model.of_file and (mounted := _mounted(nominal)):
-            if not arm.base_stated:
-                raise RecordingError(recording.head.source, mounted)
-            lines = (*lines, f"warning: {mounted}")
-        lines = (*lines, *_opposite(parts, arm))
+        found = misread(nominal) if model.of_file else None
+        if found and found.mounted and not arm.base_stated:
+            raise RecordingError(recording.head.source, found.line)
+        lines += (f"warning: {found.line}",) if found else _opposite(parts, arm)
         odd += [line for line in lines if line.startswith("warning: ") and line not in odd]
     return tuple(odd)
 
@@ -179,7 +273,7 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
     if arm.newtons_said:
         return arm, ()
     if arm.drive_gains is not None:
-        return arm, _by_gains(arm.drive_gains, size)
+        return arm, _by_gains(arm.drive_gains, not np.any(arm.drive_gain_error), size)
     if not arm.read_in:
         if size is None or 1.0 / OFF < size < OFF:
             return arm, ()
@@ -195,10 +289,12 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
     )
 
 
-def _by_gains(gains: Array, size: float | None) -> tuple[str, ...]:
+def _by_gains(gains: Array, exact: bool, size: float | None) -> tuple[str, ...]:
     """Return lines that name the drive gains, and doubt them if the arm's masses do."""
     shown = ", ".join(f"{gain:.4g}" for gain in gains)
     line = f"efforts are motor currents, converted with drive gains of {shown} N·m/A"
+    if exact:  # of units that were stated
+        line = f"efforts are converted from units of {shown} N·m, as stated"
     if size is None or 1.0 / OFF < size < OFF:
         return (line,)
     off = f"with these gains, torques are {size:.2g} times what the masses in the arm's file need"

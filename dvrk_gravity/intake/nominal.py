@@ -57,9 +57,9 @@ class NominalTorque:
     @classmethod
     def of(cls, given: Recording | RecordingFile, arm: Arm) -> NominalTorque | None:
         """Return it; ``None`` where masses, efforts, or joints are not known, or samples few."""
-        held, _ = held_beyond([given], arm, {})
-        arm = arm.holding(held)
-        recording = given.of(arm).head
+        recording = recorded(given, arm)
+        assert recording.arm is not None
+        arm = recording.arm
         if recording.effort is None or recording.joints != arm.joint_names:
             return None
         if arm.inertial_parameters is None or len(recording) < FEWEST:
@@ -92,6 +92,18 @@ class NominalTorque:
         assert self.arm.inertial_parameters is not None
         parameters = self.arm.inertial_parameters.ravel()
         return np.asarray(rigid_body.torque(self.arm, parameters, self.q, qd, qdd, gravity))
+
+
+def recorded(given: Recording | RecordingFile, arm: Arm) -> Recording:
+    """Return the first part of a recording, of the arm without joints beyond all recorded ones."""
+    held, _ = held_beyond([given], arm, {})
+    return given.of(arm.holding(held)).head
+
+
+def without_friction(torque: Array, speed: Array) -> Array:
+    """Return (N, k) torques of a joint without what friction at its (N,) speed can explain."""
+    friction = np.stack([np.sign(speed), speed], axis=1)
+    return np.asarray(torque - friction @ np.linalg.lstsq(friction, torque, rcond=None)[0])
 
 
 def _parts(recording: Recording) -> tuple[Segment, ...]:
@@ -144,11 +156,8 @@ def mounting(nominal: NominalTorque) -> Mounting | None:
     gravity = nominal.arm.gravity
     rest = []
     for joint in range(nominal.arm.n):  # what its friction cannot explain
-        speed = nominal.qd[:, joint]
-        friction = np.stack([np.sign(speed), speed], axis=1)
         needed = (nominal.effort[:, joint], nominal.inertia[:, joint], nominal.weight[:, joint])
-        every = np.column_stack(needed)
-        rest.append(every - friction @ np.linalg.lstsq(friction, every, rcond=None)[0])
+        rest.append(without_friction(np.column_stack(needed), nominal.qd[:, joint]))
     effort, inertia, weight = np.split(np.concatenate(rest), [1, 2], axis=1)
     effort = effort[:, 0]
     free = np.column_stack([weight, inertia])
@@ -156,7 +165,7 @@ def mounting(nominal: NominalTorque) -> Mounting | None:
     found = np.linalg.lstsq(free, effort, rcond=None)[0]
     shown = found[:3]
     strength = float(np.linalg.norm(shown))
-    cosine = shown @ gravity / max(strength * np.linalg.norm(gravity), 1e-300)
+    cosine = shown @ gravity / max(strength * float(np.linalg.norm(gravity)), 1e-300)
     if strength == 0.0 or cosine > np.cos(MAX_TILT):  # less is a tilt, which is an effect
         return None
     # No negative strength, which would be another direction.

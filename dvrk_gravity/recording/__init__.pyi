@@ -29,10 +29,12 @@ from .filters import white_density as white_density
 from .joint_states import JointStateSample as JointStateSample
 from .joint_states import read_joint_states as read_joint_states
 from .limits import STILL as STILL
+from .limits import beyond_the_arm as beyond_the_arm
 from .limits import jumps as jumps
 from .piecewise import Excerpt as Excerpt
 from .piecewise import excerpt as excerpt
 from .piecewise import loaded_if_short as loaded_if_short
+from .position_unit import disproved as disproved
 from .preparation import DEFAULT_CUTOFF as DEFAULT_CUTOFF
 from .preparation import Prepared as Prepared
 from .preparation import Segment as Segment

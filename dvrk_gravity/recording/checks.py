@@ -8,7 +8,8 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
-from dvrk_gravity.recording.limits import STILL, beyond_the_arm, declaring, jumps, position_unit
+from dvrk_gravity.recording.limits import STILL, beyond_the_arm, jumps, position_unit
+from dvrk_gravity.recording.position_unit import declaring
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.signal_checks import (
     driven_motors,

@@ -223,13 +223,21 @@ class HeaderReader:
             if len(missing) == len(joints) and quantity != "position":
                 continue
             if missing and quantity != "velocity":
-                raise self._error(f"no column {missing[0]}.{quantity}{WAY_OUT}")
+                what = " (it has positions, but no efforts)" if quantity == "effort" else ""
+                raise self._error(
+                    f"no column {missing[0]}.{quantity}{what}{self._not_read()}{WAY_OUT}"
+                )
             quantities[quantity] = places
         if ("", "direction") in index:
             if "direction" in quantities:
                 raise self._error("both direction and <joint>.direction columns")
             quantities["direction"] = [index["", "direction"]] * len(joints)
         return joints, quantities
+
+    def _not_read(self) -> str:
+        """Return in words which columns are not known, if there are any."""
+        others = [name for name in self.names if recognised(name, self._known) is None]
+        return f"; columns not read: {_some(others)}" if others else ""
 
     def _unknown(self, at: int) -> RecordingError:
         known = f", joints: {', '.join(self._known)}" if self._known else ""

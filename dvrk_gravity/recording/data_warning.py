@@ -16,10 +16,10 @@ Kind = Literal[
     "not_finite", "impossible_readings", "cut_off", "not_recorded", "wrapped", "topic", "columns",
     "duplicate_samples", "stale_samples", "read_jitter", "time_jitter", "gaps", "samples_discarded",
     "velocity_mismatch", "velocity_factor", "wrong_clock", "effort_ripple", "effort_saturation",
-    "effort_frozen", "position_quantisation", "velocity_quantisation", "effort_quantisation",
-    "no_motion", "nothing_moves", "position_unit", "effort_unit", "position_jump",
-    "exchanged_joints", "effort_sign", "time_unit", "coordinates", "arm_limits", "other_hand",
-    "excerpt", "arm_file",
+    "effort_frozen", "effort_missing", "position_quantisation", "velocity_quantisation",
+    "effort_quantisation", "no_motion", "nothing_moves", "position_unit", "effort_unit",
+    "position_jump", "exchanged_joints", "effort_sign", "time_unit", "coordinates", "arm_limits",
+    "other_hand", "excerpt", "arm_file",
 ]  # fmt: skip
 
 

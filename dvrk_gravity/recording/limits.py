@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.arms import FASTEST, UNTIMED_STEP, Arm
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.position_unit import ENDLESS, other_units
 from dvrk_gravity.recording.samples import Samples
 from dvrk_gravity.recording.timing import stale
 
@@ -37,14 +38,6 @@ def effort_unit(recording: Samples, joint: str) -> str:
     return "N·m" if arm is None else arm.effort_units[arm.joint_names.index(joint)]
 
 
-def declaring(joint: str, quantity: str, unit: str) -> str:
-    """Return how a user declares the unit of a joint's column; a bag's fields have no units."""
-    return (
-        f"declare it for each such column, --columns NAME={joint}.{quantity}[{unit}] (a bag: "
-        "`convert` it to CSV first)"
-    )
-
-
 def largest(arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
     """Return the largest position and effort by joint, in joint or actuator coordinates."""
     part = arm.joint_to_actuator[:, :, None]
@@ -60,6 +53,13 @@ def largest(arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
     )
 
 
+def beyond_reach(recording: Samples, arm: Arm) -> Mask:
+    """Return (N, n) positions so far beyond an arm's reach that they are in another unit."""
+    reach, _ = largest(arm)
+    most = np.array([min(reach[name], ENDLESS) for name in recording.joints])
+    return np.asarray(np.abs(recording.position) > _POSITION_MARGIN * most)
+
+
 def beyond_the_arm(recording: Samples) -> list[DataWarning]:
     """Return findings about numbers beyond the arm's reach: they are in another unit."""
     arm = recording.arm
@@ -67,19 +67,21 @@ def beyond_the_arm(recording: Samples) -> list[DataWarning]:
         return []
     reach, strength = largest(arm)
     findings = []
+    peaks = np.max(np.abs(recording.position), axis=0)
+    beyond = np.asarray(beyond_reach(recording, arm).any(axis=0))
+    others = other_units(recording, beyond) if beyond.any() else ""
     for column, name in enumerate(recording.joints):
         joint = arm.joints[arm.joint_names.index(name)]
-        peak = float(np.max(np.abs(recording.position[:, column])))
-        if peak > _POSITION_MARGIN * reach[name]:
+        if beyond[column]:
+            peak = float(peaks[column])
             numbers = {"largest": peak, "plausible": reach[name]}
             text = f"position up to {peak:.4g}, an arm reaches {reach[name]:g}: expected "
-            others = [other for other in arm.joints if other.unit == joint.unit]
-            if peak <= max(reach[other.name] for other in others):
+            same = [other for other in arm.joints if other.unit == joint.unit]
+            if peak <= max(min(reach[other.name], ENDLESS) for other in same):
                 text += f"{joint.unit}, and the columns of the right joints"
                 findings.append(DataWarning("exchanged_joints", name, numbers, text))
             else:
-                unit = "deg" if joint.unit == "rad" else "mm"
-                text += f"{joint.unit}, not {unit}; {declaring(name, 'position', unit)}"
+                text += others
                 findings.append(DataWarning("position_unit", name, numbers, text, unusable=True))
         if recording.effort is None:
             continue
@@ -94,7 +96,7 @@ def beyond_the_arm(recording: Samples) -> list[DataWarning]:
         else:
             text += f"{joint.effort_unit}, not m{joint.effort_unit}"
             if joint.effort_unit == "N·m":  # of a force no other unit is read
-                text += f"; {declaring(name, 'effort', 'mNm')}"
+                text += f"; declare it for each such joint, --effort-unit {name}=mN·m"
             findings.append(DataWarning("effort_unit", name, numbers, text, unusable=True))
     return findings
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import FASTEST, UNTIMED_STEP
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.recording.data_warning import Note, merged
-from dvrk_gravity.recording.limits import EFFORT_MARGIN, MOMENT, largest, reachable
+from dvrk_gravity.recording.limits import EFFORT_MARGIN, MOMENT, beyond_reach, largest, reachable
 from dvrk_gravity.recording.samples import Samples, join
 from dvrk_gravity.recording.timing import stale
 
@@ -101,7 +101,7 @@ def _unwrapped(samples: Samples) -> tuple[Samples, Array | float]:
     assert time is not None
     way = np.diff(samples.position, axis=0)
     turns = np.round(way / TURN)
-    turning = _may_turn(samples)
+    turning = _may_turn(samples) & ~_in_another_unit(samples)
     if not turns[:, turning].any():
         return samples, 0.0
     interval = np.diff(time)[:, None]
@@ -154,7 +154,9 @@ def _impossible(samples: Samples, starts: bool, ends: bool) -> list[Left]:
     fresh = np.flatnonzero(~stale(samples))
     track = _Track(samples.rows(fresh), starts, ends)
     following = np.append(fresh, len(samples))
-    for joint in np.flatnonzero(track.beyond.any(axis=0)).tolist():
+    # Of faults in more samples, or of positions in another unit, nothing is left out.
+    some = (track.beyond.mean(axis=0) <= 2.0 * _MOST) & ~_in_another_unit(samples)
+    for joint in np.flatnonzero(track.beyond.any(axis=0) & some).tolist():
         own = [
             (text, samples.joints[joint], np.arange(fresh[first], following[stop]))
             for text, first, stop in track.of(joint)
@@ -162,6 +164,13 @@ def _impossible(samples: Samples, starts: bool, ends: bool) -> list[Left]:
         if sum(len(rows) for _, _, rows in own) <= _MOST * len(samples):
             found += own
     return found
+
+
+def _in_another_unit(samples: Samples) -> Mask:
+    """Return (n,) joints whose positions are far beyond the arm's reach most of the time."""
+    if samples.arm is None:
+        return np.zeros(len(samples.joints), dtype=bool)
+    return np.asarray(beyond_reach(samples, samples.arm).mean(axis=0) > _MOST)
 
 
 def _beyond_motors(samples: Samples) -> list[Left]:

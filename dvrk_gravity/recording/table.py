@@ -17,6 +17,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.data_warning import Note, merged
+from dvrk_gravity.recording.limits import STILL
 from dvrk_gravity.recording.samples import LARGEST, Coordinates, Samples
 
 # Samples in a row that may be out of order: 0.1 s at 1 kHz. Chosen: more is another recording
@@ -28,6 +29,7 @@ _HELD = _MOST + 1  # samples whose stamps are judged together with those that fo
 _MOVING, _FROZEN = 0.02, 10
 # Part of the rows that may be out of the order of time. Chosen: a quarter of a file is no moment.
 _WILD = 0.25
+_NOTHING = 1e-30  # N·m; less is memory that was never written. Chosen: its square is no number
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +183,8 @@ class Assembly:
             if absent.all() and len(absent) and quantity != "position":
                 continue
             own = array[:, joints]
+            if quantity == "effort":
+                own = np.where(np.abs(own) < _NOTHING, 0.0, own)
             fine = np.abs(own) < LARGEST
             if absent.any():
                 own = np.where(absent, np.nan, own)
@@ -213,13 +217,15 @@ class Assembly:
             for quantity, array in table.values.items()
         }
         joints = ~missing["position"]
-        notes = self._left_out(table, missing["position"], "position")
+        notes = _left_out(table, missing["position"], "position", "no position was recorded")
         if not joints.any():
             raise RecordingError(self.source, "no position is a finite number")
         effort = missing.get("effort", np.zeros(len(joints), dtype=bool))
         if self.arm is not None and (effort & joints).any() and not effort[joints].all():
             # A joint without a motor that is read, such as a gripper's finger.
-            notes += self._left_out(table, effort & joints, "effort")
+            without = effort & joints
+            notes += _left_out(table, without, "effort", "no effort was recorded")
+            notes += self._moving(table, without)
             joints = joints & ~effort
         for quantity in ("velocity", "effort"):
             if quantity not in missing or not missing[quantity][joints].any():
@@ -233,10 +239,21 @@ class Assembly:
             notes += (Note("not_recorded", text),)
         return joints, notes
 
-    @staticmethod
-    def _left_out(table: RowTable, without: Mask, quantity: str) -> tuple[Note, ...]:
-        text = f"not read: no {quantity} was recorded (no finite number)"
-        return tuple(Note("not_recorded", text, name) for name in compress(table.joints, without))
+    def _moving(self, table: RowTable, without: Mask) -> tuple[Note, ...]:
+        """Return notes of joints without efforts that turn: nothing may take them for held."""
+        assert self.arm is not None
+        turns = {joint.name for joint in self.arm.joints if joint.kind == "revolute"}
+        position = np.where(np.abs(table.values["position"]) < LARGEST, table.values["position"], 0)
+        moved = np.ptp(position, axis=0) > STILL
+        return tuple(
+            Note(
+                "effort_missing",
+                "moves, but its efforts are no numbers that an effort can be",
+                name,
+            )
+            for name in compress(table.joints, without & moved)
+            if name in turns
+        )
 
     def _require_progress(self) -> None:
         """Refuse a file whose times stand still, or are in no order."""
@@ -264,6 +281,16 @@ class Assembly:
         return RecordingError(
             self.source, f"holds no usable samples{f': {why}' if why else ''}{way_out}"
         )
+
+
+def _left_out(table: RowTable, without: Mask, quantity: str, why: str) -> tuple[Note, ...]:
+    """Return notes of the joints that are not read, with what stands in place of a reading."""
+    return tuple(
+        Note("not_recorded", f"not read: {why} (the first {quantity} is {value:.3g})", name)
+        for name, value in compress(
+            zip(table.joints, table.values[quantity][0].tolist(), strict=True), without
+        )
+    )
 
 
 def increasing(

@@ -14,12 +14,14 @@ from dvrk_gravity.identification.result import (
     SIGNIFICANT,
     Constant,
     Contradiction,
+    Fit,
     HeldWeight,
     Holding,
     JointError,
     JointVerdict,
     Verdict,
 )
+from dvrk_gravity.intake import Misread
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.recording import STILL, Coordinates, DataWarning
 from dvrk_gravity.units import quantity
@@ -216,6 +218,27 @@ def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, 
         )
         for warning in warnings
         if warning.kind == "wrong_clock"
+    )
+
+
+def of_misread(fit: Fit, wrong: Misread) -> Fit:
+    """Return a fit to a recording that is not of the arm as its file has it, as unfit.
+
+    What it has against joints comes of that, and is left out.
+    """
+    if wrong.mounted and fit.model.arm.base_stated:  # a file that states it is believed
+        return fit
+    rest = JointVerdict(USABLE, f"not judged: {', '.join(wrong.joints)} first")
+    own = JointVerdict(POOR, wrong.reason, wrong.record)
+    joints = {name: own if name in wrong.joints else rest for name in fit.verdict.joints}
+    return replace(
+        fit,
+        model=replace(fit.model, verdict=POOR, reason=wrong.line),
+        verdict=Verdict(POOR, wrong.line, wrong.record, joints, (wrong.line,)),
+        constants={},
+        weights=(),
+        against=(),
+        handling=tuple(line for line in fit.handling if wrong.line not in line),
     )
 
 
