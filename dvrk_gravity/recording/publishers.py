@@ -32,9 +32,7 @@ _HOLE = 1.5
 # Chosen: more than at a change of sign.
 _CLEAR, _STEPS = 0.1, 3.0
 _OLDEST = 25  # messages ago, of which a position may be a copy. Chosen: 20 ms at 1 kHz
-_RESTS = (
-    1e-6  # rad in one message, below which an arm is at rest. Chosen: no encoder has such steps
-)
+_RESTS = 1e-6  # rad in a message, below which an arm is at rest. Chosen: less than any step
 # By how many intervals, and widths of their own, the delays of two clocks differ. Chosen: more than
 # those of messages that are sent or received in batches.
 _CLOCK, _WIDTHS = 5.0, 10.0
