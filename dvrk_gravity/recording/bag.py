@@ -33,6 +33,8 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 ROSBAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 SUFFIXES = (*ROSBAG2_SUFFIXES, ".bag", ".bag.active")
 METADATA = "metadata.yaml"
+OTHERS = "docs/recordings.md#what-is-no-bag-of-jointstates-and-no-csv"
+"""Where the documentation shows how to make a CSV of what is not read."""
 _COUNTS = "topics_with_message_count"  # its list of topics
 _KINDS: tuple[tuple[bytes, Callable[[Path, int], BagFile]], ...] = (
     (sqlite_file.MAGIC, sqlite_file.SqliteFile),
@@ -222,7 +224,11 @@ class BagReader:
             return topic
         found = [name for name, kind in self.topics.items() if kind == JOINT_STATE]
         if not found:
-            raise RecordingError(self.path, f"no {JOINT_STATE} topic, topics in the bag: {known}")
+            raise RecordingError(
+                self.path,
+                f"no {JOINT_STATE} topic, topics in the bag: {known}; to make a CSV of another "
+                f"one: {OTHERS}",
+            )
         among = found
         for last in _READINGS:
             # The dVRK publishes the gripper under the same last name.

@@ -10,7 +10,7 @@ from typing import TypedDict, Unpack
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import text_file
-from dvrk_gravity.recording.bag import SUFFIXES, is_bag
+from dvrk_gravity.recording.bag import OTHERS, SUFFIXES, is_bag
 from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.csv_file import iterate_csv
 from dvrk_gravity.recording.joint_states import iterate_bag
@@ -62,7 +62,9 @@ def read(path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]) -
         parts = iterate_csv(path, coordinates, chunk, arm, columns, time_base)
     else:
         raise RecordingError(
-            path, f"expected a .csv file, a rosbag2 folder, or a {', '.join(SUFFIXES)} file"
+            path,
+            f"expected a .csv file, a rosbag2 folder, or a {', '.join(SUFFIXES)} file; of .npz, "
+            f".hdf5 or .parquet, make a CSV as {OTHERS} shows",
         )
     return renewed(repaired(_in_torque(parts, arm)))
 
