@@ -66,6 +66,23 @@ def pool(count: int = 12) -> tuple[Candidate, ...]:
     return tuple(claim(i % N, f"shape {i}", shape=shape) for i, shape in enumerate(shapes.T))
 
 
+def test_a_claim_costs_four_units_a_parameter_and_the_logarithm_of_its_search():
+    assert claim(YAW).cost == pytest.approx(4.0)
+    assert claim(YAW, searched=50).cost == pytest.approx(4.0 + np.log(50.0))
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 4.0])
+def test_a_second_low_pass_makes_both_as_much_as_one_of_the_lower_band(frequency):
+    """1 / (1 + (f / b)^4), here of two Hz, by the part that the first of eight Hz has left."""
+    time = data().time
+    sine = np.sin(2.0 * np.pi * frequency * time)[:, None] * np.ones(N)
+    low = data().below(sine, 2.0)[len(time) // 4 : -len(time) // 4, 0]
+    first = 1.0 / (1.0 + (frequency / data().band) ** 4)
+    both = 1.0 / (1.0 + (frequency / 2.0) ** 4)
+    assert np.sqrt(2.0) * low.std() == pytest.approx(both / first, abs=0.03)
+    assert data().below(sine, 2.0 * data().band) is sine
+
+
 def problem(chosen: dict[int, float], seed: int = 0) -> CrossValidation:
     """Return samples that hold sizes of some of the pool, and white noise of 0.05 N·m or N."""
     noise = 0.05 * np.random.default_rng(seed).normal(size=data().residual.shape)
