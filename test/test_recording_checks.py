@@ -98,7 +98,7 @@ FAULTS = [
      {"slope": 0.0, "residual": 0.0}, column(CLEAN, "position", "wrist_yaw", np.zeros_like)),
     ("effort_saturation", "outer_yaw",
      column(CLEAN, "effort", "outer_yaw", lambda e: np.clip(e, -CLIP, CLIP)), {"effort_nm": CLIP},
-     column(CLEAN, "effort", "outer_yaw", steps(1e-4))),
+     column(CLEAN, "effort", "outer_yaw", steps(CLIP))),
     ("effort_saturation", "outer_yaw",
      column(STATIC, "effort", "outer_yaw", lambda e: np.minimum(e + 0.02, 0.02)),
      {"effort_nm": 0.02}, column(STATIC, "effort", "outer_yaw", steps(1e-4))),

@@ -36,6 +36,7 @@ from .quality.verdict import good_to as good_to
 from .quality.verdict import judge as judge
 from .quality.verdict import level_of as level_of
 from .quality.weights import READ_WITHOUT as READ_WITHOUT
+from .quality.weights import WEIGH as WEIGH
 from .quality.weights import bears_weight as bears_weight
 from .quality.weights import by_weight as by_weight
 from .quality.weights import held_weights as held_weights

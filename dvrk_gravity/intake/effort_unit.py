@@ -40,23 +40,23 @@ class _Part(NamedTuple):
     needed: float
 
 
-def _parts(nominal: NominalTorque | None, beside_friction: bool = False) -> dict[str, _Part]:
+def _parts(nominal: NominalTorque | None, beside_drive: bool = False) -> dict[str, _Part]:
     """Return these products of the joints whose effort follows the nominal torque.
 
     Args:
         nominal: Samples; ``None``: nothing is known.
-        beside_friction: What friction can explain is left out of both.
+        beside_drive: What friction and a rotor can explain is left out of both.
     """
     if nominal is None:
         return {}
     parts = {}
     # By joints' coordinates; what a transmission mixes is of one size.
     every = nominal.weight @ nominal.arm.gravity + nominal.inertia
-    columns = (nominal.arm.joint_names, every.T, nominal.effort.T, nominal.qd.T)
-    for name, needed, read, speed in zip(*columns, strict=True):
+    columns = (nominal.arm.joint_names, every.T, nominal.effort.T, nominal.qd.T, nominal.qdd.T)
+    for name, needed, read, *drive in zip(*columns, strict=True):
         needed, read = needed - needed.mean(), read - read.mean()
-        if beside_friction:
-            needed, read = without_friction(np.stack([needed, read], axis=1), speed).T
+        if beside_drive:
+            needed, read = without_friction(np.stack([needed, read], axis=1), *drive).T
         size = float(np.linalg.norm(needed) * np.linalg.norm(read))
         if size > 0.0 and abs(needed @ read) > FOLLOWS * size:
             parts[name] = _Part(float(needed @ read), float(needed @ needed))
@@ -70,7 +70,7 @@ def _require_one_unit(source: str, nominal: NominalTorque | None) -> None:
     """
     if nominal is None:
         return
-    arm, parts = nominal.arm, _parts(nominal, beside_friction=True)
+    arm, parts = nominal.arm, _parts(nominal, beside_drive=True)
     if arm.newtons_said or arm.drive_gains is not None or arm.read_in:
         return
     size = {name: abs(part.shared) / part.needed for name, part in parts.items()}
@@ -132,7 +132,7 @@ def _is_load(nominal: NominalTorque, gains: Mapping[str, float]) -> bool:
         read = nominal.effort[rows, joint]
         pair = (gains.get(name, 1.0) * read, read, needed[:, joint])
         torques = np.column_stack([*pair, load[:, joint]])
-        torques = without_friction(torques, nominal.qd[rows, joint])
+        torques = without_friction(torques, nominal.qd[rows, joint], nominal.qdd[rows, joint])
         stated, read, own = torques[:, :3].T
         by_unit += float(np.log((stated - own) @ (stated - own) / max(own @ own, 1e-300) + 1e-4))
         size = max(float(np.linalg.norm(own)), 1e-300)

@@ -172,7 +172,13 @@ def read_motions(
                 stretch = _at_rate(stretch, min(rates))
             parts.append(_motion(stretch, trajectory, arm, coordinates, source))
         efforts = [s.effort for s in trajectory.stretches if s.effort is not None]
-        require_measured(trajectory.source, trajectory.joints, np.concatenate(efforts))
+        ways = np.ptp(np.concatenate([s.position for s in trajectory.stretches]), axis=0)
+        scale = arm.scale[[arm.joint_names.index(joint) for joint in trajectory.joints]]
+        moved = ways >= STILL * scale  # efforts of others are not fitted
+        require_measured(
+            trajectory.source, list(compress(trajectory.joints, moved)),
+            np.concatenate(efforts)[:, moved],
+        )  # fmt: skip
         seen = np.concatenate(
             [part.state.q[:: max(1, len(part) // 1000)] for part in parts if part.source == source]
         )

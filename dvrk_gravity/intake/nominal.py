@@ -100,9 +100,12 @@ def recorded(given: Recording | RecordingFile, arm: Arm) -> Recording:
     return given.of(arm.holding(held)).head
 
 
-def without_friction(torque: Array, speed: Array) -> Array:
-    """Return (N, k) torques of a joint without what friction at its (N,) speed can explain."""
-    friction = np.stack([np.sign(speed), speed], axis=1)
+def without_friction(torque: Array, speed: Array, *more: Array) -> Array:
+    """Return (N, k) torques of a joint without what friction at its (N,) speed can explain.
+
+    Nor what ``more`` (N,) signals can, such as the acceleration of a rotor, which no file states.
+    """
+    friction = np.stack([np.sign(speed), speed, *more], axis=1)
     return np.asarray(torque - friction @ np.linalg.lstsq(friction, torque, rcond=None)[0])
 
 

@@ -190,8 +190,12 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
                 enough = enough and pinned.sum() > least
             else:
                 moving = velocity[fresh, column]
-                pinned &= moving > 0.1 * np.sqrt(np.mean(moving**2))
-                enough = _longest_run(pinned) >= _PINNED_RUN
+                moves = moving > 0.1 * np.sqrt(np.mean(moving**2))
+                pinned &= moves
+                # Coarse steps repeat at any effort, and not for less long than at the extremes.
+                inside = (effort > effort.min()) & (effort < effort.max())
+                again = (moves & inside)[1:] & (np.diff(effort) == 0.0)
+                enough = _longest_run(pinned) >= max(_PINNED_RUN, 2 * (1 + _longest_run(again)))
         if enough:
             count, unit = int(pinned.sum()), effort_unit(recording, joint)
             numbers = {"effort_nm": abs(reached), "samples": count}

@@ -10,6 +10,7 @@ from dvrk_gravity.identification import (
     GOOD,
     POOR,
     RULE,
+    WEIGH,
     Constant,
     Evaluation,
     ExpectedError,
@@ -164,6 +165,7 @@ def weight_line(fit: Fit) -> str:
     scale = scale_in_words(fit.weights)
     if not fit.weights:
         return scale
+    further = f"; {WEIGH}" if scale else ""
     units = dict(zip(fit.model.arm.joint_names, fit.model.arm.effort_units, strict=True))
     shown = ", ".join(
         f"{each.joint} {quantity(each.ratio * each.weight, units[each.joint])} of "
@@ -171,7 +173,7 @@ def weight_line(fit: Fit) -> str:
         for each in fit.weights
     )
     whose = "the masses in the arm's file" if fit.weights[0].stated else "a plausible such arm"
-    return f"weight found, of that of {whose}: {shown}" + (f"; {scale}" if scale else "")
+    return f"weight found, of that of {whose}: {shown}{further}"
 
 
 def _details(fit: Fit) -> Iterator[str]:

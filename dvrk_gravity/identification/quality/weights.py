@@ -53,7 +53,7 @@ DEVIATIONS = 2.0  # standard errors by which a ratio is beyond a bound. Chosen
 # shipped plant's, holds .2 to .4 of what that weighs, joints of an MTMR .2 to 1.6
 # (test/test_weights.py).
 GONE = 0.1
-WEIGH = "weigh something (`diagnose --payload-at`)"
+WEIGH = "weigh something of known mass (`diagnose --payload-at`)"
 UNKNOWN_SCALE = f"the scale is the recording's: {WEIGH}"
 SAME = 1.25  # factor within which ratios of several joints are one. Chosen
 # Part of what efforts are off their own joints' weights that they are off each other's, squared,
@@ -261,8 +261,9 @@ def missing_weights(weights: Sequence[HeldWeight], arm: Arm) -> Iterator[Contrad
         tuple(each.joint for each in none),
         POOR if sure else USABLE,
         f"gravity is not in its efforts: {masses} more there",
-        f"gravity is not in the efforts of {shown}, RMS, that {masses} there: another unit, or "
-        f"does the driver subtract it? {READ_WITHOUT} states that",
+        f"gravity is not in the efforts of {shown}, RMS, that {masses} there: another unit "
+        f"(--effort-unit A, --drive-gains), or does the driver subtract it? {READ_WITHOUT} states "
+        "that",
     )
 
 
