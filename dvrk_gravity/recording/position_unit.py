@@ -96,6 +96,8 @@ def disproved(recording: Samples) -> str:
     They were read as rad, or converted from degrees.
     """
     positions = _Positions(recording, recording.position)
+    if positions.follow_velocities:  # what weighs otherwise is a tilt, or other masses
+        return ""
     given = positions.judged(positions.unit("as they are read", "", 1.0))
     if not given.misfit > _BELIEVED:
         return ""
@@ -290,6 +292,11 @@ class _Positions:
         """Whether velocities are in the positions' unit, or show no other."""
         slopes = self._slopes[self._slopes > 0.0]
         return not len(slopes) or bool((np.abs(slopes - 1.0) < _SAME_SPEED).all())
+
+    @property
+    def follow_velocities(self) -> bool:
+        """Whether velocities were recorded at all joints, in the positions' unit."""
+        return bool((self._slopes > 0.0).all()) and self._same_unit
 
     def _within(self, unit: PositionUnit) -> bool:
         """Whether joints keep within their limits, up to the error of a zero."""
