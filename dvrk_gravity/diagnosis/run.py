@@ -102,10 +102,9 @@ def diagnose(
     say = progress or silent
     say("reading")
     problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
-    posterior, elsewhere = infer(problem.loaded, say), None
-    if payload_at is not None:
-        elsewhere = with_load_elsewhere(posterior, problem.loaded, say)
-    posterior = elsewhere or posterior
+    as_stated = infer(problem.loaded, say)
+    elsewhere = with_load_elsewhere(as_stated, problem.loaded, say)
+    posterior = elsewhere or as_stated
     say("measuring gains on held-out blocks")
     diagnosis = report(posterior, problem.faults, known_payload, problem.errors)
     if elsewhere is not None:

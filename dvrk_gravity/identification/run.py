@@ -32,16 +32,14 @@ from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
 from dvrk_gravity.intake import (
     OTHER_SIDE,
     KnownPayload,
-    NominalTorque,
     all_static,
     contradiction,
     decide_coordinates,
     drive_gains,
-    in_their_unit,
     known_still,
-    misread,
     read_once,
     require_all,
+    their_unit,
     whole,
     with_held,
 )
@@ -129,10 +127,10 @@ def identify(
     if known_payload is not None:
         arm, gains = _with_gains(recordings, arm, known_payload, given)
         recordings, given = recordings[:-1], given[:-1]
-    arm, unit = in_their_unit(arm, recordings)
-    wrong = None
-    if arm.gravity_in_reading and not arm.newtons_said:  # or the masses are not believed
-        wrong = misread(NominalTorque.of(recordings[0], arm))
+    arm, unit, wrong = their_unit(arm, recordings)
+    # Neither masses that are not believed judge, nor is a mounting that the file states doubted.
+    if wrong is not None and (arm.newtons_said or (wrong.mounted and arm.base_stated)):
+        unit, wrong = (*unit, f"warning: {wrong.line}"), None
     # The lines on gains by a known load replace the first one on the unit.
     handling = (*missing, *gains, *unit[bool(gains) :])
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)

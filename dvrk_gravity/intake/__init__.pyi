@@ -24,6 +24,7 @@ from .drive_gain_fit import check_mass as check_mass
 from .drive_gain_fit import drive_gains as drive_gains
 from .effort_unit import in_their_unit as in_their_unit
 from .effort_unit import require_newtons as require_newtons
+from .effort_unit import their_unit as their_unit
 from .known_errors import stated_coordinates as stated_coordinates
 from .known_errors import without_known_errors as without_known_errors
 from .motion import CalibrationMotion as CalibrationMotion

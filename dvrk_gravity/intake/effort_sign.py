@@ -8,9 +8,9 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.intake.nominal import SAMPLES, without_friction
+from dvrk_gravity.intake.nominal import SAMPLES
 from dvrk_gravity.model import stated_weight
-from dvrk_gravity.recording import Recording, quantum
+from dvrk_gravity.recording import Recording, quantum, without_friction
 
 # Part of the squared efforts that is left anyway, of masses that are off by a tenth, and least gain
 # in log-likelihood, per two samples. Chosen as for a reversed axis (``reversed_axis``).

@@ -7,15 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvrk_gravity.arms import ANY_UNIT, OF_WEIGHT, Arm, weight_regressor
+from dvrk_gravity.arms import ANY_UNIT, OF_WEIGHT, Arm, newton_metres, weight_regressor
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.intake.effort_sign import require_signs
-from dvrk_gravity.intake.nominal import NominalTorque, recorded, without_friction
-from dvrk_gravity.intake.reversed_axis import misread
+from dvrk_gravity.intake.nominal import NominalTorque, recorded
+from dvrk_gravity.intake.reversed_axis import Misread, misread
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
-from dvrk_gravity.recording import Recording, RecordingFile, beyond_the_arm, disproved
+from dvrk_gravity.recording import (
+    Recording,
+    RecordingFile,
+    beyond_the_arm,
+    disproved,
+    without_friction,
+)
 
 # Least correlation of a joint's effort with what nominal masses require for it to show the unit.
 # Chosen: half of the effort's variance is then theirs.
@@ -26,7 +32,8 @@ OFF = 4.0
 # Such a factor with drive gains is a slip of units or of a decimal: less than the least, a hundred,
 # and more than any masses of an arm's file were seen to be off. Chosen.
 SLIP = 30.0
-_UNITS = {"N·m": 1.0, "mN·m": 1e3, "N·cm": 1e2, "kN·m": 1e-3}  # efforts over those in N·m
+# Looked for at some joints where others are in the first.
+_UNITS = {unit: newton_metres(unit) or 1.0 for unit in ("N·m", "mN·m", "N·cm", "kN·m")}
 # Factor within which efforts are per cent of the limits, and others in N·m. Chosen: rotors, which
 # no file states, add less.
 _CLOSE = 1.5
@@ -86,9 +93,7 @@ def _require_one_unit(source: str, nominal: NominalTorque | None) -> None:
     others = {name: unit for name, unit in units.items() if unit not in ("", "N·m")}
     if not others or not (len(set(units.values())) > 1 or percent == others):
         return
-    gains = {
-        n: limits[n] / 100.0 if unit == "%" else 1.0 / _UNITS[unit] for n, unit in others.items()
-    }
+    gains = {n: limits[n] / 100.0 if unit == "%" else _UNITS[unit] for n, unit in others.items()}
     if _is_load(nominal, gains):
         return
     shown = ", ".join(f"{name} {size[name]:.2g}" for name in size)
@@ -111,7 +116,7 @@ def _require_one_unit(source: str, nominal: NominalTorque | None) -> None:
 
 def _known_unit(size: float) -> str:
     """Return the unit in which efforts are so many times those in N·m; ``""``: none is known."""
-    off = {name: float(abs(np.log(size / each))) for name, each in _UNITS.items()}
+    off = {name: float(abs(np.log(size * each))) for name, each in _UNITS.items()}
     best = min(off, key=lambda name: off[name])
     return best if off[best] < np.log(OFF) else ""
 
@@ -181,14 +186,21 @@ def in_their_unit(
             gravity, and states no masses.
         RecordingError: A recording of some joints, of an arm that is read without gravity.
     """
+    with_unit, lines, found = their_unit(arm, recordings)
+    return with_unit, (*lines, *((f"warning: {found.line}",) if found else ()))
+
+
+def their_unit(
+    arm: Arm, recordings: Sequence[Recording | RecordingFile]
+) -> tuple[Arm, tuple[str, ...], Misread | None]:
+    """Return what :func:`in_their_unit` does, and apart from its lines how they were misread."""
     if not arm.gravity_in_reading:
         _require_stated_weight(arm, recordings)
-        return arm, ()
+        return arm, (), None
     nominal, parts = _checked(recordings[0], arm)
     with_unit, lines = _unit(arm, _size(parts))
-    if found := misread(nominal):
-        return with_unit, (*lines, f"warning: {found.line}")
-    return with_unit, (*lines, *_opposite(parts, arm))
+    found = misread(nominal)
+    return with_unit, lines if found else (*lines, *_opposite(parts, arm)), found
 
 
 def _checked(

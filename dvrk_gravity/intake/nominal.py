@@ -16,7 +16,13 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import MAX_TILT
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.intake.absent_joints import held_beyond
-from dvrk_gravity.recording import Recording, RecordingFile, Segment, prepare
+from dvrk_gravity.recording import (
+    Recording,
+    RecordingFile,
+    Segment,
+    prepare,
+    without_friction,
+)
 
 BAND = 8.0  # Hz, of the low-pass of motion and efforts: that of a diagnosis
 SAMPLES = 5000  # that are looked at, at most: a bound on time
@@ -98,15 +104,6 @@ def recorded(given: Recording | RecordingFile, arm: Arm) -> Recording:
     """Return the first part of a recording, of the arm without joints beyond all recorded ones."""
     held, _ = held_beyond([given], arm, {})
     return given.of(arm.holding(held)).head
-
-
-def without_friction(torque: Array, speed: Array, *more: Array) -> Array:
-    """Return (N, k) torques of a joint without what friction at its (N,) speed can explain.
-
-    Nor what ``more`` (N,) signals can, such as the acceleration of a rotor, which no file states.
-    """
-    friction = np.stack([np.sign(speed), speed, *more], axis=1)
-    return np.asarray(torque - friction @ np.linalg.lstsq(friction, torque, rcond=None)[0])
 
 
 def _parts(recording: Recording) -> tuple[Segment, ...]:

@@ -35,6 +35,7 @@ from .piecewise import Excerpt as Excerpt
 from .piecewise import excerpt as excerpt
 from .piecewise import loaded_if_short as loaded_if_short
 from .position_unit import disproved as disproved
+from .position_unit import without_friction as without_friction
 from .preparation import DEFAULT_CUTOFF as DEFAULT_CUTOFF
 from .preparation import Prepared as Prepared
 from .preparation import Segment as Segment

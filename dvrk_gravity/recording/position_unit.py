@@ -115,6 +115,15 @@ def disproved(recording: Samples) -> str:
     )
 
 
+def without_friction(torque: Array, speed: Array, *more: Array) -> Array:
+    """Return (N, k) torques of a joint without what friction at its (N,) speed can explain.
+
+    Nor what ``more`` (N,) signals can, such as the acceleration of a rotor, which no file states.
+    """
+    friction = np.stack([np.sign(speed), speed, *more], axis=1)
+    return np.asarray(torque - friction @ np.linalg.lstsq(friction, torque, rcond=None)[0])
+
+
 class _Positions:
     """Positions of an arm's joints as they were read, and what shows their unit."""
 
@@ -230,20 +239,12 @@ class _Positions:
         q = unit.joint(self._read[rows])
         masses = arm.inertial_parameters.ravel()
         weight = rigid_body.torque(arm, masses, q, None, None, arm.gravity)
-        left = [self._beside_friction(each) for each in (effort[rows], weight)]
-        effort, weight = left[0].ravel(), left[1].ravel()
+        speeds, pairs = self._speed[rows].T, np.stack([effort[rows], weight], axis=2)
+        left = [without_friction(pairs[:, k], speed) for k, speed in enumerate(speeds)]
+        effort, weight = np.stack(left, axis=1).reshape(-1, 2).T
         scale = max(float(effort @ weight), 0.0) / max(float(weight @ weight), 1e-300)
         size = max(float(np.linalg.norm(effort)), 1e-300)
         return np.asarray((effort - scale * weight) / size)
-
-    def _beside_friction(self, torque: Array) -> Array:
-        """Return (N, n) torques without what friction explains; a constant may be weight."""
-        rest = np.empty_like(torque)
-        for joint, speed in enumerate(self._speed[self._rows].T):
-            columns = np.stack([np.sign(speed), speed], axis=1)
-            own = torque[:, joint]
-            rest[:, joint] = own - columns @ np.linalg.lstsq(columns, own, rcond=None)[0]
-        return rest
 
     @cached_property
     def _rows(self) -> slice:

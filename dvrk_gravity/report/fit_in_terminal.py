@@ -218,7 +218,7 @@ def evaluation_text(
     )
     said = compared(model, result.joints, result.coordinates, result.with_friction)
     yield laid_out(said, width)
-    if next_step := _next_step(result, model):
+    if next_step := _next_step(result, verdicts):
         yield laid_out(next_step, width)
     if result.outside and not verbose:
         more = len(result.outside) - 1
@@ -233,11 +233,10 @@ def evaluation_text(
         yield from (laid_out(line, width) for line in _about_errors(result, model))
 
 
-def _next_step(result: Evaluation, model: TorqueModel) -> str:
+def _next_step(result: Evaluation, verdicts: Mapping[str, JointVerdict]) -> str:
     """Return the one thing to do about errors larger than expected; ``""``: nothing."""
     if above := _above(result):
         return f"larger than the model expects of itself: {above}: `diagnose` finds out why"
-    verdicts = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
     if any(verdict.level == POOR for verdict in verdicts.values()):
         return "`diagnose` finds out why"
     return unmodelled(result.joints)

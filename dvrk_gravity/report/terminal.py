@@ -64,7 +64,7 @@ def laid_out(text: str, width: int | None, head: str = "") -> str:
     Where the head leaves little room, and the text needs more, the text has lines of its own.
     """
     wide = len(_PAINT.sub("", head))
-    if width is None or wide + len(text) <= width:
+    if width is None or not text or wide + len(text) <= width:
         return head + text
     apart = head and width - wide < _NARROW
     lines = textwrap.wrap(

@@ -125,13 +125,13 @@ def with_load_elsewhere(
 
     Args:
         posterior: What explains it with a load at that place.
-        loaded: The motion, with a place that is stated.
+        loaded: The motion.
         say: Called with one line at every step.
 
     Returns:
-        ``None`` where the stated place explains it as well.
+        ``None`` where no place is stated, or the stated one explains it as well.
     """
-    if not posterior.stated and len(posterior.selected) == 1:
+    if loaded.motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
     anywhere = infer(replace(loaded, motion=replace(loaded.motion, payload_at=None)), say)

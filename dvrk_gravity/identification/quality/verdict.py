@@ -226,8 +226,6 @@ def of_misread(fit: Fit, wrong: Misread) -> Fit:
 
     What it has against joints comes of that, and is left out.
     """
-    if wrong.mounted and fit.model.arm.base_stated:  # a file that states it is believed
-        return fit
     rest = JointVerdict(USABLE, f"not judged: {', '.join(wrong.joints)} first")
     own = JointVerdict(POOR, wrong.reason, wrong.record)
     joints = {name: own if name in wrong.joints else rest for name in fit.verdict.joints}
@@ -238,7 +236,6 @@ def of_misread(fit: Fit, wrong: Misread) -> Fit:
         constants={},
         weights=(),
         against=(),
-        handling=tuple(line for line in fit.handling if wrong.line not in line),
     )
 
 
