@@ -163,6 +163,12 @@ def test_of_two_nodes_that_measure_no_room_is_taught(domain):
         next(shown)
         arm.wait(lambda: arm.connected(*nodes), "the subscription")
 
+        def names() -> set[str]:  # they come later than what the nodes publish
+            found = client.node.get_publishers_info_by_topic("measured_js")
+            return {publisher.node_name for publisher in found}
+
+        client.wait(lambda: {"arm", "played_back"} <= names(), "the names of both nodes")
+
         def teach() -> None:
             for k in range(500):
                 message = JointState(name=list(ARM.joint_names), position=[0.0] * 4)
