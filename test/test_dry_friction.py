@@ -1,4 +1,4 @@
-"""Friction that builds up over a milliradian after a reversal, and falls with speed."""
+"""Friction that builds up over a milliradian after a reversal, falls with speed, grows by load."""
 
 from functools import cache
 
@@ -41,6 +41,7 @@ def moved(seed: int, duration: float) -> Recording:
         built[k + 1] = np.sign(step) * (1.0 - kept) + built[k] * kept
     data = model.createData()
     effort = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+    effort += 0.05 * np.abs(effort) * built
     effort += size * (level * built * (1.0 + more * np.exp(-((qd / 0.05) ** 2))) + drag * qd)
     effort += NOISE * random.standard_normal(q.shape)
     return Recording(Arm.load(UR5).joint_names, time, q, qd, effort)

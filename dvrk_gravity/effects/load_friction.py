@@ -20,6 +20,7 @@ from dvrk_gravity.effects.base.dry_friction import TRANSITION
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.term import Evaluator, Term
+from dvrk_gravity.effects.coulomb_friction import CoulombFriction
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -34,12 +35,14 @@ class LoadFriction(LinearTerm):
     The load is the torque of the model's other terms, friction and rotors left out: what is behind
     the gear (Hamon, Gautier and Garrec 2010, Dynamic identification of robots with a dry friction
     model depending on load and velocity; Bittencourt and Gunnarsson 2012, Static friction in a
-    robot joint). Beside it ``coulomb_friction`` is that of the gear without load.
+    robot joint). Beside it ``coulomb_friction`` is that of the gear without load: after a reversal
+    both build up over the same displacement.
 
     Attributes:
         arm: The arm.
         part: (n,) of the load.
         carried: The terms whose torque is the load.
+        gear: Coulomb friction of the same gears; ``None``: there is none.
     """
 
     NAME = "load_friction"
@@ -50,6 +53,7 @@ class LoadFriction(LinearTerm):
     arm: Arm
     part: Array
     carried: tuple[Term, ...] = ()
+    gear: CoulombFriction | None = None
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
@@ -65,14 +69,25 @@ class LoadFriction(LinearTerm):
 
     def beside(self, terms: Sequence[Term]) -> LoadFriction:
         behind = (t for t in terms if not (t.FRICTION or isinstance(t, RotorInertia)))
-        return replace(self, carried=tuple(behind))
+        gear = next((t for t in terms if isinstance(t, CoulombFriction)), None)
+        if gear is not None:
+            longer = np.maximum(gear.joint_displacement, gear.motor_displacement)
+            gear = replace(gear, joint_displacement=longer, transition_velocity=self.full_speed)
+        return replace(self, carried=tuple(behind), gear=gear)
+
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        return super().memory(state) if self.gear is None else self.gear.memory(state, before)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
-        return self.part * self._per_part(state)
+        past = None if self.gear is None else self.gear.past(state)
+        return self.part * self._per_part(state, past)
 
-    def _per_part(self, state: State) -> Array:
-        if state.direction is not None:
+    def _per_part(self, state: State, memory: Array | None) -> Array:
+        if self.gear is not None:
+            ways = self.gear.ways(state, memory)
+            way = np.zeros(state.q.shape) if ways is None else ways[0]
+        elif state.direction is not None:
             way = np.sign(state.direction)
         elif state.qd is not None:
             way = np.clip(state.qd / self.full_speed, -1.0, 1.0)
@@ -111,4 +126,8 @@ class LoadFriction(LinearTerm):
         return replace(self, part=np.asarray(theta, dtype=float))
 
     def regressor(self, state: State) -> Array:
-        return diagonal_columns(self._per_part(state))
+        past = None if self.gear is None else self.gear.past(state)
+        return diagonal_columns(self._per_part(state, past))
+
+    def columns(self, state: State, memory: Array) -> Array:
+        return diagonal_columns(self._per_part(state, memory))

@@ -206,9 +206,9 @@ class Columns:
         rest = np.zeros((len(q), sum(self._memories)))
         return self.regressor(State(q, np.zeros_like(q), np.zeros_like(q)), rest)
 
-    @cached_property
+    @property
     def _memories(self) -> tuple[int, ...]:
-        """Size of each effect's memory."""
+        """Size of each effect's memory: :meth:`beside` changes it."""
         still = State(np.zeros((1, self.arm.n)))
         return tuple(unknowns.memory(still).shape[1] for unknowns in self.unknowns)
 
