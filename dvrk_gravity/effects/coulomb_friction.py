@@ -18,7 +18,7 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     number_array,
 )
-from dvrk_gravity.effects.base.dahl import DahlElements
+from dvrk_gravity.effects.base.dahl import DahlElements, dahl
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import (
@@ -223,15 +223,15 @@ class CoulombFriction(DryFriction):
         if motion.static and motion.direction is None:
             return
         for site in friction_sites(motion):
-            row, setting = site.row(motion.arm), dict[str, float]()
-            if not motion.static:
-                setting["transition"] = motion.slowest(row)
-            most = removable(motion, site, motion.sign(row, setting.get("transition")))
-            for one_level in (True, False):
-                yield CoulombHypothesis(
-                    arm=motion.arm, site=site, setting=setting, refine=tuple(setting),
-                    one_level=one_level, removable=most,
-                )  # fmt: skip
+            setting, gives = dict[str, float](), _displacement(motion, site)
+            if not (motion.static or gives):
+                setting["transition"] = motion.slowest(site.row(motion.arm))
+            both = CoulombHypothesis(
+                arm=motion.arm, site=site, setting=setting, refine=tuple(setting),
+                one_level=False, gives=gives,
+            )  # fmt: skip
+            both = replace(both, removable=removable(motion, site, both.way(motion)))
+            yield from (replace(both, one_level=True), both)
         yield from AllFrictionHypothesis.of(motion)
 
     @classmethod
@@ -256,11 +256,13 @@ class CoulombHypothesis(Hypothesis):
 
     Attributes:
         one_level: The same in both directions.
+        gives: Displacement over which the model's there builds up, rad, and so what it lacks.
     """
 
     EFFECT = CoulombFriction
 
     one_level: bool
+    gives: float = 0.0
     variable: str = "velocity"
     directed: bool = True
 
@@ -268,12 +270,24 @@ class CoulombHypothesis(Hypothesis):
     def unrestricted(self) -> CoulombHypothesis | None:
         return replace(self, one_level=False) if self.one_level else None
 
-    def regressor(self, motion: Motion) -> Array:
+    def way(self, motion: Motion) -> Array:
+        """Return (N,) direction at its site, -1 to 1."""
         row = self.site.row(self.arm)
         sign = motion.sign(row, self.setting.get("transition"))
+        if not self.gives:
+            return sign
+        position = motion.q @ row
+        built = [
+            dahl(position[part], np.array([self.gives]), np.sign(sign[part][:1]))
+            for part in motion.parts
+        ]
+        return np.concatenate(built)[:, 0]
+
+    def regressor(self, motion: Motion) -> Array:
+        row, way = self.site.row(self.arm), self.way(motion)
         if self.one_level:
-            return spread(row, sign)
-        return spread(row, np.maximum(sign, 0.0), np.minimum(sign, 0.0))
+            return spread(row, way)
+        return spread(row, np.maximum(way, 0.0), np.minimum(way, 0.0))
 
     def parameters(self, theta: Array) -> dict[str, float]:
         return {"positive": float(theta[0]), "negative": float(theta[-1])}
@@ -305,6 +319,14 @@ class AllFrictionHypothesis(AllFriction):
     """All friction changed; most of it is Coulomb friction, which gives the finding its name."""
 
     EFFECT = CoulombFriction
+
+
+def _displacement(motion: Motion, site: Site) -> float:
+    """Return over which displacement the model's friction at a site builds up, rad; 0: at once."""
+    term = motion.model.term(CoulombFriction.NAME)
+    if motion.static or not isinstance(term, CoulombFriction):
+        return 0.0
+    return float(getattr(term, f"{site.kind.value}_displacement")[site.index])
 
 
 def with_coulomb(arm: Arm, values: Values, where: Site, levels: Array) -> Values:

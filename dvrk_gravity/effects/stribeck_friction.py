@@ -68,7 +68,7 @@ class StribeckFriction(DryFriction):
     SETTING_UNIT = "rad/s"
     SETTING_TEXT = "within"
     # From 0.01 to 0.1 are usual (Armstrong-Hélouvry et al. 1994, table 1).
-    SETTINGS = (0.01, 0.03, 0.1)
+    SETTINGS = (0.01, 0.022, 0.046, 0.1)
 
     joint: Array
     motor: Array
