@@ -79,6 +79,7 @@ def effect_finding(
             _pushed_together(hypothesis, [other.hypothesis for other in rest]),
             sentences.RECORD_ALONE,
         ),
+        (_shares_joint(hypothesis, [other.hypothesis for other in rest]), remedy),
         (held_out.shows_nothing_of(named, candidate, joints), remedy),
         (_leaves(motion, joints, held_out.rmse(after), likely), remedy),
         effect.doubt,
@@ -217,6 +218,19 @@ def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> st
 
     joints = dict.fromkeys(name for other in others if overlap(other) for name in other.names)
     return sentences.pushed_together([name for name in joints if name not in hypothesis.names])
+
+
+def _shares_joint(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
+    """Return which other cause is found at a finding's joint; ``""`` for none.
+
+    What no effect is, is often two: torque that grows with the square of the speed is viscous
+    friction and less Coulomb friction.
+    """
+    kinds = (Kind.JOINT, Kind.MOTOR)
+    for other in others if hypothesis.site.kind in kinds else ():
+        if other.site.kind in kinds and other.site.index == hypothesis.site.index:
+            return sentences.SHARES_JOINT.format(other.EFFECT.title())
+    return ""
 
 
 def beyond_range(motion: MeasuredMotion, hypothesis: Hypothesis, theta: Array) -> str:

@@ -22,6 +22,7 @@ RECORD_ALONE = (
     "if something was held for a while, record with it all the time; keep hands and cables off the "
     "arm"
 )
+SHARES_JOINT = "{} is found there, too: two causes of one joint may be one that has no name here"
 GO_THERE = "identify from a recording that covers this range as well, then diagnose again"
 USE_EXTENDED = "use the extended model, which has it"
 DIFFERENT = "the recordings differ about it"
