@@ -91,7 +91,7 @@ def build_design(
             # The filter's transients at the ends of a chunk fall into its margins.
             first, last = start - low.edge, min(stop + low.edge, len(motion))
             state = motion.state.rows(slice(first, last))
-            history = columns.history(state, before)
+            history = columns.history(state, before, chosen)
             before = history[stop - low.edge - first].copy()
             raw = columns.regressor(state, history, smooth, chosen)
             # One grid over all chunks.

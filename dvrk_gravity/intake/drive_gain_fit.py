@@ -226,9 +226,11 @@ class _Fixed(Columns):
         """Take (10 bodies, k) changes."""
         self.arm, self._directions = arm, directions
 
-    def history(self, state: State, before: Array | None = None) -> Array:
+    def history(
+        self, state: State, before: Array | None = None, chosen: Sequence[int] | None = None
+    ) -> Array:
         """Return no memory."""
-        del before
+        del before, chosen
         return np.zeros((len(state.q), 0))
 
     def regressor(

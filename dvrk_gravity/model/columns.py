@@ -144,18 +144,26 @@ class Columns:
         (unknowns,) = (unknowns for unknowns in self.unknowns if effect == unknowns.term.NAME)
         return np.eye(len(unknowns.columns)) if unknowns.basis is None else unknowns.basis
 
-    def history(self, state: State, before: Array | None = None) -> Array:
+    def history(
+        self, state: State, before: Array | None = None, chosen: Sequence[int] | None = None
+    ) -> Array:
         """Return (N, m) the effects' memory along a motion.
 
         Args:
             state: (N, n) arrays, a whole motion or its continuation.
             before: (m,) at its first sample, if it continues one.
+            chosen: Numbers of the columns that are asked for: the memory of other effects is left
+                at zero; ``None``: all.
         """
+        parts, start = [], len(self.rigid.columns)
         known = [None] * len(self.unknowns) if before is None else self._split(before)
-        parts = [
-            unknowns.memory(state, part)
-            for unknowns, part in zip(self.unknowns, known, strict=True)
-        ]
+        for unknowns, part, size in zip(self.unknowns, known, self._memories, strict=True):
+            own = range(start, start + len(unknowns.columns))
+            start = own.stop
+            if chosen is None or any(index in own for index in chosen):
+                parts.append(unknowns.memory(state, part))
+            else:
+                parts.append(np.zeros((len(state.q), size)))
         return np.concatenate(parts, axis=-1)
 
     def regressor(
