@@ -51,7 +51,6 @@ setup(
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[
-        "setuptools",
         "numpy>=1.26",
         "scipy>=1.11",
         "clarabel>=0.9",

@@ -38,7 +38,6 @@ from .repeated_motion import same_path as same_path
 from .repetition import CommonTime as CommonTime
 from .repetition import Repetition as Repetition
 from .repetition import find_common_time as find_common_time
-from .repetition import find_period as find_period
 from .repetition import find_repetition as find_repetition
 from .robust import RobustSettings as RobustSettings
 from .robust import RobustState as RobustState

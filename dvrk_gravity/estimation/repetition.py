@@ -72,14 +72,6 @@ class CommonTime:
         return replace(self, time=time, group=group.astype(np.int64))
 
 
-def find_period(position: Array, rate: float) -> float | None:
-    """Return the period of (n, m) positions, s; ``None`` if they do not repeat.
-
-    It is the least lag, up to two thirds of the length, at which the motion repeats.
-    """
-    return _period(Series.of([(0.0, position)], rate))
-
-
 def find_common_time(
     time: Array, part: Labels, position: Array, rate: float,
     clock: Sequence[int] | None = None,

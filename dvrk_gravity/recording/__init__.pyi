@@ -24,7 +24,6 @@ from .duplicates import without_duplicates as without_duplicates
 from .files import is_recording as is_recording
 from .filters import LowPass as LowPass
 from .filters import derivative as derivative
-from .filters import lowpass as lowpass
 from .filters import white_density as white_density
 from .joint_states import JointStateSample as JointStateSample
 from .joint_states import read_joint_states as read_joint_states

@@ -81,11 +81,6 @@ def _design(cutoff: float, rate: float, order: int) -> tuple[Array, int]:
     return sections, int(np.ceil(np.log(EDGE_LEVEL) / np.log(np.max(np.abs(poles)))))
 
 
-def lowpass(array: Array, rate: float, cutoff: float, order: int = ORDER) -> Array:
-    """Return ``LowPass(cutoff, rate, order)(array)``."""
-    return LowPass(cutoff, rate, order)(array)
-
-
 def white_density(square: Array, cutoff: float, rate: float) -> Array:
     """Return the density of white noise, in the signal's unit per sqrt(Hz).
 

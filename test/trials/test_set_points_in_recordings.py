@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import check, lowpass
+from dvrk_gravity.recording import LowPass, check
 from dvrk_gravity.simulate import (
     LAGS,
     TIME_CONSTANT,
@@ -49,7 +49,8 @@ def streamed(rate: float, jitter: float, duration: float) -> tuple[np.ndarray, n
 def test_200_samples_a_second_show_the_torque_whatever_the_rate_of_commands() -> None:
     for rate, jitter in ((100.0, 4e-3), (200.0, 0.0)):
         position, effort = streamed(rate, jitter, 4.0)
-        every, sampled = lowpass(effort, 1000.0, CUTOFF)[::5], lowpass(effort[::5], 200.0, CUTOFF)
+        every = LowPass(CUTOFF, 1000.0)(effort)[::5]
+        sampled = LowPass(CUTOFF, 200.0)(effort[::5])
         inner = slice(100, -100)
         error = np.linalg.norm((sampled - every)[inner], axis=0)
         assert (error < 0.02 * np.linalg.norm(every[inner], axis=0)).all()
