@@ -79,7 +79,7 @@ def effect_finding(
             _pushed_together(hypothesis, [other.hypothesis for other in rest]),
             sentences.RECORD_ALONE,
         ),
-        (_shares_joint(hypothesis, [other.hypothesis for other in rest]), remedy),
+        (_shares_joint(motion, hypothesis, [other.hypothesis for other in rest]), remedy),
         (held_out.shows_nothing_of(named, candidate, joints), remedy),
         (_leaves(motion, joints, held_out.rmse(after), likely), remedy),
         effect.doubt,
@@ -220,13 +220,16 @@ def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> st
     return sentences.pushed_together([name for name in joints if name not in hypothesis.names])
 
 
-def _shares_joint(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
+def _shares_joint(
+    motion: MeasuredMotion, hypothesis: Hypothesis, others: Sequence[Hypothesis]
+) -> str:
     """Return which other cause is found at a finding's joint; ``""`` for none.
 
     What no effect is, is often two: torque that grows with the square of the speed is viscous
-    friction and less Coulomb friction.
+    friction and less Coulomb friction. A model that was never identified lacks several at once.
     """
-    kinds = (Kind.JOINT, Kind.MOTOR)
+    identified = motion.model.uncertainty is not None and not motion.model.of_file
+    kinds = (Kind.JOINT, Kind.MOTOR) if identified or motion.reference is not None else ()
     for other in others if hypothesis.site.kind in kinds else ():
         if other.site.kind in kinds and other.site.index == hypothesis.site.index:
             return sentences.SHARES_JOINT.format(other.EFFECT.title())
