@@ -69,7 +69,9 @@ def misread(nominal: NominalTorque | None) -> Misread | None:
     gain = max(_GAIN, _gain(given, _unexplained(nominal, eye, eye, gravity)))
     found = [*_axes(nominal, given), *_geared(nominal, given)]
     best = max((each.gain for each in found), default=0.0)
-    if best > gain:
+    # Efforts of one joint with the wrong sign alone are said beside their scale.
+    of_effort = max((each.gain for each in _axes(nominal, given, moves=False)), default=0.0)
+    if best > max(gain, of_effort):
         return _of_joints([each for each in found if each.gain > best - _AS_GOOD])
     return None if base is None else _mounted(arm, base)
 
@@ -86,11 +88,11 @@ class _Misreading:
     record: str
 
 
-def _axes(nominal: NominalTorque, given: Array) -> Iterator[_Misreading]:
-    """Yield the joints with another sign."""
+def _axes(nominal: NominalTorque, given: Array, moves: bool = True) -> Iterator[_Misreading]:
+    """Yield the joints with another sign of their motion, or of their efforts alone."""
     arm = nominal.arm
     for axis in readings(arm, np.ptp(nominal.q, axis=0) > 0.0):
-        if not (axis.sign and axis.moves):
+        if not (axis.sign and axis.joints) or axis.moves != moves:
             continue
         after = _unexplained(nominal, axis.motion, axis.effort, arm.gravity)
         yield _Misreading(
