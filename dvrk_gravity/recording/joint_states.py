@@ -158,7 +158,8 @@ def iterate_bag(
         way_out if time_base == "stamp" else "",
     )  # fmt: skip
     messages = _Messages(str(path), arm, read_columns(columns).of_bag(arm))
-    return assembly.samples(one_publisher(_tables(path, topic, time_base, chunk, messages)))
+    tables = _tables(path, topic, time_base, chunk, messages)
+    return assembly.samples(one_publisher(tables, str(path)))
 
 
 def _tables(
