@@ -19,6 +19,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.samples import LARGEST
 from dvrk_gravity.recording.table import RowTable
 
 # Messages in a part of a file from which on another publisher is looked for. Chosen: fewer do no
@@ -67,8 +68,9 @@ def one_publisher(tables: Iterable[RowTable], source: str) -> Iterator[RowTable]
             or slower: which one is right is not known.
     """
     found: dict[str, bool] = {}  # by sign: whether messages with it are left out
+    of_times: _Sign = partial(_other_period, source)
     for table in tables:
-        for text, sign in (*_SIGNS, ("another sequence of times", partial(_other_period, source))):
+        for text, sign in (*_SIGNS, ("another sequence of times", of_times)):
             if table.stamps is not None and len(table):
                 table = _without(table, text, sign, found)
         yield replace(table, received=None, other_layout=None)
@@ -254,12 +256,14 @@ def _differing(table: RowTable, marked: Mask) -> str:
         if values is None:
             continue
         own, others = values[~marked][order], values[marked]
-        for name, mine, other in zip(table.joints, own.T, others.T, strict=True):
+        readings = (np.abs(values) < LARGEST).all(axis=0)  # others are looked at later
+        for joint in np.flatnonzero(readings):
+            mine, other = own[:, joint], others[:, joint]
             off = other - np.interp(at, rest, mine)
             noise = mine[1:-1] - np.interp(rest[1:-1], rest[::2], mine[::2])
             least = _BEYOND_NOISE * float(np.sqrt(np.mean(noise[::2] ** 2)))
             if np.sqrt(np.mean(off**2)) > max(_DIFFERS * float(np.std(mine)), least):
-                return f"{quantity}s of {name}"
+                return f"{quantity}s of {table.joints[joint]}"
     return ""
 
 
