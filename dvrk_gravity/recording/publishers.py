@@ -130,6 +130,8 @@ def _late(table: RowTable, marked: Mask) -> float:
     rest, position = time[~marked][order], table.values["position"][~marked][order]
     at, given = time[marked], table.values["position"][marked]
     ahead = power = 0.0
+    readings = (np.abs(table.values["position"]) < LARGEST).all(axis=0)
+    position, given = position[:, readings], given[:, readings]
     for own, other in zip(position.T, given.T, strict=True):
         way = np.interp(at, rest, np.gradient(own))
         ahead += float(way @ (other - np.interp(at, rest, own)))
@@ -215,7 +217,7 @@ def _other_period(source: str, table: RowTable) -> Mask | None:
 
 
 def _sequences(table: RowTable) -> Iterator[tuple[Mask, bool, bool]]:
-    """Yield the rows of one of two regular sequences, and whether both are in step, and in pairs."""
+    """Yield rows of one of two regular sequences, whether both are in step, and in pairs."""
     assert table.stamps is not None
     order = np.argsort(table.stamps, kind="stable")
     time = (table.stamps[order] - table.stamps[order[0]]) / 1e9
