@@ -90,6 +90,14 @@ def test_a_joint_whose_axis_points_the_other_way_is_named_and_no_mounting(uprigh
     assert misread(NominalTorque.of(hanging, ARM)).mounted
 
 
+def test_the_angle_of_a_motor_at_one_joint_or_all_is_named_and_a_tilt_is_none(upright):
+    for joints in ((1,), (2,), range(ARM.n)):
+        geared = np.where(np.isin(range(ARM.n), joints), 2.5, 1.0) * upright.position
+        found = misread(NominalTorque.of(replace(upright, velocity=None, position=geared), ARM))
+        assert found.joints == tuple(ARM.joint_names[joint] for joint in joints)
+    assert misread(NominalTorque.of(recorded(20.0, 15.0), ARM)) is None
+
+
 def test_efforts_of_the_wrong_sign_are_no_other_mounting(upright):
     """They weigh as on the ceiling, but their friction drives."""
     for joints in ((), (1,), (1, 2)):

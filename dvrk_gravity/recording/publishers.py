@@ -51,11 +51,12 @@ _FOLLOW = 0.3  # of an error, by which the next message is expected later. Chose
 # that come in pairs, and intervals by which one of two in step is older. Chosen: half of the latter
 # is what wrong stamps of one publisher make of every second message.
 _IN_STEP, _TOGETHER, _OLD = 0.15, 0.02, 0.5
-# Difference of two sequences in step, in the standard deviation of a joint's readings, and in what
+# Difference of two sequences in step, in the spread of a joint's readings, and in what
 # every second message of one is off the others, from which on they are of two publishers; and
 # number of messages of one in the other's, from which on it is the faster. Chosen: ripple and noise
 # are less, and with less their mean is off by a twentieth.
 _DIFFERS, _BEYOND_NOISE, _FASTER = 0.1, 3.0, 1.5
+_USUAL = 0.9  # part of the readings by which they are compared. Chosen: others are spikes
 
 _Sign = Callable[[RowTable], Mask | None]
 
@@ -228,7 +229,7 @@ def _sequences(table: RowTable) -> Iterator[tuple[Mask, bool, bool]]:
         every = np.append(0, np.cumsum(np.round(steps))) % 2 == 1
         marked = np.zeros(len(time), dtype=bool)
         marked[order[every]] = True
-        yield marked, True, False
+        yield marked, True, True
         return
     for period in _periods(time):
         first = _sequence(time, period)
@@ -252,7 +253,7 @@ def _differing(table: RowTable, marked: Mask) -> str:
     time = (table.stamps - table.stamps[0]) / 1e9
     order = np.argsort(time[~marked], kind="stable")
     rest, at = time[~marked][order], time[marked]
-    at = at - _late(table, marked) * float(np.median(np.diff(rest)))
+    at = at - float(np.clip(_late(table, marked), -1.0, 1.0) * np.median(np.diff(rest)))
     for quantity in ("effort", "position"):
         values = table.values.get(quantity)
         if values is None:
@@ -261,10 +262,11 @@ def _differing(table: RowTable, marked: Mask) -> str:
         readings = (np.abs(values) < LARGEST).all(axis=0)  # others are looked at later
         for joint in np.flatnonzero(readings):
             mine, other = own[:, joint], others[:, joint]
-            off = other - np.interp(at, rest, mine)
-            noise = mine[1:-1] - np.interp(rest[1:-1], rest[::2], mine[::2])
-            least = _BEYOND_NOISE * float(np.sqrt(np.mean(noise[::2] ** 2)))
-            if np.sqrt(np.mean(off**2)) > max(_DIFFERS * float(np.std(mine)), least):
+            off = np.abs(other - np.interp(at, rest, mine))
+            noise = np.abs(mine[1:-1] - np.interp(rest[1:-1], rest[::2], mine[::2]))[::2]
+            sizes = off, np.abs(mine - np.median(mine)), noise
+            most, spread, rough = (np.quantile(each, _USUAL) for each in sizes)
+            if most > max(_DIFFERS * spread, _BEYOND_NOISE * rough):
                 return f"{quantity}s of {table.joints[joint]}"
     return ""
 
