@@ -269,8 +269,8 @@ def add_at(parser: argparse.ArgumentParser) -> None:
     """Declare ``--at``."""
     parser.add_argument(
         "--at", metavar="JOINT=POSITION,...", action="append", default=[],
-        help="positions of joints that the recording lacks, or that stood still, in joint coordinates: "
-        "shoulder_pitch=2.5deg,others=0deg; mm or m for prismatic joints",
+        help="positions of joints that the recording lacks, or that stood there, in joint "
+        "coordinates: shoulder_pitch=2.5deg,others=0deg; mm or m for prismatic joints",
     )  # fmt: skip
 
 
