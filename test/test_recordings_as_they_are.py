@@ -101,9 +101,7 @@ def test_of_the_topics_in_a_bag_the_arm_s_is_read_and_named(tmp_path):
         assert [note.kind for note in found.notes] == ["topic"] * noted
         assert Recording.load(bag, topic=topics[0]).position[0, 0] == 0.0
     two_arms(tmp_path / "psms", ("/PSM1/measured_js", "/PSM2/measured_js"), (psm, psm))
-    with pytest.raises(
-        RecordingError, match="/PSM1/measured_js: .* messages, .*PSM2.*--topic"
-    ):
+    with pytest.raises(RecordingError, match=r"/PSM1/measured_js: .* messages, .*PSM2.*--topic"):
         Recording.load(tmp_path / "psms", arm="psm")
 
 
