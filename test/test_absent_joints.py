@@ -86,6 +86,10 @@ def test_what_is_held_is_no_part_of_the_arm_that_is_fitted(arm):
     for still, joints in (({"roll": 0.3}, 3), ({"yaw": 0.3}, 4)):
         kept, _, _ = with_held([recorded(tuple(set(arm.joint_names) - set(still)))], arm, still)
         assert kept.n == joints  # what carries recorded joints stays, where it stood
+    ecm = Arm.load("ecm")  # but where motors are the joints', recorded there or not
+    for seen, at in ((ecm.joint_names[1:], 0.5), (ecm.joint_names, 0.01)):
+        assert with_held([recorded(seen)], ecm, {ecm.joint_names[0]: at})[0].n == ecm.n - 1
+    assert with_held([recorded(ecm.joint_names)], ecm, {ecm.joint_names[0]: 0.5})[0] is ecm
     same, recordings, lines = with_held([recorded(arm.joint_names)], arm, {})
     assert (same is arm, len(recordings), lines) == (True, 1, ())
 

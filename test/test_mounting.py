@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
-from robots import PANDA, UR5
+from robots import UR5
 
 from dvrk_gravity.arms import Arm, gravity_in_base, nominal_inertias
 from dvrk_gravity.diagnosis import load, try_readings
@@ -90,6 +90,14 @@ def test_a_joint_whose_axis_points_the_other_way_is_named_and_no_mounting(uprigh
     assert misread(NominalTorque.of(hanging, ARM)).mounted
 
 
+def test_the_angle_of_a_motor_at_one_joint_or_all_is_named_and_a_tilt_is_none(upright):
+    for joints in ((1,), (2,), range(ARM.n)):
+        geared = np.where(np.isin(range(ARM.n), joints), 2.5, 1.0) * upright.position
+        found = misread(NominalTorque.of(replace(upright, velocity=None, position=geared), ARM))
+        assert found.joints == tuple(ARM.joint_names[joint] for joint in joints)
+    assert misread(NominalTorque.of(recorded(20.0, 15.0), ARM)) is None
+
+
 def test_efforts_of_the_wrong_sign_are_no_other_mounting(upright):
     """They weigh as on the ceiling, but their friction drives."""
     for joints in ((), (1,), (1, 2)):
@@ -115,13 +123,3 @@ def test_an_arm_that_hangs_is_not_read_with_efforts_of_the_wrong_sign(upright, h
 
     assert ALL not in said(hanging)
     assert ALL in said(turned(upright))
-
-
-def test_an_arm_whose_fingers_were_not_recorded_is_looked_at_as_well():
-    arm = Arm.load(PANDA)
-    seven = Arm.load(f"{PANDA}#panda_link8")
-    world = PlainWorld.of(seven, nominal_inertias(seven))
-    world = replace(world, arm=replace(seven, base_rpy=(np.pi, 0.0, 0.0)))
-    hanging = replace(world.record(1, 8.0), arm=None)
-    with pytest.raises(RecordingError, match=r"base_rpy: \[180, 0, 0\]"):
-        evaluate(TorqueModel.stated(arm), hanging)

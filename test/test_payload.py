@@ -7,6 +7,7 @@ from dataclasses import replace
 import known_ecm
 import numpy as np
 import pytest
+from robots import UR5
 from scipy import stats
 
 from dvrk_gravity.arms import Arm
@@ -52,6 +53,14 @@ def test_without_coordinates_it_is_where_the_next_link_is_attached():
         frame = arm.bodies[body].frame
         np.testing.assert_allclose(frame.act(end), following.placement.translation, atol=1e-12)
         np.testing.assert_allclose(place_of(arm, arm.joint_names[-1])[1], 0.0)
+
+
+def test_a_link_on_a_fixed_joint_is_a_place_on_the_link_that_moves_it():
+    ur5 = Arm.load(UR5)
+    for text, y in (("tool0", 0.0823), ("tool0:0,0,0.1", 0.1823)):
+        body, place = place_of(ur5, text)
+        assert ur5.body_names[body] == "wrist_3_link"
+        np.testing.assert_allclose(place, (0.0, y, 0.0), atol=1e-9)
 
 
 @pytest.mark.parametrize(

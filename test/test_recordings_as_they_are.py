@@ -101,7 +101,7 @@ def test_of_the_topics_in_a_bag_the_arm_s_is_read_and_named(tmp_path):
         assert [note.kind for note in found.notes] == ["topic"] * noted
         assert Recording.load(bag, topic=topics[0]).position[0, 0] == 0.0
     two_arms(tmp_path / "psms", ("/PSM1/measured_js", "/PSM2/measured_js"), (psm, psm))
-    with pytest.raises(RecordingError, match=r"/PSM1/measured_js, /PSM2/measured_js.*--topic"):
+    with pytest.raises(RecordingError, match=r"/PSM1/measured_js: .* messages, .*PSM2.*--topic"):
         Recording.load(tmp_path / "psms", arm="psm")
 
 
@@ -166,7 +166,7 @@ def second(rate, seconds=0.0, old=0.0, names=None, **columns):
     second(100, velocity=np.zeros((1200, 7))), second(100, velocity=None, effort=None),
     second(400, effort=None), second(20, old=0.01), second(187, old=0.005),
     second(200, seconds=-47.7), second(30, seconds=1.5),
-    second(130, names=JOINT_NAMES[::-1]),
+    second(130, names=JOINT_NAMES[::-1]), second(100, effort=0.5 * CLEAN.effort),
 ])  # fmt: skip
 def test_the_messages_of_a_second_publisher_are_left_out_and_counted(tmp_path, other):
     found = loaded(tmp_path, sorted(messages(CLEAN) + other))
@@ -174,6 +174,13 @@ def test_the_messages_of_a_second_publisher_are_left_out_and_counted(tmp_path, o
     np.testing.assert_array_equal(found.position, CLEAN.position)
     assert sum(note.count for note in found.notes) == len(other)
     assert {note.kind for note in found.notes} <= {"second_publisher", "other_messages"}
+
+
+@pytest.mark.parametrize("late", [0.0, 1e-3, 2.5e-3])
+def test_two_publishers_in_step_with_efforts_of_their_own_are_refused_not_averaged(tmp_path, late):
+    other = messages(replace(CLEAN, time=CLEAN.time + late), effort=0.5 * CLEAN.effort)
+    with pytest.raises(RecordingError, match=r"efforts of .* differ between two publishers"):
+        loaded(tmp_path, sorted(messages(CLEAN) + other))
 
 
 def test_late_messages_pairs_and_jitter_are_one_publisher_s(tmp_path):

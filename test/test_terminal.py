@@ -94,8 +94,10 @@ def test_of_many_warnings_few_are_shown_and_the_others_counted():
     assert len(lines) == 1 + MOST_WARNINGS + 1
     assert "4 more" in lines[-1]
     assert len(list(warning_lines([*many, DETAIL], said, verbose=True))) == len(many) + 1
-    unusable = replace(DETAIL, unusable=True)
-    assert list(warning_lines([unusable])) == [f"warning: {unusable}"]
+    much = replace(DETAIL, kind="samples_discarded", numbers={"samples": 900, "share": 0.25})
+    assert next(warning_lines([*many, much])) == f"warning: {much}"
+    for shown in (much, replace(DETAIL, unusable=True)):
+        assert list(warning_lines([shown])) == [f"warning: {shown}"]
 
 
 def diagnosis() -> Diagnosis:

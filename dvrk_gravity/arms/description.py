@@ -183,6 +183,8 @@ class Description:
         gravity_in_reading: Whether the efforts that the arm reads hold its weight.
         gravity_in_command: Whether those that it takes are to; else it holds its weight itself.
         held: Where joints of its file are held that are none of its joints, rad or m, by name.
+        merged: Links that move with a body: its index, -1 for the base, and the link's frame seen
+            from the body's own (``Body.frame``), by name.
         doubts: What its file says of links that no link can have, or leaves out: a line each.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
         urdf: Path of the URDF that it was read from; ``""``: from none.
@@ -204,6 +206,7 @@ class Description:
     gravity_in_reading: bool = True
     gravity_in_command: bool = True
     held: Mapping[str, float] = field(default_factory=dict)
+    merged: Mapping[str, tuple[int, pin.SE3]] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
     source: str = ""
     urdf: str = ""
@@ -294,3 +297,19 @@ class Description:
         if name not in self.body_names:
             raise ConfigError("link", name, f"one of {', '.join(self.body_names)}")
         return self.bodies[self.body_names.index(name)]
+
+    def carrier(self, link: str) -> tuple[int, pin.SE3]:
+        """Return the index of the body that a link moves with, and the link's frame in the body's.
+
+        A link on a fixed joint, or on one that is held, moves with the body that carries it.
+
+        Raises:
+            ConfigError: There is none of that name, or it does not move.
+        """
+        if link in self.body_names:
+            return self.body_names.index(link), pin.SE3.Identity()
+        index, frame = self.merged.get(link, (-1, pin.SE3.Identity()))
+        if index < 0:
+            still = " (it does not move)" if link in self.merged else ""
+            raise ConfigError("link", f"{link}{still}", f"one of {', '.join(self.body_names)}")
+        return index, frame

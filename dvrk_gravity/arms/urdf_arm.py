@@ -93,6 +93,7 @@ def _parse(robot: ElementTree.Element, name: str, tip: str | None, source: str) 
     arm = Description(
         robot.get("name") or name, joints, bodies, np.eye(len(joints)), limits,
         inertial_parameters=parameters if weighs else None, source=source,
+        merged=_merged(model, bodies),
         doubts=tuple(doubts(robot, described, chain)) if weighs else (),
     )  # fmt: skip
     return with_plausible_efforts(arm)
@@ -193,6 +194,16 @@ def _bodies(
         bodies.append(Body(link, parent, placement, kind, row, turn.inverse()))
         parameters.append(turn.actInv(model.inertias[i]).toDynamicParameters())
     return tuple(bodies), np.array(parameters)
+
+
+def _merged(model: pin.Model, bodies: tuple[Body, ...]) -> dict[str, tuple[int, pin.SE3]]:
+    """Return the links that are no bodies' own: on which body they are, and where."""
+    own = [body.name for body in bodies]
+    return {
+        frame.name: (frame.parentJoint - 1, pin.SE3(frame.placement))
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY and frame.name not in own
+    }
 
 
 def _onto(axis: Array) -> Array:

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         arm = model.arm
     still = options.still_joints(args.at, arm)
     recordings = options.recordings(files, args, arm, args.coordinates or "joint")
-    options.require_unrecorded(args.at, recordings)
+    options.require_as_recorded(args.at, still, recordings)
     reference = recordings.pop() if references else None
     try:
         with command_line.Progress(NAME, 1.0) as progress:

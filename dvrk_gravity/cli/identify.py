@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
     coordinates = _coordinates(arguments.coordinates)
     still = options.still_joints(arguments.at, arm)
     recordings = options.recordings(arguments.recordings, arguments, arm)
-    options.require_unrecorded(arguments.at, recordings)
+    options.require_as_recorded(arguments.at, still, recordings)
     validate = options.recordings(arguments.validate, arguments, arm)
     terms = arguments.terms.split(",") if arguments.terms else None
     with command_line.Progress(NAME, 1.0) as progress:

@@ -269,21 +269,34 @@ def add_at(parser: argparse.ArgumentParser) -> None:
     """Declare ``--at``."""
     parser.add_argument(
         "--at", metavar="JOINT=POSITION,...", action="append", default=[],
-        help="positions of joints that the recording lacks, in joint coordinates: "
-        "shoulder_pitch=2.5deg,others=0deg; mm or m for prismatic joints",
+        help="positions of joints that the recording lacks, or that stood there, in joint "
+        "coordinates: shoulder_pitch=2.5deg,others=0deg; mm or m for prismatic joints",
     )  # fmt: skip
 
 
-def require_unrecorded(texts: Sequence[str], recordings: Sequence[RecordingFile]) -> None:
-    """Refuse a position of a joint that every recording has.
+def require_as_recorded(
+    texts: Sequence[str], still: Mapping[str, float], recordings: Sequence[RecordingFile]
+) -> None:
+    """Refuse a position of a joint that every recording has, and has elsewhere.
+
+    Args:
+        texts: Of ``--at``.
+        still: What they state, rad or m.
+        recordings: The recordings.
 
     Raises:
-        ConfigError: Naming it.
+        ConfigError: Naming it, and where it was recorded.
         RecordingError: A recording that cannot be read.
     """
+    from dvrk_gravity.intake import stood_at, travel
+
     for entry, name, _ in _entries(texts):
         if all(name in recording.head.joints for recording in recordings):
-            raise ConfigError("--at", entry, f"a joint that is not recorded: {name} is")
+            for recording in recordings:
+                if not stood_at(recording, name, still[name]):
+                    low, high = travel(recording, name)
+                    where = f"{recording.head.source} has it at {low:.4g} to {high:.4g}"
+                    raise ConfigError("--at", entry, f"where {name} is recorded: {where}")
 
 
 def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:

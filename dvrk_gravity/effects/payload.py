@@ -340,23 +340,26 @@ def place_of(arm: Arm, text: str) -> tuple[int, Array]:
     """Return the body and (3,) place, m, of ``LINK[:X,Y,Z]`` in that link's frame.
 
     ``LINK`` is a link's name or a joint's, for the link that it moves; a link's name goes first.
-    Without coordinates it is
-    the link's end: where the next link is attached at zero, or the origin of the last link's frame.
+    A link on a fixed joint, or one that is held (``tool0``), is a place on the link that moves it.
+    Without coordinates it is the link's end: where the next link is attached at zero, or the origin
+    of its frame where none is.
 
     Raises:
         ConfigError: No link or joint of that name, or other than three finite numbers.
     """
     name, colon, rest = text.partition(":")
     joints = dict(zip(arm.joint_names, links_of_joints(arm), strict=True))
-    bodies = joints | {body: index for index, body in enumerate(arm.body_names)}
-    if name not in bodies:
+    named = name in arm.body_names or name in arm.merged or name not in joints
+    link = name if named else arm.body_names[joints[name]]
+    try:
+        body, frame = arm.carrier(link)
+    except ConfigError as error:
         known = ", ".join((*arm.body_names, *arm.joint_names))
-        raise ConfigError(
-            "--payload-at", text, f"LINK or LINK:X,Y,Z with a link or joint of {known}"
-        )
-    body = bodies[name]
+        expected = f"LINK or LINK:X,Y,Z with a link or joint of {known}"
+        raise ConfigError("--payload-at", text, expected) from error
     if not colon:
-        return body, _end_of(arm, body)
+        end = np.zeros(3) if link in arm.merged else _end_of(arm, body)
+        return body, np.asarray(frame.act(end))
     try:
         place = np.array([float(part) for part in rest.split(",")])
     except ValueError:
@@ -364,7 +367,7 @@ def place_of(arm: Arm, text: str) -> tuple[int, Array]:
     if place.shape != (3,) or not (np.abs(place) <= _REACH).all():
         expected = f"{name}:X,Y,Z in m within {_REACH:g} m of the link's frame"
         raise ConfigError("--payload-at", text, expected)
-    return body, place
+    return body, np.asarray(frame.act(place))
 
 
 def require_visible_load(motion: Motion, text: str) -> None:

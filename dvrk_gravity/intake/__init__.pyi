@@ -5,6 +5,8 @@ from .absent_joints import held_beyond as held_beyond
 from .absent_joints import known_still as known_still
 from .absent_joints import motors_measured as motors_measured
 from .absent_joints import require_all as require_all
+from .absent_joints import stood_at as stood_at
+from .absent_joints import travel as travel
 from .absent_joints import with_held as with_held
 from .arm_side import BEYOND as BEYOND
 from .arm_side import OTHER_ARM as OTHER_ARM

@@ -7,7 +7,7 @@ from numbers import Real
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm, beyond, is_mtm
+from dvrk_gravity.arms import STAYS, Arm, beyond, is_mtm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.model import parts
@@ -89,15 +89,21 @@ def with_held(
 ) -> tuple[Arm, list[Recording | RecordingFile], tuple[str, ...]]:
     """Return the arm without the joints beyond all recorded ones, and lines that name them.
 
-    They stand where it was given, or at zero. From poses, all joints with a given position are
-    dropped: nothing of them moved.
+    They stand where it was given, or at zero. Joints with a given position that no recording has,
+    or that stood there in all of them, are dropped, too: nothing of them moved. Where motors share
+    joints, of trajectories, those alone that lie beyond.
     """
     stood, lines = held_beyond(recordings, arm, still)
     held = {name: at for name, at in stood.items() if name not in still}
     if still and not is_mtm(arm):
         seen = _recorded(recordings)
-        ends = still if all_static(recordings) else beyond(arm, seen) or ()
-        given = {name: at for name, at in still.items() if name in ends and name not in seen}
+        free = all_static(recordings) or arm.direct_drive
+        ends = still if free else beyond(arm, seen) or ()
+        given = {
+            name: at
+            for name, at in still.items()
+            if name in ends and (name not in seen or (free and _stood(recordings, name, at)))
+        }
         held |= given
         lines += (f"held as given (rad, m): {_shown(given)}",) if given else ()
     if not held:
@@ -105,6 +111,24 @@ def with_held(
     arm = arm.holding(held)
     left_out = tuple(f"{line}: not joints of the model" for line in lines)
     return arm, opened(recordings, arm=arm), left_out
+
+
+def stood_at(recording: Recording | RecordingFile, joint: str, position: float) -> bool:
+    """Return whether a recording has a joint, and has it at a position, rad or m, all the time."""
+    if joint not in recording.head.joints:
+        return False
+    low, high = travel(recording, joint)
+    return position - STAYS < low and high < position + STAYS
+
+
+def travel(recording: Recording | RecordingFile, joint: str) -> tuple[float, float]:
+    """Return the lowest and highest position of a recorded joint, rad or m."""
+    each = [part.position[:, part.joint(joint)] for part in recording.parts()]
+    return min(float(part.min()) for part in each), max(float(part.max()) for part in each)
+
+
+def _stood(recordings: Iterable[Recording | RecordingFile], joint: str, position: float) -> bool:
+    return all(stood_at(recording, joint, position) for recording in recordings)
 
 
 def _recorded(recordings: Iterable[Source]) -> tuple[str, ...]:

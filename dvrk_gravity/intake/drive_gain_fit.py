@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from dvrk_gravity.intake.design import Design, build_design
 from dvrk_gravity.intake.motion import CalibrationMotion, read_motions
 from dvrk_gravity.model import RIGID, Columns, starts
 from dvrk_gravity.recording import Coordinates, Recording, RecordingFile
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 _FARTHEST = 5.0  # m, of a load's centre from its link's frame
 
@@ -87,8 +91,8 @@ class KnownPayload:
     link: str = ""
     centre: tuple[float, float, float] | None = None
 
-    def body(self, arm: Arm) -> int:
-        """Return the index of the body that carries it.
+    def carrier(self, arm: Arm) -> tuple[int, pin.SE3]:
+        """Return the index of the body that carries it, and its link's frame in the body's.
 
         Raises:
             ConfigError: A mass that is not positive, an impossible centre, or an unknown link.
@@ -101,9 +105,7 @@ class KnownPayload:
                 "--payload-centre", self.centre,
                 f"coordinates in the link's frame of at most {_FARTHEST:g} m (m, not mm)",
             )  # fmt: skip
-        link = self.link or last_link(arm)
-        arm.body(link)
-        return arm.body_names.index(link)
+        return arm.carrier(self.link or last_link(arm))
 
     @property
     def where(self) -> str:
@@ -176,7 +178,7 @@ def drive_gains(
             "then one with it"
         )  # fmt: skip
     arm = replace(arm, drive_gains=None, drive_gain_error=None)
-    body = load.body(arm)
+    body, _ = load.carrier(arm)
     motions = read_motions([recording.of(arm) for recording in (*bare, *loaded)], arm, coordinates)
     if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
         raise RecordingError(
@@ -252,7 +254,8 @@ def _load_columns(arm: Arm, load: KnownPayload, body: int) -> tuple[Array, Array
     if load.centre is not None:
         import pinocchio as pin
 
-        point = pin.Inertia(1.0, np.array(load.centre), np.zeros((3, 3)))
+        _, link = load.carrier(arm)
+        point = pin.Inertia(1.0, link.act(np.array(load.centre)), np.zeros((3, 3)))
         known[own] = arm.bodies[body].frame.act(point).toDynamicParameters()
         first, sizes = 4, sizes[3:]
     else:

@@ -90,7 +90,9 @@ def _require_one_unit(source: str, nominal: NominalTorque | None) -> None:
     }
     if len(percent) > 1 and all(name in percent or _near(size[name]) for name in size):
         units = dict.fromkeys(size, "N·m") | percent
-    others = {name: unit for name, unit in units.items() if unit not in ("", "N·m")}
+    others = {name: unit for name, unit in units.items() if unit != "N·m"}
+    if "" in units.values():  # a load on a wrist that weighs little, or masses of another arm
+        return
     if not others or not (len(set(units.values())) > 1 or percent == others):
         return
     gains = {n: limits[n] / 100.0 if unit == "%" else _UNITS[unit] for n, unit in others.items()}

@@ -154,12 +154,7 @@ def mounting(nominal: NominalTorque) -> Mounting | None:
     from scipy.optimize import nnls  # slow to load
 
     gravity = nominal.arm.gravity
-    rest = []
-    for joint in range(nominal.arm.n):  # what its friction cannot explain
-        needed = (nominal.effort[:, joint], nominal.inertia[:, joint], nominal.weight[:, joint])
-        rest.append(without_friction(np.column_stack(needed), nominal.qd[:, joint]))
-    effort, inertia, weight = np.split(np.concatenate(rest), [1, 2], axis=1)
-    effort = effort[:, 0]
+    effort, inertia, weight = _without_friction(nominal)
     free = np.column_stack([weight, inertia])
     given = np.column_stack([weight @ gravity, inertia])
     found = np.linalg.lstsq(free, effort, rcond=None)[0]
@@ -190,3 +185,21 @@ def mounting(nominal: NominalTorque) -> Mounting | None:
     roll = 0.0 if along_x else float(np.arctan2(0.0 - y, -z))
     opposite = direction @ gravity < -np.cos(_NEAR) * np.linalg.norm(gravity)
     return Mounting(roll, float(np.arcsin(x)), bool(opposite and mean.mean() <= error))
+
+
+def apparent_gravity(nominal: NominalTorque) -> Array:
+    """Return (3,) gravity in the base frame that explains efforts best, m/s^2, of any tilt."""
+    effort, inertia, weight = _without_friction(nominal)
+    found = np.linalg.lstsq(np.column_stack([weight, inertia]), effort, rcond=None)[0][:3]
+    size = np.linalg.norm(nominal.arm.gravity) / max(float(np.linalg.norm(found)), 1e-300)
+    return np.asarray(size * found)
+
+
+def _without_friction(nominal: NominalTorque) -> tuple[Array, Array, Array]:
+    """Return all joints' (N n,) efforts, (N n, 1) inertia, (N n, 3) weight without friction."""
+    rest = []
+    for joint in range(nominal.arm.n):  # what its friction cannot explain
+        needed = (nominal.effort[:, joint], nominal.inertia[:, joint], nominal.weight[:, joint])
+        rest.append(without_friction(np.column_stack(needed), nominal.qd[:, joint]))
+    effort, inertia, weight = np.split(np.concatenate(rest), [1, 2], axis=1)
+    return effort[:, 0], inertia, weight

@@ -61,6 +61,22 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or path.name.lower().endswith(SUFFIXES)
 
 
+class SeveralTopicsError(RecordingError):
+    """Several JointState topics, and no reason to prefer one.
+
+    Attributes:
+        topics: Their names.
+    """
+
+    def __init__(self, source: str | Path, topics: Sequence[str], shown: str = "") -> None:
+        """Name the topics; ``shown``: with what is known of them."""
+        self.topics = tuple(topics)
+        named = shown or ", ".join(topics)
+        super().__init__(
+            source, f"several JointState topics ({named}), expected one to be named (--topic)"
+        )
+
+
 class BagReader:
     """A bag, open for reading (context manager): a rosbag2's folder, or a file of any bag.
 
@@ -213,7 +229,8 @@ class BagReader:
         only one that names its joints.
 
         Raises:
-            RecordingError: If there is none, or several and no reason to prefer one.
+            RecordingError: If there is none.
+            SeveralTopicsError: If there are several, and no reason to prefer one.
         """
         known = ", ".join(f"{name} ({kind})" for name, kind in self.topics.items()) or "none"
         if topic is not None:
@@ -243,11 +260,7 @@ class BagReader:
         if len(named) != 1 and joints:
             named = [name for name in named or among if fits(self._names(name), joints)]
         if len(named) != 1:
-            raise RecordingError(
-                self.path,
-                f"several JointState topics ({', '.join(found)}), expected one to be named "
-                "(--topic)",
-            )
+            raise SeveralTopicsError(self.path, found)
         others = ", ".join(name for name in among if name != named[0])
         self.notes.append(Note("topic", f"read {named[0]}, the one of arm {arm}, and not {others}"))
         return named[0]

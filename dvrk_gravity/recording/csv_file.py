@@ -65,7 +65,7 @@ def iterate_csv(
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
             reader = RowReader(source, file, arm, given, time_base)
-            yield from assembly.samples(one_publisher(reader.tables(chunk)))
+            yield from assembly.samples(one_publisher(reader.tables(chunk), source))
     except UnicodeDecodeError as error:
         raise RecordingError(source, "is not a text file, expected CSV") from error
     except OSError as error:

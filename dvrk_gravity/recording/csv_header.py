@@ -223,9 +223,12 @@ class HeaderReader:
             if len(missing) == len(joints) and quantity != "position":
                 continue
             if missing and quantity != "velocity":
-                what = " (it has positions, but no efforts)" if quantity == "effort" else ""
+                what, held = "", ""
+                if quantity == "effort":
+                    what = " (it has positions, but no efforts)"
+                    held = "; of a joint that was held, leave these out, and state them: --at"
                 raise self._error(
-                    f"no column {missing[0]}.{quantity}{what}{self._not_read()}{WAY_OUT}"
+                    f"no column {missing[0]}.{quantity}{what}{self._not_read()}{held}{WAY_OUT}"
                 )
             quantities[quantity] = places
         if ("", "direction") in index:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.bag import JOINT_STATE, BagReader
+from dvrk_gravity.recording.bag import JOINT_STATE, BagReader, SeveralTopicsError
 from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
 from dvrk_gravity.recording.csv_columns import Columns, commanded, read_columns
 from dvrk_gravity.recording.data_warning import Note
@@ -115,7 +115,7 @@ def read_joint_states(
     """
     with BagReader(path) as bag:
         first = 0
-        for part in _parts(bag.raw(bag.joint_state_topic(topic)), chunk):
+        for part in _parts(bag.raw(_topic(bag, topic)), chunk):
             samples: list[Any] = [None] * len(part)
             batches, wrong = _decode([data for _, _, data in part])
             for i, why in sorted(wrong.items()):
@@ -158,7 +158,8 @@ def iterate_bag(
         way_out if time_base == "stamp" else "",
     )  # fmt: skip
     messages = _Messages(str(path), arm, read_columns(columns).of_bag(arm))
-    return assembly.samples(one_publisher(_tables(path, topic, time_base, chunk, messages)))
+    tables = _tables(path, topic, time_base, chunk, messages)
+    return assembly.samples(one_publisher(tables, str(path)))
 
 
 def _tables(
@@ -168,7 +169,7 @@ def _tables(
     first, invalid, table = 0, 0, None
     with BagReader(path) as bag:
         joints = arm.joint_names if arm else ()
-        name = bag.joint_state_topic(topic, arm.name if arm else "", joints)
+        name = _topic(bag, topic, arm)
         # A driver that never stamps: then 0 does not mark what is invalid.
         stamped = time_base == "stamp" or any(
             data[STAMP] != NO_STAMP for _, _, data in bag.raw(name)
@@ -346,25 +347,48 @@ class _Moves:
                 self.joints += (name,)
 
 
+def _topic(bag: BagReader, topic: str | None, arm: Arm | None = None) -> str:
+    """Return the topic to read; of several, the refusal says which of them move."""
+    try:
+        return bag.joint_state_topic(topic, arm.name if arm else "", arm.joint_names if arm else ())
+    except SeveralTopicsError as error:
+        shown = []
+        for each in error.topics:
+            count, moving = _content(bag, each)
+            moves = f"{_some(moving)} move" if moving else "no joint moves"
+            shown.append(f"{each}: {count} messages, {moves}" if count else f"{each}: no messages")
+        raise SeveralTopicsError(bag.path, error.topics, "; ".join(shown)) from None
+
+
+def _content(bag: BagReader, topic: str) -> tuple[int, tuple[str, ...]]:
+    """Return the number of a topic's JointStates, and the joints that move in them."""
+    count, moves = 0, _Moves()
+    for part in _parts(bag.raw(topic), CHUNK):
+        count += len(part)
+        for batch in _decode([data for _, _, data in part])[0]:
+            if batch.values[0].shape[1] == len(batch.names):
+                moves.add(batch.names, batch.values[0])
+    return count, moves.joints
+
+
+def _some(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:3])}{', …' if len(names) > 3 else ''}"
+
+
 def _moving_topic(bag: BagReader, read: str, joints: Sequence[str]) -> tuple[Note, ...]:
     """Return a note on another topic with joints that move, preferably the arm's."""
     found: list[tuple[bool, str, tuple[str, ...]]] = []
     for topic, kind in bag.topics.items():
         if topic == read or kind != JOINT_STATE or commanded(topic):
             continue
-        moves = _Moves()
-        for part in _parts(bag.raw(topic), CHUNK):
-            for batch in _decode([data for _, _, data in part])[0]:
-                if batch.values[0].shape[1] == len(batch.names):
-                    moves.add(batch.names, batch.values[0])
-        if moves.joints:
-            found.append((not joints or fits(moves.joints, joints), topic, moves.joints))
+        _, moving = _content(bag, topic)
+        if moving:
+            found.append((not joints or fits(moving, joints), topic, moving))
     if not found:
         return ()
     _, topic, moving = max(found, key=lambda each: each[0])
-    named = f"{', '.join(moving[:3])}{', …' if len(moving) > 3 else ''}"
-    text = f"the joints of {read} stand still, those of {topic} move ({named}): --topic {topic}"
-    return (Note("moving_topic", text),)
+    text = f"the joints of {read} stand still, those of {topic} move ({_some(moving)})"
+    return (Note("moving_topic", f"{text}: --topic {topic}"),)
 
 
 def _misfit(batch: _Batch, joints: tuple[str, ...], arm: Arm | None) -> str:

@@ -181,27 +181,48 @@ class _Positions:
 
     def geared(self) -> Iterator[PositionUnit]:
         """Yield motor angles: by the ratios that velocities show, or by one that weight does."""
-        slopes = self._slopes
+        slopes, turns = self._slopes, self.turns
         if (slopes > 0.0).all() and not self._same_unit:
-            ratios = ", ".join(f"{ratio:.3g}" for ratio in 1.0 / slopes)
-            yield self.unit(
-                f"motor angles, through gears of {ratios}", "divide them by these", slopes
+            geared = np.abs(slopes - 1.0) >= _SAME_SPEED
+            ratios = ", ".join(
+                f"{ratio:.3g} at {name}" if not geared.all() else f"{ratio:.3g}"
+                for name, ratio, other in zip(self._names, 1.0 / slopes, geared, strict=True)
+                if other
             )
-        reach = np.maximum(np.maximum(-self._lower, self._upper), 0.0) + _PAST
-        least = float(np.max(np.maximum(-self._low, self._high) / reach))
-        if not self._weighs or not np.isfinite(reach).any():
+            yield self.unit(
+                f"motor angles, through gears of {ratios}", "divide them by these",
+                np.where(geared, slopes, 1.0),
+            )  # fmt: skip
+        if not self._weighs:
             return
-        ratios = max(least, 1.1) * _GEARS
-        tried = [self.judged(self.unit("", "", np.where(self.turns, 1.0 / r, 1.0))) for r in ratios]
+        for joint in np.flatnonzero(turns):  # the motor's angle at one joint
+            alone = np.arange(len(turns)) == joint
+            yield from self._shown_by_weight(
+                alone, f"motor angles at {self._names[joint]}, through a gear of about {{:.3g}}",
+                "divide them by its ratio",
+            )  # fmt: skip
+        if np.isfinite(np.where(turns, self._reach, np.inf)).any():
+            yield from self._shown_by_weight(
+                turns, "motor angles, through gears of about {:.3g} on average",
+                "divide each by the ratio of its gear",
+            )  # fmt: skip
+
+    def _shown_by_weight(self, of: Mask, words: str, remedy: str) -> Iterator[PositionUnit]:
+        """Yield the angles of the motors of some (n,) joints, at the ratio that weight shows."""
+        past = np.maximum(-self._low, self._high) / self._reach
+        if (past[~of] > 1.0).any():
+            return
+        ratios = max(float(np.max(past[of])), 1.1) * _GEARS
+        tried = [self.judged(self.unit("", "", np.where(of, 1.0 / ratio, 1.0))) for ratio in ratios]
         best = min(tried, key=lambda each: each.misfit)
         if best.misfit < _LEFT:
-            ratio = 1.0 / best.factor[self.turns].max()
-            yield replace(
-                best,
-                words=f"motor angles, through gears of about {ratio:.3g} on average",
-                remedy="divide each by the ratio of its gear",
-                fitted=True,
-            )
+            ratio = 1.0 / best.factor[of].max()
+            yield replace(best, words=words.format(ratio), remedy=remedy, fitted=True)
+
+    @property
+    def _reach(self) -> Array:
+        """(n,) farthest positions from zero, up to the error of a zero; ``inf``: no limits."""
+        return np.asarray(np.maximum(np.maximum(-self._lower, self._upper), 0.0) + _PAST)
 
     def fitting(self, units: Iterable[PositionUnit]) -> list[PositionUnit]:
         """Return the units that fit limits, velocities and weight, the best one of each name."""

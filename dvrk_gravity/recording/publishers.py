@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.samples import LARGEST
 from dvrk_gravity.recording.table import RowTable
 
 # Messages in a part of a file from which on another publisher is looked for. Chosen: fewer do no
@@ -48,15 +51,27 @@ _FOLLOW = 0.3  # of an error, by which the next message is expected later. Chose
 # that come in pairs, and intervals by which one of two in step is older. Chosen: half of the latter
 # is what wrong stamps of one publisher make of every second message.
 _IN_STEP, _TOGETHER, _OLD = 0.15, 0.02, 0.5
+# Difference of two sequences in step, in the spread of a joint's readings, and in what
+# every second message of one is off the others, from which on they are of two publishers; and
+# number of messages of one in the other's, from which on it is the faster. Chosen: ripple and noise
+# are less, and with less their mean is off by a twentieth.
+_DIFFERS, _BEYOND_NOISE, _FASTER = 0.1, 3.0, 1.5
+_USUAL = 0.9  # part of the readings by which they are compared. Chosen: others are spikes
 
 _Sign = Callable[[RowTable], Mask | None]
 
 
-def one_publisher(tables: Iterable[RowTable]) -> Iterator[RowTable]:
-    """Yield the rows of consecutive parts of a file that are of one publisher, with notes."""
+def one_publisher(tables: Iterable[RowTable], source: str) -> Iterator[RowTable]:
+    """Yield the rows of consecutive parts of a file that are of one publisher, with notes.
+
+    Raises:
+        RecordingError: Two publishers in step with other readings each, neither of which is older
+            or slower: which one is right is not known.
+    """
     found: dict[str, bool] = {}  # by sign: whether messages with it are left out
+    of_times: _Sign = partial(_other_period, source)
     for table in tables:
-        for text, sign in _SIGNS:
+        for text, sign in (*_SIGNS, ("another sequence of times", of_times)):
             if table.stamps is not None and len(table):
                 table = _without(table, text, sign, found)
         yield replace(table, received=None, other_layout=None)
@@ -116,6 +131,8 @@ def _late(table: RowTable, marked: Mask) -> float:
     rest, position = time[~marked][order], table.values["position"][~marked][order]
     at, given = time[marked], table.values["position"][marked]
     ahead = power = 0.0
+    readings = (np.abs(table.values["position"]) < LARGEST).all(axis=0)
+    position, given = position[:, readings], given[:, readings]
     for own, other in zip(position.T, given.T, strict=True):
         way = np.interp(at, rest, np.gradient(own))
         ahead += float(way @ (other - np.interp(at, rest, own)))
@@ -176,17 +193,44 @@ def _other_clock(table: RowTable) -> Mask | None:
     return delay >= ordered[cut] if ordered[cut] - ordered[cut - 1] > least else None
 
 
-def _other_period(table: RowTable) -> Mask | None:
+def _other_period(source: str, table: RowTable) -> Mask | None:
     """Return rows of the slower or older of two regular sequences that run beside each other.
 
     A single publisher whose stamps jitter has no two of them; one whose messages come in pairs, or
-    with stamps that are early and late in turn, has two in step, neither of which is older.
+    with stamps that are early and late in turn, has two in step, neither of which is older, and
+    which read the same.
     """
+    for marked, in_step, in_pairs in _sequences(table):
+        few, many = sorted((int(marked.sum()), int((~marked).sum())))
+        differing = _differing(table, marked) if in_step else ""
+        if not in_step or (differing and many > _FASTER * few):
+            return marked if _stale(table, marked) else ~marked
+        if not in_pairs and abs(_late(table, marked)) >= _OLD:
+            return marked if _stale(table, marked) else ~marked
+        if differing:
+            raise RecordingError(
+                source,
+                f"{differing} differ between two publishers of the same joints in one topic, "
+                f"{int((~marked).sum())} and {int(marked.sum())} messages in step: expected one "
+                "publisher (`ros2 topic info --verbose` names both): record without the other",
+            )
+    return None
+
+
+def _sequences(table: RowTable) -> Iterator[tuple[Mask, bool, bool]]:
+    """Yield rows of one of two regular sequences, whether both are in step, and in pairs."""
     assert table.stamps is not None
     order = np.argsort(table.stamps, kind="stable")
     time = (table.stamps[order] - table.stamps[order[0]]) / 1e9
-    if len(time) < _SEQUENCE or _regular(time) > _ALONE:
-        return None
+    if len(time) < _SEQUENCE:
+        return
+    if _regular(time) > _ALONE:  # or two that are half an interval apart
+        steps = np.diff(time) / np.median(np.diff(time))
+        every = np.append(0, np.cumsum(np.round(steps))) % 2 == 1
+        marked = np.zeros(len(time), dtype=bool)
+        marked[order[every]] = True
+        yield marked, True, True
+        return
     for period in _periods(time):
         first = _sequence(time, period)
         if min(first.sum(), (~first).sum()) < _LEAST:
@@ -199,12 +243,32 @@ def _other_period(table: RowTable) -> Mask | None:
         phase = (inside - own[after - 1]) / (own[after] - own[after - 1])
         marked = np.zeros(len(time), dtype=bool)
         marked[order[~first]] = True
-        if np.std(phase) < _IN_STEP:
-            in_pairs = np.median(np.minimum(phase, 1.0 - phase)) < _TOGETHER
-            if in_pairs or abs(_late(table, marked)) < _OLD:
-                continue
-        return marked if _stale(table, marked) else ~marked
-    return None
+        together = np.median(np.minimum(phase, 1.0 - phase)) < _TOGETHER
+        yield marked, bool(np.std(phase) < _IN_STEP or together), bool(together)
+
+
+def _differing(table: RowTable, marked: Mask) -> str:
+    """Return which readings of marked messages are other than the rest's, a delay left out."""
+    assert table.stamps is not None
+    time = (table.stamps - table.stamps[0]) / 1e9
+    order = np.argsort(time[~marked], kind="stable")
+    rest, at = time[~marked][order], time[marked]
+    at = at - float(np.clip(_late(table, marked), -1.0, 1.0) * np.median(np.diff(rest)))
+    for quantity in ("effort", "position"):
+        values = table.values.get(quantity)
+        if values is None:
+            continue
+        own, others = values[~marked][order], values[marked]
+        readings = (np.abs(values) < LARGEST).all(axis=0)  # others are looked at later
+        for joint in np.flatnonzero(readings):
+            mine, other = own[:, joint], others[:, joint]
+            off = np.abs(other - np.interp(at, rest, mine))
+            noise = np.abs(mine[1:-1] - np.interp(rest[1:-1], rest[::2], mine[::2]))[::2]
+            sizes = off, np.abs(mine - np.median(mine)), noise
+            most, spread, rough = (np.quantile(each, _USUAL) for each in sizes)
+            if most > max(_DIFFERS * spread, _BEYOND_NOISE * rough):
+                return f"{quantity}s of {table.joints[joint]}"
+    return ""
 
 
 def _regular(time: Array) -> float:
@@ -260,6 +324,5 @@ _SIGNS: tuple[tuple[str, _Sign], ...] = (
     ("old positions", _old_positions),
     ("another clock", _other_clock),
     ("another order of joints, or frame", _other_layout),
-    ("another sequence of times", _other_period),
 )
 _OF_EITHER = (_other_clock, _other_layout)  # signs that do not show which of the two is to be kept

@@ -82,9 +82,23 @@ def error_table(
         said.setdefault(verdict, joint.name)
 
 
-def unmodelled(errors: Mapping[str, JointError]) -> str:
-    """Return for a person where errors are far above the recording's noise; ``""``: nowhere."""
-    far = [(name, error) for name, error in errors.items() if error.over_floor > FAR_ABOVE_NOISE]
+def unmodelled(
+    errors: Mapping[str, JointError],
+    verdicts: Mapping[str, JointVerdict],
+    everywhere: bool = False,
+) -> str:
+    """Return for a person where errors are far above the recording's noise; ``""``: nowhere.
+
+    Args:
+        errors: By joint.
+        verdicts: By joint.
+        everywhere: At joints that are good, too: no arm's model has all of its effects.
+    """
+    far = [
+        (name, error)
+        for name, error in errors.items()
+        if error.over_floor > FAR_ABOVE_NOISE and (everywhere or verdicts[name].level != GOOD)
+    ]
     if not far:
         return ""
     which = ", ".join(f"{name} {error.over_floor:.2g}" for name, error in far)
@@ -124,7 +138,8 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
     found = f": {why}" if why else of_joints
     yield laid_out(found, width, f"verdict: {painted(verdict.words, verdict.level, width)}")
     yield from error_table(fit.held_out, fit.model.arm, verdict.joints, width)
-    said = (unmodelled(fit.held_out), *constant_lines(fit, verbose), weight_line(fit))
+    beyond_noise = unmodelled(fit.held_out, verdict.joints, verbose)
+    said = (beyond_noise, *constant_lines(fit, verbose), weight_line(fit))
     yield from (laid_out(line, width) for line in said if line)
     if verdict.record:
         yield laid_out(f"record instead: {verdict.record}", width)
@@ -218,7 +233,7 @@ def evaluation_text(
     )
     said = compared(model, result.joints, result.coordinates, result.with_friction)
     yield laid_out(said, width)
-    if next_step := _next_step(result, verdicts):
+    if next_step := _next_step(result, verdicts, verbose):
         yield laid_out(next_step, width)
     if result.outside and not verbose:
         more = len(result.outside) - 1
@@ -233,13 +248,13 @@ def evaluation_text(
         yield from (laid_out(line, width) for line in _about_errors(result, model))
 
 
-def _next_step(result: Evaluation, verdicts: Mapping[str, JointVerdict]) -> str:
+def _next_step(result: Evaluation, verdicts: Mapping[str, JointVerdict], verbose: bool) -> str:
     """Return the one thing to do about errors larger than expected; ``""``: nothing."""
     if above := _above(result):
         return f"larger than the model expects of itself: {above}: `diagnose` finds out why"
     if any(verdict.level == POOR for verdict in verdicts.values()):
         return "`diagnose` finds out why"
-    return unmodelled(result.joints)
+    return "" if verbose else unmodelled(result.joints, verdicts)
 
 
 def _about_errors(result: Evaluation, model: TorqueModel) -> Iterator[str]:
@@ -247,6 +262,8 @@ def _about_errors(result: Evaluation, model: TorqueModel) -> Iterator[str]:
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     yield f"rule: {RULE}"
     yield result.metric
+    if line := unmodelled(result.joints, {}, everywhere=True):
+        yield line
     yield expectation(result, model)
     if len(result.recordings) > 1:
         for label, joints in result.recordings.items():

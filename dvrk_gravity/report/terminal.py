@@ -33,6 +33,12 @@ _DETAIL: frozenset[Kind] = frozenset(
         "position_quantisation", "velocity_quantisation", "effort_quantisation", "excerpt",
     )
 )  # fmt: skip
+# But for samples that were left out, if they are more than this part of a recording. Chosen: what a
+# few lost messages never are.
+_LEFT_OUT: frozenset[Kind] = frozenset(
+    ("invalid_stamps", "repeated_stamps", "duplicate_samples", "samples_discarded")
+)
+_MUCH = 0.1
 _WARNING = "warning: "
 _DATA = "data: "  # before what was done, and no reason for concern
 _DONE: frozenset[Kind] = frozenset(("columns",))
@@ -103,7 +109,7 @@ def warning_lines(
         said: What was done with them, of which some lines are for the user.
         verbose: Yield every warning.
     """
-    detail = [warning for warning in warnings if warning.kind in _DETAIL and not warning.unusable]
+    detail = [warning for warning in warnings if _is_detail(warning)]
     first = contradiction(warnings)
     done = [warning for warning in warnings if warning.kind in _DONE]
     yield from (f"{_DATA}{line}" for line in brief(done))
@@ -112,6 +118,7 @@ def warning_lines(
         for warning in warnings
         if warning not in detail and warning not in done and str(warning) != first
     ]
+    rest.sort(key=lambda warning: warning.numbers.get("samples", 0.0) == 0.0)  # what is left out
     acted_on = [f"{_WARNING}{line}" for line in brief(rest)]
     if verbose:
         yield from acted_on
@@ -126,3 +133,8 @@ def warning_lines(
         plural = "s" if more > 1 else ""
         about = f"warning{plural}" if left else f"note{plural} on what was done with the data"
         yield f"and {more} more {about}: --verbose"
+
+
+def _is_detail(warning: DataWarning) -> bool:
+    much = warning.kind in _LEFT_OUT and warning.numbers.get("share", 0.0) > _MUCH
+    return warning.kind in _DETAIL and not (warning.unusable or much)
