@@ -3,15 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from diagnosed import (
-    ARM,
-    COULOMB,
-    PITCH,
-    ROTORS,
-    VISCOUS,
-    eye,
-    moving,
-)
+from diagnosed import ARM, COULOMB, PITCH, ROTORS, VISCOUS, eye, moving
 
 from dvrk_gravity import identify
 from dvrk_gravity.identification import Fit
