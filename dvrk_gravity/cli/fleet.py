@@ -77,8 +77,7 @@ def require(*modules: str) -> None:
 
 
 def _scan(folders: list[Path]) -> int:
-    from dvrk_gravity.fleet import scan
-    from dvrk_gravity.fleet.manifest import NAME as MANIFEST
+    from dvrk_gravity.fleet import MANIFEST, scan
 
     for folder in folders:
         if not folder.is_dir():

@@ -17,10 +17,12 @@ from .history import date as date
 from .history import histories as histories
 from .history import judged as judged
 from .history import with_fit as with_fit
+from .manifest import MANIFEST as MANIFEST
 from .manifest import ArmEntry as ArmEntry
 from .manifest import Manifest as Manifest
 from .planned import Planned as Planned
 from .rows import COLUMNS as COLUMNS
+from .rows import parquet as parquet
 from .run import Summary as Summary
 from .run import run_fleet as run_fleet
 from .scanning import scan as scan

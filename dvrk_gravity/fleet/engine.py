@@ -74,6 +74,9 @@ class Engine(Generic[U, R]):
     ) -> None:  # fmt: skip
         """Run all units; what comes of each is taken at once, in the order in which they end.
 
+        A unit that took down its workers is tried again by itself, after all others: it may have
+        been on a worker that another one took down.
+
         Args:
             units: The units, of which no more are asked for than are sent.
             key: Name of a unit's task: two clients that send the same have it done once.
@@ -83,13 +86,24 @@ class Engine(Generic[U, R]):
         Raises:
             EngineLostError: The scheduler went away.
         """
+        suspects = list[U]()
+        self._run(units, key, take, lost, suspects.append, None)
+        self._run(suspects, lambda unit: f"{key(unit)}-alone", take, lost, None, 1)
+
+    def _run(
+        self, units: Iterable[U], key: Callable[[U], str],
+        take: Callable[[U, R], None], lost: Callable[[U, str], None],
+        suspect: Callable[[U], None] | None, room: int | None,
+    ) -> None:  # fmt: skip
+        """Run units, at most ``room`` at a time; where a suspect goes, it is not lost."""
         from distributed import CancelledError, as_completed
+        from distributed.scheduler import KilledWorker
 
         waiting, pending = as_completed(), dict[Any, U]()
         rest = iter(units)
         try:
             while True:
-                for unit in _up_to(rest, self._room() - len(pending)):
+                for unit in _up_to(rest, (room or self._room()) - len(pending)):
                     future = self._client.submit(
                         self._function, unit, key=key(unit), pure=False, retries=0
                     )
@@ -104,11 +118,14 @@ class Engine(Generic[U, R]):
                 except CancelledError as error:
                     raise EngineLostError(self.address) from error
                 except Exception as error:
-                    lost(unit, why(error))
+                    if suspect is not None and isinstance(error, KilledWorker):
+                        suspect(unit)
+                    else:
+                        lost(unit, why(error))
                 else:
                     take(unit, result)
                 future.release()
-        except (EngineLostError, KeyboardInterrupt):
+        except EngineLostError:
             raise
         except (StopIteration, OSError, RuntimeError) as error:
             # The client is closed beneath us in whatever call it happens to be.

@@ -12,7 +12,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import entries, text_file, yaml_file
 from dvrk_gravity.recording import is_bag, is_recording
 
-NAME = "fleet.yaml"
+MANIFEST = "fleet.yaml"
 _KEYS = ("serial", "arm", "model", "recordings", "topic")
 _HEAD = """\
 # Which recordings are of which arm. `arm`: a name that `identify --arm` takes, or a file; `model`:
@@ -87,9 +87,13 @@ class Manifest:
             ConfigError: None there, or a wrong, unknown or missing entry; it names file and arm.
         """
         path = Path(path)
-        file = path / NAME if path.is_dir() else path
+        file = path / MANIFEST if path.is_dir() else path
         if not file.exists():
-            way = f"a {NAME} there: `fleet --scan {path}` writes one" if path.is_dir() else "a file"
+            way = (
+                f"a {MANIFEST} there: `fleet --scan {path}` writes one"
+                if path.is_dir()
+                else "a file"
+            )
             raise ConfigError("", "no such file", way, file)
         try:
             return cls._parse(yaml_file.load(file), file.parent)

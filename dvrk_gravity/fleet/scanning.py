@@ -12,7 +12,7 @@ from pathlib import Path
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.files.resources import shipped
-from dvrk_gravity.fleet.manifest import NAME, ArmEntry, Manifest, is_whole_recording
+from dvrk_gravity.fleet.manifest import MANIFEST, ArmEntry, Manifest, is_whole_recording
 from dvrk_gravity.recording import JOINT_STATE, BagReader, RecordingFile, is_bag
 
 _READINGS = ("measured_js", "state_joint_current", "joint_states")
@@ -54,7 +54,7 @@ def scan(folder: Path) -> Manifest:
     for (kind, serial, topic), paths in sorted(arms.items()):
         model = next(
             (str(each.relative_to(folder)) for each in sorted(folder.rglob(f"*{serial}*.yaml"))
-             if each.name != NAME and _is_model(each)), "",
+             if each.name != MANIFEST and _is_model(each)), "",
         )  # fmt: skip
         entries.append(ArmEntry(serial, kind, _patterns(paths, folder, arms), model, topic))
     serials = [entry.serial for entry in entries]

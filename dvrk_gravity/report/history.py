@@ -152,9 +152,9 @@ def history_page(arms: Sequence[ArmHistory], rate: float, pages: Mapping[str, st
     data = [_data(arm, most, "", pages.get(arm.serial, "")) for arm in arms]
     facts = (
         f"{sum(len(arm.visits) for arm in arms)} recordings; of the arms that are reported, at "
-        f"most {100 * rate:g} % are expected to be unchanged. Values: by how much a quantity differs "
-        "from the arm's model, each fitted alone, with its 95 % interval; a point leads to its "
-        "recording's report."
+        f"most {100 * rate:g} % are expected to be unchanged. Values: by how much a quantity "
+        "differs from the arm's model, each fitted alone, with its 95 % interval; a point leads "
+        "to its recording's report."
     )  # fmt: skip
     level: Level = "poor" if any(arm.urgency >= 1.0 for arm in arms) else ""
     return page("History of a fleet", _headline(arms), facts, [_application(data)], level)
