@@ -14,7 +14,8 @@ p-value is that of the F test of the shape against no change, at the best tau, t
 dates and shapes tried (Bonferroni): right for few values, whatever phi is, and on the safe side.
 The interval of tau is that of its posterior with a flat prior over the time span, steps and slopes
 equally probable before the data, all other parameters integrated: a step is anywhere in its gap
-with equal probability, and a slow step may have been a slope.
+with equal probability, and a slow step may have been a slope. That of a step goes from a value to
+a value.
 """
 
 from __future__ import annotations
@@ -273,6 +274,9 @@ class _Series:
         edges = np.concatenate([[0.0], np.cumsum(mass / mass.sum())])
         ends = np.concatenate([middle - 0.5 * width, [middle[-1] + 0.5 * width[-1]]])
         low, high = np.interp(_BOTH_ENDS, edges, ends)
+        if best.shape == "break":  # from a recording to a recording
+            low = self.time[np.searchsorted(self.time, low, side="right") - 1]
+            high = self.time[np.searchsorted(self.time, high)]
         return float(low), float(high)
 
     def _fits(self, forms: Sequence[_Form]) -> tuple[Array, Array, Array, Array, Array]:

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -67,10 +67,8 @@ class Cluster:
 
 def end(process: subprocess.Popen) -> None:
     """End a process and those that it started."""
-    try:
+    with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
     process.wait()
 
 
@@ -105,6 +103,7 @@ def run(manifest: Manifest, out: Path, address: str, lines: list[str]) -> Summar
 
 def kill_when(path: Path, count: int, process: subprocess.Popen) -> threading.Thread:
     """Kill a process, and those that it started, when so many results are there."""
+
     def watch() -> None:
         until(lambda: path.is_dir() and len(list(path.glob("*.parquet"))) >= count)
         end(process)
@@ -162,12 +161,13 @@ def test_what_takes_down_its_workers_or_all_memory_is_reported_and_the_rest_fini
         summary = run(fleet, tmp_path / "out", its.address, lines)
     assert summary.verdicts == {"explained": 8, "lost": 2}
     assert sorted(line.partition(": ")[0][-14:] for line in lines) == [
-        "2025-01-01.csv", "2025-01-04.csv"
+        "2025-01-01.csv",
+        "2025-01-04.csv",
     ]
     assert all("its worker died" in line for line in lines)
 
 
-def test_no_scheduler_and_no_worker_are_a_line_each(tmp_path):
-    with pytest.raises(ConfigError, match="--scheduler.*dask scheduler"):
-        with client_of("tcp://127.0.0.1:9", 0):
-            pass
+def test_no_scheduler_at_an_address_is_a_line():
+    address = "tcp://127.0.0.1:9"
+    with pytest.raises(ConfigError, match=r"--scheduler.*dask scheduler"), client_of(address, 0):
+        pass
