@@ -259,7 +259,11 @@ def main() -> int:
     where = ["--scheduler", arguments.scheduler] if arguments.scheduler else [
         "--workers", str(arguments.workers)]  # fmt: skip
     results = str(out / "results")
-    times["fleet"] = _timed(lambda: command(["fleet", str(out / "bags"), "--out", results, *where]))
+    status = list[int]()
+    words = ["fleet", str(out / "bags"), "--out", results, *where]
+    times["fleet"] = _timed(lambda: status.append(command(words)))
+    if status[0] > 1:  # interrupted, or nothing could be done
+        return status[0]
     times["history"] = _timed(lambda: command(["history", results]))
     figures = score(json.loads((out / "results" / "history.json").read_text())["arms"], truth)
     figures |= {"seconds": times, "recordings": len(jobs), "arms": len(truth)}

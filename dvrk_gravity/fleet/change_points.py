@@ -59,7 +59,7 @@ class Change:
         at: The likeliest date, days.
         size: Of a break the step, of the others the slope, a month.
         error: Its standard error, as if the date were known.
-        p_value: Of no change at all, for all dates and shapes tried.
+        p_value: Of no change at all, for all dates and shapes compared.
         gain: Log-likelihood that it brings, less BIC's costs.
         now: Value at the last date less that at the beginning, by the fit.
     """
@@ -135,8 +135,8 @@ def fit(time: Array, value: Array, error: Array, given: Array | None = None) -> 
         if len(group := list(series.shapes(seasonal, shape)))
     ]
     best = min(changed, key=lambda each: each.bic)
-    tried = sum(each.tried for each in changed)
-    p_value = min(1.0, tried * series.p_value(best, null))
+    comparisons = sum(each.n_comparisons for each in changed)
+    p_value = min(1.0, comparisons * series.p_value(best, null))
     chosen = best if best.bic < null.bic else null
     change = None
     if chosen is best:
@@ -178,7 +178,7 @@ class _Best:
     bic: float
     scatter: float
     weight: Array
-    tried: int
+    n_comparisons: int
 
 
 @dataclass(frozen=True, eq=False)

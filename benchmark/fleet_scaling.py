@@ -1,0 +1,177 @@
+"""What the engine of a fleet costs: scheduler, workers, memory.
+
+    python benchmark/fleet_scaling.py --json out/bench/fleet_scaling.json
+
+A null unit costs a worker nothing: what it takes is of scheduler, client and messages.
+Busy units show whether two workers do twice as much as one; beside them the same units run in plain
+processes, which share the machine's other load. Memory is that of this process, with scheduler and
+client in it, before and after thousands of results, and after recordings of other lengths.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import multiprocessing
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import psutil
+
+from dvrk_gravity.fleet import Engine, Unit, client_of, work
+from dvrk_gravity.recording import Recording
+
+RESULT = b"x" * 12_000  # bytes of a result's table, as of an ECM's recording
+
+
+def null(unit: int) -> bytes:
+    """Do nothing, and return as much as a recording does."""
+    return RESULT + str(unit).encode()
+
+
+def busy(seconds: float) -> float:
+    """Use a processor for its own seconds, however long that takes."""
+    begun = time.process_time()
+    total = 0
+    while time.process_time() - begun < seconds:
+        total += sum(range(1000))
+    return total
+
+
+def throughput(workers: int, units: int, seconds: float) -> tuple[float, float]:
+    """Return busy units a second on a cluster's workers, and in as many plain processes."""
+    with client_of(None, workers) as client:
+        engine: Engine[tuple[int, float], float] = Engine(client, _busy)
+        engine.run([(-k, 0.01) for k in range(2 * workers)], str, _ignore, _lost)  # they are up
+        cluster = _timed(lambda: engine.run(
+            [(k, seconds) for k in range(units)], str, _ignore, _lost))  # fmt: skip
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        pool.map(busy, [0.01] * workers)
+        plain = _timed(lambda: pool.map(busy, [seconds] * units, chunksize=1))
+    return units / cluster, units / plain
+
+
+def _busy(unit: tuple[int, float]) -> float:
+    return busy(unit[1])
+
+
+def overhead(units: int) -> dict[str, float]:
+    """Return what null units cost, and by how much memory grows while they run."""
+    with client_of(None, 2) as client:
+        engine: Engine[int, bytes] = Engine(client, null)
+        engine.run(range(-100, 0), _name, _ignore, _lost)
+        before = _memory()
+        processor = time.process_time()
+        wall = _timed(lambda: engine.run(range(units), _name, _ignore, _lost))
+        processor = time.process_time() - processor
+        middle = _memory()
+        engine.run(range(units, 2 * units), _name, _ignore, _lost)
+        after = _memory()
+    return {
+        "units": units, "wall_ms": 1e3 * wall / units, "processor_ms": 1e3 * processor / units,
+        "mb_before": before, "mb_after": middle, "mb_after_twice_as_many": after,
+    }  # fmt: skip
+
+
+def by_length(seconds: list[float]) -> list[dict[str, float]]:
+    """Return the memory of client and scheduler after recordings of some lengths."""
+    found = []
+    with TemporaryDirectory() as folder, client_of(None, 1) as client:
+        engine: Engine[Unit, object] = Engine(client, work)
+        for length in [seconds[0], *seconds]:  # the first twice: whatever is loaded once
+            path = _recorded(Path(folder), length)
+            unit = Unit("ecm", "1", str(path), "2025-01-01T00:00:00+00:00", "name", 1, 1)
+            sizes = list[int]()
+            name = f"length-{len(found)}"
+            engine.run([unit], lambda _, name=name: name,
+                       lambda _, got, its=sizes: its.append(len(got.table)), _lost)  # fmt: skip
+            found.append({"seconds": length, "recording_mb": path.stat().st_size / 1e6,
+                          "table_kb": sizes[0] / 1e3, "client_mb": _memory()})  # fmt: skip
+    return found[1:]
+
+
+def _recorded(folder: Path, seconds: float) -> Path:
+    """Write a recording of any old motion, at 500 Hz."""
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.planning import Multisine
+    from dvrk_gravity.simulate import PlantFile
+
+    arm = Arm.load("ecm")
+    time_ = np.arange(0.0, seconds, 2e-3)
+    motion = Multisine.draw(arm, 0)
+    model = PlantFile.of(arm).model
+    position, velocity = motion.at(time_ + motion.ramp)
+    effort = model.torque(position, velocity, np.gradient(velocity, 2e-3, axis=0))
+    effort += 0.01 * np.random.default_rng(0).standard_normal(effort.shape)
+    path = folder / f"{seconds:g}.csv"
+    Recording(arm.joint_names, time_, position, velocity, effort).save(path)
+    return path
+
+
+def _memory() -> float:
+    gc.collect()
+    return psutil.Process().memory_info().rss / 1e6
+
+
+def _timed(call: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    call()
+    return time.perf_counter() - begun
+
+
+def _name(unit: int) -> str:
+    return f"null-{unit}"
+
+
+def _ignore(*_: object) -> None:
+    return
+
+
+def _lost(unit: object, why: str) -> None:
+    raise SystemExit(f"{unit}: {why}")
+
+
+def main() -> int:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--units", type=int, default=2000, help="null units")
+    parser.add_argument("--busy", type=int, default=24, help="busy units")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of a busy unit")
+    parser.add_argument("--lengths", default="30,120,480", help="of recordings, s")
+    parser.add_argument("--json", help="file for the figures")
+    arguments = parser.parse_args()
+    costs = overhead(arguments.units)
+    print(
+        f"a null unit: {costs['wall_ms']:.1f} ms, of which client and scheduler compute "
+        f"{costs['processor_ms']:.1f} ms; memory {costs['mb_before']:.0f} MB, after "
+        f"{costs['units']} units {costs['mb_after']:.0f} MB, after twice as many "
+        f"{costs['mb_after_twice_as_many']:.0f} MB"
+    )
+    rates = {
+        workers: throughput(workers, arguments.busy, arguments.seconds) for workers in (1, 2)
+    }  # fmt: skip
+    cluster, plain = (rates[2][k] / rates[1][k] for k in (0, 1))
+    print(
+        f"two workers do {cluster:.2f} times what one does, two plain processes {plain:.2f} times; "
+        f"one worker does {rates[1][0] / rates[1][1]:.3f} of what a plain process does"
+    )
+    lengths = by_length([float(each) for each in arguments.lengths.split(",")])
+    for row in lengths:
+        print(
+            f"a recording of {row['seconds']:g} s ({row['recording_mb']:.1f} MB): table "
+            f"{row['table_kb']:.1f} kB; client and scheduler {row['client_mb']:.0f} MB"
+        )
+    figures = {"overhead": costs, "rates": rates, "lengths": lengths, "scaling": cluster,
+               "scaling_of_plain_processes": plain}  # fmt: skip
+    if arguments.json:
+        Path(arguments.json).write_text(json.dumps(figures, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
