@@ -9,7 +9,7 @@ are reported (Benjamini and Bogomolov 2014).
 
 Several quantities that move at one date are one change. The one is named that the findings of the
 recordings since then name, else the likeliest; another is a change of its own only if it still
-changed when the first one's course is allowed for.
+changed when the first one's course is allowed for, and not by a step at the same date.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ def _with_changes(arm: ArmHistory, level: float, of: HistorySettings) -> ArmHist
             for series, _ in left
             if series is not first
         ]
-        still = _significant(rest, level)
+        still = [pair for pair in _significant(rest, level) if not _same_step(pair[0], first)]
         kept = {series.name for series, _ in still}
         also = tuple(series.name for series in rest if series.name not in kept)
         changes.append(_change(first, q_value, also, by_findings, of))
@@ -277,6 +277,17 @@ def _significant(series: Sequence[Series], level: float) -> list[tuple[Series, f
         if q <= level and each.fitted is not None and each.fitted.change is not None
     ]
     return sorted(holding, key=lambda pair: pair[1])
+
+
+def _same_step(series: Series, first: Series) -> bool:
+    """Return whether two series have a step at what may be the same date."""
+    if any(each.fitted is None or each.fitted.change is None for each in (series, first)):
+        return False
+    one, other = series.fitted.change, first.fitted.change  # type: ignore[union-attr]
+    assert one is not None
+    assert other is not None
+    both = one.shape == other.shape == "break"
+    return both and one.since[0] <= other.since[1] and other.since[0] <= one.since[1]
 
 
 def _named_first(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.fleet import (
     ArmEntry,
@@ -32,6 +33,7 @@ from dvrk_gravity.fleet import (
     with_fit,
     work,
 )
+from dvrk_gravity.recording import Recording
 
 RANDOM = 0
 
@@ -210,3 +212,33 @@ def test_results_of_no_arm_and_no_results_are_a_line(tmp_path):
     Store.open(tmp_path)
     with pytest.raises(ConfigError, match=r"--arm.*results of arm 7"):
         histories(tmp_path, "7")
+
+
+def test_a_recording_behind_a_url_is_found_dated_and_read_by_a_copy(tmp_path):
+    folder = tmp_path / "far"
+    folder.mkdir()
+    (folder / "2025-03-14.csv").write_text("time,a.position\n0,nothing\n")
+    entry = ArmEntry("1", "ecm", (f"file://{folder}/*.csv",))
+    planned = Planned.of(Manifest((entry,)), Store.open(tmp_path / "out"))
+    ((_, units),) = planned.references()
+    url = f"file://{folder}/2025-03-14.csv"
+    assert [(unit.recording, unit.date[:10], unit.date_from) for unit in units] == [
+        (url, "2025-03-14", "name")
+    ]
+    result = work(units[0])
+    assert [line.startswith(url) for line in result.failures] == [True]
+
+
+def test_a_bag_is_dated_by_its_first_message_and_scanned_by_its_namespace(tmp_path):
+    time = np.arange(100) * 0.01
+    wave = np.sin(time)[:, None] * np.ones(4)
+    recording = Recording(
+        Arm.load("ecm").joint_names, time, wave, wave, wave, start_ns=1_700_000_000 * 10**9
+    )
+    (tmp_path / "ECM_44001").mkdir()
+    recording.save(tmp_path / "ECM_44001" / "run", topic="/ECM/measured_js")
+    when, where = date_of(tmp_path / "ECM_44001" / "run")
+    assert (when, where) == (datetime.fromtimestamp(1_700_000_000, UTC), "bag")
+    (arm,) = scan(tmp_path).arms
+    assert (arm.arm, arm.serial) == ("ecm", "44001")
+    assert len(arm.recordings) == 1
