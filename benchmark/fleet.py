@@ -206,7 +206,8 @@ def score(arms: list[dict], truth: dict[str, Planted | None]) -> dict:
         same = [
             change
             for change in right
-            if change["effect"] == planted.effect and change["joint"] == planted.joint
+            for name in (change, *change["or"])
+            if name["effect"] == planted.effect and name["joint"] == planted.joint
         ]
         dated, named = dated + bool(right), named + bool(same)
         lines.append(f"{serial} {planted.effect} {planted.joint} {when:%Y-%m-%d}: " + ("; ".join(

@@ -39,6 +39,9 @@ _COLUMNS = (
     "unit", "torque_ratio", "certainty", "verdict", "key", "content", "model", "version", "report",
     "recording", "text",
 )  # fmt: skip
+Name = tuple[str, str, str]
+"""Of a series: effect, joint and parameter."""
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DAY = 86400.0
 
@@ -53,6 +56,8 @@ class HistorySettings:
             what is not compensated moves a joint once it exceeds its friction, and friction has
             then doubled.
         ahead: Months for which a slope is extrapolated where arms are put in order. Chosen.
+        clearly: Log-likelihood that it must be ahead of another quantity, else either may be it: a
+            Bayes factor of 20 (Kass and Raftery 1995: strong).
         named: Part of the recordings since a change whose findings must name a cause. Chosen: most.
         most: Changes of one arm: a bound on time.
     """
@@ -60,6 +65,7 @@ class HistorySettings:
     rate: float = 0.05
     usable: float = 1.0
     ahead: float = 3.0
+    clearly: float = 3.0
     named: float = 0.5
     most: int = 5
 
@@ -110,7 +116,7 @@ class Series:
     fitted: Fitted | None = None
 
     @property
-    def name(self) -> tuple[str, str, str]:
+    def name(self) -> Name:
         """Effect, joint and parameter."""
         return self.effect, self.joint, self.parameter
 
@@ -129,6 +135,7 @@ class ArmChange:
         change: What that did.
         q_value: Its p-value, adjusted for the arm's series.
         also: Quantities that moved with it, most significant first.
+        rivals: Those of them by which it could be named as well.
         by_findings: The findings since then name it, too.
         severity: Torque of the change at the last date over the joint's friction.
         due: When that is beyond what is usable, by the slope; ``None``: there is none.
@@ -138,7 +145,8 @@ class ArmChange:
     series: Series
     change: Change
     q_value: float
-    also: tuple[tuple[str, str, str], ...]
+    also: tuple[Name, ...]
+    rivals: tuple[Name, ...]
     by_findings: bool
     severity: float
     due: float | None
@@ -255,7 +263,9 @@ def _with_changes(arm: ArmHistory, level: float, of: HistorySettings) -> ArmHist
         ]
         still = [pair for pair in _significant(rest, level) if not _same_step(pair[0], first)]
         kept = {series.name for series, _ in still}
-        also = tuple(series.name for series in rest if series.name not in kept)
+        also = tuple(
+            series for series, _ in left if series is not first and series.name not in kept
+        )
         changes.append(_change(first, q_value, also, by_findings, of))
         left = still
     changes.sort(key=lambda each: -np.nan_to_num(each.ahead(of.ahead)))
@@ -311,8 +321,7 @@ def _named_first(
 
 
 def _change(
-    series: Series, q_value: float, also: tuple[tuple[str, str, str], ...], by_findings: bool,
-    of: HistorySettings,
+    series: Series, q_value: float, also: Sequence[Series], by_findings: bool, of: HistorySettings
 ) -> ArmChange:  # fmt: skip
     assert series.fitted is not None
     assert series.fitted.change is not None
@@ -329,9 +338,15 @@ def _change(
             for rate in rates
         ]  # fmt: skip
         due, interval = left[0], (left[1], left[2])
-    return ArmChange(
-        series, change, q_value, also, by_findings, float(severity), due, interval
+    rivals = tuple(
+        each.name for each in also
+        if each.fitted is not None and each.fitted.change is not None
+        and each.fitted.change.gain > change.gain - of.clearly
     )  # fmt: skip
+    names = tuple(each.name for each in also)
+    return ArmChange(
+        series, change, q_value, names, rivals, by_findings, float(severity), due, interval
+    )
 
 
 def _arms(rows: pyarrow.Table) -> Iterator[ArmHistory]:

@@ -113,8 +113,11 @@ class Manifest:
 
     def save(self, path: Path) -> None:
         """Write the manifest, with paths as they are."""
-        content = yaml_file.dump({"arms": [arm.to_yaml() for arm in self.arms]})
-        text_file.write(path, f"{_HEAD}{content}")
+        lines = [f"{_HEAD}arms:"]
+        for arm in self.arms:  # a line for each entry, of which a person changes some
+            first, *others = yaml_file.dump(arm.to_yaml()).splitlines()
+            lines += [f"- {first}", *(f"  {line}" for line in others)]
+        text_file.write(path, "\n".join(lines) + "\n")
 
     @classmethod
     def _parse(cls, content: Any, folder: Path) -> Manifest:

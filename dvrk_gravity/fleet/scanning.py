@@ -18,7 +18,7 @@ from dvrk_gravity.recording import JOINT_STATE, BagReader, RecordingFile, is_bag
 _READINGS = ("measured_js", "state_joint_current", "joint_states")
 # Of console files: gc-MTMR-28002.json, sawIntuitiveResearchKit-PSM1-28003.json.
 _CONSOLE = re.compile(r"(?P<name>MTM[LR]|PSM\d?|ECM)-(?P<serial>[A-Za-z0-9]+)\.(json|xml)$")
-_SERIAL = re.compile(r"(?<!\d)(?!20\d\d)\d{4,6}(?!\d)")  # of a folder or file, and no year
+_SERIAL = re.compile(r"(?<!\d)(?!20\d\d(?!\d))\d{4,6}(?!\d)")  # of a folder or file, and no year
 UNKNOWN = "ARM"
 """What stands for the kind of an arm that a scan does not recognise."""
 

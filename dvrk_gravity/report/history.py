@@ -32,8 +32,11 @@ _MONTH = "%Y-%m"
 def sentence(found: ArmChange) -> str:
     """Return a change in a sentence: what, by how much, since when, what is due."""
     series, change = found.series, found.change
+    # A name each: a tilt has two angles.
+    names = dict.fromkeys(title_of(effect, joint) for effect, joint, _ in found.rivals)
     what = title_of(series.effect, series.joint)
-    text = f"{what}: {_size(series, change)}"
+    others = " or ".join(name for name in names if name != what)
+    text = f"{what}{f' (or {others})' if others else ''}: {_size(series, change)}"
     if found.due is not None and found.severity < 1.0:
         low, high = found.due_interval
         until = "later" if high is None else f"{date(high):{_MONTH}}"
@@ -105,6 +108,7 @@ def _as_json(found: ArmChange) -> dict[str, Any]:
         "severity": found.severity if np.isfinite(found.severity) else None,
         "due": None if found.due is None else [day and _iso(day) for day in due],
         "by_findings": found.by_findings,
+        "or": [{"effect": e, "joint": j, "parameter": p} for e, j, p in found.rivals],
         "also": [{"effect": e, "joint": j, "parameter": p} for e, j, p in found.also],
         "sentence": sentence(found),
     }  # fmt: skip
