@@ -2,10 +2,11 @@
 
     python benchmark/fleet_scaling.py --json out/bench/fleet_scaling.json
 
-A null unit costs a worker nothing: what it takes is of scheduler, client and messages.
-Busy units show whether two workers do twice as much as one; beside them the same units run in plain
-processes, which share the machine's other load. Memory is that of this process, with scheduler and
-client in it, before and after thousands of results, and after recordings of other lengths.
+A null unit costs a worker nothing: what it takes is of scheduler, client and messages. Of busy
+units the part of the time is measured in which a worker works, which another load of the machine
+does not change: two workers do 2 u2 / u1 times what one does on cores of their own. Memory is that
+of this process, with scheduler and client in it, before and after thousands of results, and after
+recordings of other lengths.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from __future__ import annotations
 import argparse
 import gc
 import json
-import multiprocessing
 import sys
 import time
 from collections.abc import Callable
@@ -34,30 +34,23 @@ def null(unit: int) -> bytes:
     return RESULT + str(unit).encode()
 
 
-def busy(seconds: float) -> float:
-    """Use a processor for its own seconds, however long that takes."""
-    begun = time.process_time()
-    total = 0
-    while time.process_time() - begun < seconds:
-        total += sum(range(1000))
-    return total
+def busy(unit: tuple[int, float]) -> float:
+    """Use a processor for some of its seconds; return how long that took by the clock."""
+    begun, processor = time.perf_counter(), time.process_time()
+    while time.process_time() - processor < unit[1]:
+        sum(range(1000))
+    return time.perf_counter() - begun
 
 
-def throughput(workers: int, units: int, seconds: float) -> tuple[float, float]:
-    """Return busy units a second on a cluster's workers, and in as many plain processes."""
+def utilisation(workers: int, units: int, seconds: float) -> float:
+    """Return the part of the time in which workers work, of busy units."""
+    worked = list[float]()
     with client_of(None, workers) as client:
-        engine: Engine[tuple[int, float], float] = Engine(client, _busy)
+        engine: Engine[tuple[int, float], float] = Engine(client, busy)
         engine.run([(-k, 0.01) for k in range(2 * workers)], str, _ignore, _lost)  # they are up
-        cluster = _timed(lambda: engine.run(
-            [(k, seconds) for k in range(units)], str, _ignore, _lost))  # fmt: skip
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        pool.map(busy, [0.01] * workers)
-        plain = _timed(lambda: pool.map(busy, [seconds] * units, chunksize=1))
-    return units / cluster, units / plain
-
-
-def _busy(unit: tuple[int, float]) -> float:
-    return busy(unit[1])
+        todo = [(k, seconds) for k in range(units * workers)]
+        wall = _timed(lambda: engine.run(todo, str, lambda _, its: worked.append(its), _lost))
+    return sum(worked) / (workers * wall)
 
 
 def overhead(units: int) -> dict[str, float]:
@@ -84,7 +77,7 @@ def by_length(seconds: list[float]) -> list[dict[str, float]]:
     with TemporaryDirectory() as folder, client_of(None, 1) as client:
         engine: Engine[Unit, object] = Engine(client, work)
         for length in [seconds[0], *seconds]:  # the first twice: whatever is loaded once
-            path = _recorded(Path(folder), length)
+            path = _recorded(Path(folder, f"{len(found)}.csv"), length)
             unit = Unit("ecm", "1", str(path), "2025-01-01T00:00:00+00:00", "name", 1, 1)
             sizes = list[int]()
             name = f"length-{len(found)}"
@@ -95,7 +88,7 @@ def by_length(seconds: list[float]) -> list[dict[str, float]]:
     return found[1:]
 
 
-def _recorded(folder: Path, seconds: float) -> Path:
+def _recorded(path: Path, seconds: float) -> Path:
     """Write a recording of any old motion, at 500 Hz."""
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.planning import Multisine
@@ -108,7 +101,6 @@ def _recorded(folder: Path, seconds: float) -> Path:
     position, velocity = motion.at(time_ + motion.ramp)
     effort = model.torque(position, velocity, np.gradient(velocity, 2e-3, axis=0))
     effort += 0.01 * np.random.default_rng(0).standard_normal(effort.shape)
-    path = folder / f"{seconds:g}.csv"
     Recording(arm.joint_names, time_, position, velocity, effort).save(path)
     return path
 
@@ -140,7 +132,7 @@ def main() -> int:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--units", type=int, default=2000, help="null units")
-    parser.add_argument("--busy", type=int, default=24, help="busy units")
+    parser.add_argument("--busy", type=int, default=24, help="busy units a worker")
     parser.add_argument("--seconds", type=float, default=1.0, help="of a busy unit")
     parser.add_argument("--lengths", default="30,120,480", help="of recordings, s")
     parser.add_argument("--json", help="file for the figures")
@@ -152,13 +144,10 @@ def main() -> int:
         f"{costs['units']} units {costs['mb_after']:.0f} MB, after twice as many "
         f"{costs['mb_after_twice_as_many']:.0f} MB"
     )
-    rates = {
-        workers: throughput(workers, arguments.busy, arguments.seconds) for workers in (1, 2)
-    }  # fmt: skip
-    cluster, plain = (rates[2][k] / rates[1][k] for k in (0, 1))
+    one, two = (utilisation(each, arguments.busy, arguments.seconds) for each in (1, 2))
     print(
-        f"two workers do {cluster:.2f} times what one does, two plain processes {plain:.2f} times; "
-        f"one worker does {rates[1][0] / rates[1][1]:.3f} of what a plain process does"
+        f"one worker works {100 * one:.1f} % of the time, two {100 * two:.1f} %: they do "
+        f"{2.0 * two / one:.2f} times as much"
     )
     lengths = by_length([float(each) for each in arguments.lengths.split(",")])
     for row in lengths:
@@ -166,8 +155,7 @@ def main() -> int:
             f"a recording of {row['seconds']:g} s ({row['recording_mb']:.1f} MB): table "
             f"{row['table_kb']:.1f} kB; client and scheduler {row['client_mb']:.0f} MB"
         )
-    figures = {"overhead": costs, "rates": rates, "lengths": lengths, "scaling": cluster,
-               "scaling_of_plain_processes": plain}  # fmt: skip
+    figures = {"overhead": costs, "utilisation": [one, two], "lengths": lengths}
     if arguments.json:
         Path(arguments.json).write_text(json.dumps(figures, indent=1))
     return 0

@@ -25,6 +25,8 @@ from dvrk_gravity.units import quantity, suited
 
 FEW_ARMS = 200
 """Arms of which the page has every series, and each arm a page. Chosen: some megabytes."""
+MOST_ON_PAGE = 5000
+"""Arms on the page, the most urgent ones; 20 MB. The summaries have all."""
 _SHOWN = 3  # series of an arm on a page of more arms
 _MONTH = "%Y-%m"
 
@@ -153,8 +155,10 @@ def history_page(arms: Sequence[ArmHistory], rate: float, pages: Mapping[str, st
         pages: Addresses of arms' own pages, by serial number, as seen from this one.
     """
     most = None if len(arms) <= FEW_ARMS else _SHOWN
-    data = [_data(arm, most, "", pages.get(arm.serial, "")) for arm in arms]
+    data = [_data(arm, most, "", pages.get(arm.serial, "")) for arm in arms[:MOST_ON_PAGE]]
+    left_out = len(arms) - len(data)
     facts = (
+        f"{f'The {left_out} least urgent arms are left out. ' if left_out else ''}"
         f"{sum(len(arm.visits) for arm in arms)} recordings; of the arms that are reported, at "
         f"most {100 * rate:g} % are expected to be unchanged. Values: by how much a quantity "
         "differs from the arm's model, each fitted alone, with its 95 % interval; a point leads "
