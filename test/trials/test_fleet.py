@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import REPOSITORY
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.fleet import (
+    COLUMNS,
     ArmEntry,
     ArmHistory,
     Manifest,
@@ -242,3 +244,9 @@ def test_a_bag_is_dated_by_its_first_message_and_scanned_by_its_namespace(tmp_pa
     (arm,) = scan(tmp_path).arms
     assert (arm.arm, arm.serial) == ("ecm", "44001")
     assert len(arm.recordings) == 1
+
+
+def test_the_page_has_the_table_s_columns():
+    page = (REPOSITORY / "docs" / "fleet.md").read_text(encoding="utf-8")
+    for name, (kind, meaning) in COLUMNS.items():
+        assert f"| `{name}` | {kind} | {meaning} |" in page
