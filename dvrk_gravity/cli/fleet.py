@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.fleet import Result, Summary, Unit
@@ -20,6 +21,7 @@ EXAMPLE = (
     "         python -m dvrk_gravity fleet bags --out results --scheduler tcp://10.0.0.7:8786"
 )
 EXTRA = 'pip install "dvrk_gravity[fleet]"'
+WRITTEN = ("results", "reports", "models")
 _LINES = 20  # of recordings with something wrong, that are printed; all are in the results
 
 
@@ -96,17 +98,26 @@ def _scan(folders: list[Path]) -> int:
 
 
 def _work(arguments: argparse.Namespace) -> int:
-    from dvrk_gravity.fleet import Manifest, Planned, Store, client_of, cores, run_fleet, work
+    from dvrk_gravity.fleet import (
+        MANIFEST,
+        Manifest,
+        Planned,
+        Store,
+        client_of,
+        cores,
+        run_fleet,
+        work,
+    )
 
-    if not arguments.out:
-        raise ConfigError("--out", arguments.out, "a folder")
+    read = [path / MANIFEST if path.is_dir() else path for path in arguments.folders]
+    out = outputs.check_folder("--out", arguments.out, [], read, WRITTEN)
     if arguments.workers is not None and arguments.workers < 1:
         raise ConfigError("--workers", arguments.workers, "1 or more")
     if arguments.workers is not None and arguments.scheduler is not None:
         expected = "none with --scheduler: a cluster that is there has workers"
         raise ConfigError("--workers", arguments.workers, expected)
     manifest = Manifest.of(arguments.folders)
-    store = Store.open(Path(arguments.out))
+    store = Store.open(out)
     with command_line.Progress("looking at recordings", len(manifest.arms)) as progress:
         planned = Planned.of(manifest, store, progress.update)
     lines: list[str] = []

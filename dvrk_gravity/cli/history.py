@@ -8,7 +8,7 @@ from pathlib import Path
 from dvrk_gravity import command_line
 from dvrk_gravity.cli.fleet import require
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.files import text_file
+from dvrk_gravity.files import outputs, text_file
 
 NAME = "history"
 EXAMPLE = (
@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder, rate = arguments.folder, arguments.rate
     if not 0.0 < rate < 1.0:
         raise ConfigError("--rate", rate, "a part, between 0 and 1")
+    outputs.check_folder("DIR", str(folder), [PAGE, CSV, JSON], [], [ARMS])
     with command_line.Progress("history", 1.0) as progress:
         found = histories(
             folder, arguments.arm or "", HistorySettings(rate=rate), progress.update
