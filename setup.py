@@ -11,7 +11,8 @@ NAME = "dvrk_gravity"
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = (
     "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
-    "convert", "identify", "evaluate", "diagnose", "demo", "get", "set", "newton-euler",
+    "convert", "identify", "evaluate", "diagnose", "fleet", "history", "demo", "get", "set",
+    "newton-euler",
 )  # fmt: skip
 
 # A wheel's executables share one folder with all others, where `convert` is ImageMagick's: there is
@@ -73,7 +74,12 @@ setup(
             "pandas>=2.0",
             "websockets>=13",
             "xacrodoc>=2.0",
+            "distributed>=2025.1",
+            "pyarrow>=15",
+            "fsspec>=2024.2",
         ],
+        # Many arms, on Dask; results in Parquet, recordings behind URLs.
+        "fleet": ["distributed>=2025.1", "pyarrow>=15", "fsspec>=2024.2"],
         "xacro": ["xacrodoc>=2.0"],  # expands URDFs that xacro has yet to
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],  # without a ROS 2
     },

@@ -125,7 +125,7 @@ def _hypotheses(effect: type[Effect]) -> Iterator[type[Hypothesis]]:
 BANDS = (
     ("commands and nodes", ("cli", "ros")),
     ("what a user reads", ("report",)),
-    ("an arm, moved and certified", ("calibration", "collecting")),
+    ("one arm, certified; many arms", ("calibration", "collecting", "fleet")),
     ("what is found, what is commanded", ("diagnosis", "compensate")),
     ("simulated arms, other formats", ("simulate", "exports")),
     ("motions to identify from", ("planning",)),

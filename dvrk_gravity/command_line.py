@@ -45,6 +45,8 @@ VERBS: dict[str, tuple[str, str]] = {
     "evaluate": ("dvrk_gravity.cli.evaluate", "error of a model on recordings"),
     "diagnose": ("dvrk_gravity.cli.diagnose", "what a model gets wrong, with evidence"),
     "calibrate": ("dvrk_gravity.cli.calibrate", "from an arm to a certified model"),
+    "fleet": ("dvrk_gravity.cli.fleet", "many arms' recordings -> results, on Dask"),
+    "history": ("dvrk_gravity.cli.history", "what changed in which arm, since when"),
     "demo": ("dvrk_gravity.cli.demo", "everything in simulation: fall, float, push, kill"),
     "newton-euler": (
         "dvrk_gravity.cli.newton_euler",

@@ -53,7 +53,7 @@ def in_one_unit(values: Sequence[float], unit: str) -> list[str]:
         values: In SI units.
         unit: SI unit, as for :func:`quantity`.
     """
-    factor, name = _suited(max(map(abs, values)), unit)
+    factor, name = suited(max(map(abs, values)), unit)
     texts = (_written([value * factor], 0.0)[0][0] for value in values)
     return [f"{text} {name}".rstrip() for text in texts]
 
@@ -75,12 +75,12 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
 
 def _shown(values: Sequence[float], half: float, unit: str) -> tuple[list[str], str, str]:
     """Return values and half an interval in the unit that suits them, to the interval's digits."""
-    factor, name = _suited(max(half, *map(abs, values)), unit)
+    factor, name = suited(max(half, *map(abs, values)), unit)
     texts, spread = _written([value * factor for value in values], half * factor)
     return texts, spread, name
 
 
-def _suited(size: float, unit: str) -> tuple[float, str]:
+def suited(size: float, unit: str) -> tuple[float, str]:
     """Return factor and name of the unit that suits a size, in SI units."""
     factor, name = 1.0, _superscript(unit)
     for least, larger, shown in _UNITS.get(unit, ()):

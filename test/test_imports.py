@@ -19,13 +19,15 @@ ROOMS = (
     "faces", "arrays", "errors", "tabular", "validation", "units", "files", "parameters", "arms",
     "parameters.nodes", "gravity", "newton_euler", "effects", "model", "console", "recording",
     "estimation", "intake", "identification", "planning", "simulate", "exports", "compensate",
-    "collecting", "diagnosis", "calibration", "report", "ros", "cli",
+    "collecting", "diagnosis", "calibration", "fleet", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
 # Done without where they are not installed: the dVRK's own messages, those of ros2_control's
-# actions, what expands xacro, and data frames.
-OPTIONAL = {"crtk_msgs", "control_msgs", "xacrodoc", "pandas"}
+# actions, what expands xacro, data frames, and what fleets need.
+OPTIONAL = {
+    "crtk_msgs", "control_msgs", "xacrodoc", "pandas", "dask", "distributed", "fsspec", "pyarrow",
+}  # fmt: skip
 
 
 def modules(package: Path) -> dict[str, Path]:

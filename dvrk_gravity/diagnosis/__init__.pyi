@@ -72,3 +72,5 @@ from .run import DiagnosisProblem as DiagnosisProblem
 from .run import arm_for as arm_for
 from .run import build as build
 from .run import diagnose as diagnose
+from .tracked import TrackedChange as TrackedChange
+from .tracked import track as track

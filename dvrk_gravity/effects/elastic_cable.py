@@ -125,6 +125,11 @@ class ElasticCable(LinearTerm):
                     middle=float(middle[joint]), half=float(half[joint]),
                 )  # fmt: skip
 
+    @classmethod
+    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Of each joint that moves, its stiffness."""
+        return (each for each in cls.hypotheses(motion) if each.form == "degree 1")
+
     def prepare(self) -> Evaluator:
         coefficients = self.coefficients
         powers = prepare_powers(self.valid, len(coefficients))

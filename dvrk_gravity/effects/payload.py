@@ -189,6 +189,19 @@ class Payload(Term):
         else:
             yield last, np.ones(1)
 
+    @classmethod
+    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """The mass at the end of the last link whose load shows: its place is a convention."""
+        *_, last = (None, *cls.hypotheses(motion))
+        if isinstance(last, PlacedPayloadHypothesis):
+            yield last
+        elif isinstance(last, PayloadHypothesis):
+            place = _end_of(motion.arm, last.site.index).tolist()
+            yield PlacedPayloadHypothesis(
+                arm=motion.arm, site=last.site, form=last.form,
+                setting=dict(zip(AXES, place, strict=True)),
+            )  # fmt: skip
+
     @cached_property
     def _links(self) -> Array:
         """(10 bodies,) inertial parameters of the arm's bodies."""

@@ -79,6 +79,11 @@ class TorqueOffset(LinearTerm):
         for joint in np.flatnonzero(motion.present).tolist():
             yield OffsetHypothesis(arm=motion.arm, site=Site.joint(joint))
 
+    @classmethod
+    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Of each joint's efforts."""
+        return cls.hypotheses(motion)
+
     def regressor(self, state: State) -> Array:
         return diagonal_columns(np.ones(state.q.shape))
 

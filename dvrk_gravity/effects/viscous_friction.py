@@ -114,6 +114,11 @@ class ViscousFriction(Friction):
             limit = removable(motion, site, motion.qd @ site.row(motion.arm))
             yield ViscousHypothesis(arm=motion.arm, site=site, removable=limit)
 
+    @classmethod
+    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Of each joint."""
+        return (each for each in cls.hypotheses(motion) if each.of_joint)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ViscousHypothesis(Hypothesis):

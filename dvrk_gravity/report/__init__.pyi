@@ -14,6 +14,12 @@ from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text
 from .fit_pictures import residual_pictures as residual_pictures
 from .fit_pictures import torque_pictures as torque_pictures
+from .history import FEW_ARMS as FEW_ARMS
+from .history import arm_page as arm_page
+from .history import history_csv as history_csv
+from .history import history_json as history_json
+from .history import history_page as history_page
+from .history import history_text as history_text
 from .html import folded as folded
 from .html import inline as inline
 from .html import listed as listed

@@ -14,8 +14,9 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.command_line import VERBS
 
 # Nodes write nothing.
-MAKE_FOLDERS = ("calibrate", "demo", "diagnose")  # with theirs
+MAKE_FOLDERS = ("calibrate", "demo", "diagnose", "fleet")  # with theirs
 WITHOUT_OUTPUT = {"compensator", "get", "set", "simulator", "watchdog"}
+BESIDE_INPUT = {"history"}  # in the folder that it reads, under names of its own
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ USES = {
     "diagnose's report": Use(
         "diagnose", "{r.csv} --model {in} --out {d}", ("r.csv",), below="d/report.html"
     ),
+    "fleet's folder": Use("fleet", "{m.yaml} --out {out}", ("m.yaml",)),
     "demo's folder": Use("demo", "--model {m.yaml} --out {out}", ("m.yaml",)),
     "demo's bag": Use("demo", "--model {in} --out {d}", (), below="d/bag"),
     "plan's plan": Use(
@@ -143,7 +145,7 @@ def uses(folder: Path, condition: Callable[[Use], object] = lambda use: True) ->
 
 
 def test_every_verb_is_tried():
-    assert {use.verb for use in USES.values()} | WITHOUT_OUTPUT == set(VERBS)
+    assert {use.verb for use in USES.values()} | WITHOUT_OUTPUT | BESIDE_INPUT == set(VERBS)
 
 
 def test_no_output_is_an_input_by_any_name(tmp_path, capsys):

@@ -25,6 +25,7 @@ BRIEF = "--simulated --duration 12"
 # Those that a simulated arm carries out in a shorter time, and a file that they leave.
 SHORTER = {
     "calibrate_my_mtm": ({"--simulated": BRIEF}, "gc-MTMR-12345.json"),
+    "which_arm_first": ({}, "results/history.html"),
     "calibrate_with_one_command": (
         {"--arm mtmr --simulated": f"--arm ecm --simulated {BRIEF} --time 1 --poses 1"},
         "calibration/certificate.html",

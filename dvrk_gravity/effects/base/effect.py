@@ -87,6 +87,18 @@ class Effect(ABC):
         yield from ()
 
     @classmethod
+    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Yield what a history of an arm follows: of the same form in every recording of it.
+
+        By default what :meth:`unit_changes` asks about, each hypothesis once.
+        """
+        seen = list[Hypothesis]()
+        for hypothesis, _ in cls.unit_changes(motion):
+            if not any(hypothesis is each for each in seen):
+                seen.append(hypothesis)
+                yield hypothesis
+
+    @classmethod
     def search_basis(cls, data: Filtered) -> Any:
         """Return what :meth:`search` needs of the data, computed once; it may be large."""
         return None
