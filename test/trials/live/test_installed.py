@@ -24,8 +24,10 @@ from testing.world import COARSE, World
 EXECUTABLES = executables()
 NODES = sorted(verb for verb, (name, _) in VERBS.items() if name.startswith("dvrk_gravity.ros."))
 # These drive an arm for minutes; the demonstration is started in a test of its own. `convert` needs
-# a console's file, `get` and `set` a node.
-ELSEWHERE = {"calibrate", "collect", "convert", "demo", "excite", "get", "set"}
+# a console's file, `get` and `set` a node, `fleet` and `history` many recordings.
+ELSEWHERE = {
+    "calibrate", "collect", "convert", "demo", "excite", "fleet", "get", "history", "set",
+}  # fmt: skip
 # What keeps an example short: the search among all effects takes most of an identification.
 QUICK = {
     "identify": ["--terms", "coulomb_friction,viscous_friction"],
