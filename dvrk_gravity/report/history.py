@@ -192,7 +192,8 @@ def _headline(arms: Sequence[ArmHistory]) -> str:
     changed = sum(bool(arm.changes) for arm in arms)
     urgent = sum(arm.urgency >= 1.0 for arm in arms)
     text = f"{changed} of {len(arms)} arms changed"
-    return text + (f", {urgent} need a hand within three months" if urgent else "")
+    need = "needs" if urgent == 1 else "need"
+    return text + (f", {urgent} {need} a hand within three months" if urgent else "")
 
 
 def _data(arm: ArmHistory, most: int | None, up: str, address: str) -> dict[str, Any]:
