@@ -18,7 +18,7 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     number_array,
 )
-from dvrk_gravity.effects.base.dahl import DahlElements, dahl
+from dvrk_gravity.effects.base.dahl import DahlElements, dahl_of_parts
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import (
@@ -276,12 +276,7 @@ class CoulombHypothesis(Hypothesis):
         sign = motion.sign(row, self.setting.get("transition"))
         if not self.gives:
             return sign
-        position = motion.q @ row
-        built = [
-            dahl(position[part], np.array([self.gives]), np.sign(sign[part][:1]))
-            for part in motion.parts
-        ]
-        return np.concatenate(built)[:, 0]
+        return dahl_of_parts(motion.q @ row, self.gives, np.sign(sign), motion)
 
     def regressor(self, motion: Motion) -> Array:
         row, way = self.site.row(self.arm), self.way(motion)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -70,31 +71,31 @@ class LoadFriction(LinearTerm):
     def beside(self, terms: Sequence[Term]) -> LoadFriction:
         behind = (t for t in terms if not (t.FRICTION or isinstance(t, RotorInertia)))
         gear = next((t for t in terms if isinstance(t, CoulombFriction)), None)
-        if gear is not None:
-            longer = np.maximum(gear.joint_displacement, gear.motor_displacement)
-            gear = replace(gear, joint_displacement=longer, transition_velocity=self.full_speed)
         return replace(self, carried=tuple(behind), gear=gear)
 
+    @cached_property
+    def _way(self) -> CoulombFriction:
+        """Whose directions are those of this friction: at once where there is no other."""
+        nothing = np.zeros(self.arm.n)
+        longest = nothing if self.gear is None else self.gear.displacement.max(axis=0)
+        return CoulombFriction(
+            self.arm, *(nothing,) * 4, transition_velocity=self.full_speed,
+            joint_displacement=longest, motor_displacement=nothing,
+        )  # fmt: skip
+
     def memory(self, state: State, before: Array | None = None) -> Array:
-        return super().memory(state) if self.gear is None else self.gear.memory(state, before)
+        return self._way.memory(state, before)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
-        past = None if self.gear is None else self.gear.past(state)
-        return self.part * self._per_part(state, past)
+        return self.part * self._per_part(state, self._way.past(state))
 
     def _per_part(self, state: State, memory: Array | None) -> Array:
-        if self.gear is not None:
-            ways = self.gear.ways(state, memory)
-            way = np.zeros(state.q.shape) if ways is None else ways[0]
-        elif state.direction is not None:
-            way = np.sign(state.direction)
-        elif state.qd is not None:
-            way = np.clip(state.qd / self.full_speed, -1.0, 1.0)
-        else:
+        ways = self._way.ways(state, memory)
+        if ways is None:
             return np.zeros(state.q.shape)
         load = sum((term.torque(state) for term in self.carried), np.zeros(state.q.shape))
-        return np.asarray(way * np.abs(load))
+        return np.asarray(ways[0] * np.abs(load))
 
     @property
     def full_speed(self) -> Array:
@@ -126,8 +127,7 @@ class LoadFriction(LinearTerm):
         return replace(self, part=np.asarray(theta, dtype=float))
 
     def regressor(self, state: State) -> Array:
-        past = None if self.gear is None else self.gear.past(state)
-        return diagonal_columns(self._per_part(state, past))
+        return diagonal_columns(self._per_part(state, self._way.past(state)))
 
     def columns(self, state: State, memory: Array) -> Array:
         return diagonal_columns(self._per_part(state, memory))

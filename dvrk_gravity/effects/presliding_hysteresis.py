@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects.base.arrays import Range, Values, as_value, numbers, read_rows, write_rows
-from dvrk_gravity.effects.base.dahl import DahlElements, dahl
+from dvrk_gravity.effects.base.dahl import DahlElements, dahl, dahl_of_parts
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import (
     Friction,
@@ -286,9 +286,7 @@ class PreslidingHypothesis(Hypothesis):
         """Elements are relaxed at the beginning of every part."""
         row = self.site.row(self.arm)
         position = motion.q @ row
-        state = np.zeros(len(position))
-        for part in motion.parts:
-            state[part] = dahl(position[part], np.array([self._length]), np.zeros(1))[:, 0]
+        state = dahl_of_parts(position, self._length, np.zeros(len(position)), motion)
         if self.known is None:
             return spread(row, state)
         return spread(row, state, motion.sign(row))

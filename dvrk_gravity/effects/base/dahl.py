@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.motion import Motion
 
 
 def dahl(position: Array, displacements: Array, first: Array) -> Array:
@@ -39,6 +40,20 @@ def dahl(position: Array, displacements: Array, first: Array) -> Array:
         along = np.exp(-since / displacement)
         states[1:, k] = sign + (np.array(at_start)[run] - sign) * along
     return states
+
+
+def dahl_of_parts(position: Array, displacement: float, first: Array, motion: Motion) -> Array:
+    """Return (N,) states of an element along the parts of a motion.
+
+    Args:
+        position: (N,) of its site.
+        displacement: rad.
+        first: (N,) states, those at the first sample of each part.
+        motion: The motion.
+    """
+    length = np.array([displacement])
+    parts = (dahl(position[part], length, first[part][:1]) for part in motion.parts)
+    return np.concatenate(list(parts))[:, 0]
 
 
 class DahlElements:
