@@ -42,13 +42,13 @@ def run(
     engine: str, arm: str, seed: int, effects: Sequence[str], sizes: Sizes, through_file: bool
 ) -> Session:
     """Calibrate one arm and try every effect in it."""
-    prepare = partial(_ours, seed, effects) if engine == "ours" else partial(
-        _mujoco, arm, seed, effects, sizes
+    prepare = partial(our_laboratory, seed, effects) if engine == "ours" else partial(
+        mujoco_laboratory, arm, seed, effects, sizes
     )  # fmt: skip
     return hold(Session(engine, arm, seed), lambda: prepare(through_file))
 
 
-def _mujoco(
+def mujoco_laboratory(
     name: str, seed: int, effects: Sequence[str], sizes: Sizes, through_file: bool
 ) -> Laboratory:
     world = MujocoWorld.draw(name, seed)
@@ -71,7 +71,7 @@ def _mujoco(
     return Laboratory(world.arm, recording, trials, through_file=through_file)
 
 
-def _ours(seed: int, effects: Sequence[str], through_file: bool) -> Laboratory:
+def our_laboratory(seed: int, effects: Sequence[str], through_file: bool) -> Laboratory:
     world = World.draw(ARM_SEED + seed)
     exact = world.model()
 
