@@ -51,6 +51,7 @@ def run(
 def mujoco_laboratory(
     name: str, seed: int, effects: Sequence[str], sizes: Sizes, through_file: bool
 ) -> Laboratory:
+    """Return one of MuJoCo's arms with effects to be hidden in it."""
     world = MujocoWorld.draw(name, seed)
     calibration = draw_calibration(world.arm, seed)
 
@@ -72,6 +73,7 @@ def mujoco_laboratory(
 
 
 def our_laboratory(seed: int, effects: Sequence[str], through_file: bool) -> Laboratory:
+    """Return an MTM of our simulator with effects to be hidden in it."""
     world = World.draw(ARM_SEED + seed)
     exact = world.model()
 

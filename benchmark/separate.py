@@ -26,8 +26,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from dvrk_gravity.arms import Arm, nominal_inertias
-from dvrk_gravity.diagnosis import Diagnosis, Files, diagnose, load_unseparated
-from dvrk_gravity.errors import DvrkGravityError
+from dvrk_gravity.diagnosis import Diagnosis, Files, diagnose
+from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import (
@@ -35,7 +35,9 @@ from dvrk_gravity.planning import (
     Multisine,
     PlanLimits,
     SeparationSettings,
+    UnresolvedPairs,
     design_separation,
+    load_unresolved,
 )
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
@@ -49,6 +51,7 @@ from testing.score import fits
 from testing.world import COARSE, World
 
 Random = np.random.Generator
+Named = tuple[str, tuple[int, ...]]  # effect and joints
 Simulated = Callable[[int], SimulatedArm]  # by the seed of its sensors' noise
 
 COUNT, BAR = 30, 0.9
@@ -179,12 +182,38 @@ def narrow(arm: Arm, random: Random) -> tuple[Multisine, float]:
     return motion, float(random.uniform(*FIRST))
 
 
-def explained(diagnosis: Diagnosis, hidden: Hidden, arm: Arm) -> tuple[bool, bool, bool]:
+def unresolved(diagnosis: Diagnosis, model: Path) -> UnresolvedPairs | None:
+    """Return the pairs of causes that a plan may separate, as `plan --separate` reads them."""
+    findings = model.parent / "findings.json"
+    findings.write_text(replace(diagnosis, files=Files.of(findings, model)).to_json())
+    try:
+        return load_unresolved(findings)
+    except ConfigError:  # this diagnosis is clear
+        return None
+
+
+def never_shown(pairs: UnresolvedPairs | None, arm: Arm) -> set[tuple[Named, Named]]:
+    """Return causes that no motion is expected to show, each with the one that it hides behind."""
+    if pairs is None:
+        return set()
+    none = pairs.hidden(PlanLimits.of(arm))
+    return {
+        (true.named, other.named)
+        for pair, hidden in zip(pairs.pairs, none, strict=True)
+        for true, other, behind in (
+            (pair.first, pair.second, hidden[0]), (pair.second, pair.first, hidden[1]),
+        )
+        if behind
+    }  # fmt: skip
+
+
+def explained(
+    diagnosis: Diagnosis, hidden: Hidden, arm: Arm, never: set[tuple[Named, Named]]
+) -> tuple[bool, bool, bool]:
     """Return whether what was hidden is named at all, and whether nothing else stands beside.
 
-    And whether the diagnosis says of all that does that no motion excludes it.
+    And whether all that does is what no motion is expected to exclude.
     """
-    never = frozenset() if diagnosis.contest is None else diagnosis.contest.hidden
     for finding in diagnosis.findings:
         causes = [(finding.effect, finding.joints)]
         causes += [(other.effect, other.joints) for other in finding.alternatives]
@@ -199,31 +228,26 @@ def explained(diagnosis: Diagnosis, hidden: Hidden, arm: Arm) -> tuple[bool, boo
 
 
 def trial(
-    lab: Laboratory, model: Path, first: Recording, simulated: Simulated, hidden: Hidden,
-    diagnosis: Diagnosis, settings: SeparationSettings, seed: int,
+    lab: Laboratory, model: Path, pairs: UnresolvedPairs, first: Recording, simulated: Simulated,
+    hidden: Hidden, settings: SeparationSettings, seed: int,
 ) -> dict[str, object]:  # fmt: skip
     """Plan what separates, record it, and diagnose both recordings."""
-    assert diagnosis.contest is not None
-    findings = model.parent / "findings.json"
-    findings.write_text(replace(diagnosis, files=Files.of(findings, model)).to_json())
-    unseparated = load_unseparated(findings)
-    design = design_separation(unseparated, PlanLimits.of(lab.arm), seed=seed, settings=settings)
+    design = design_separation(pairs, PlanLimits.of(lab.arm), seed=seed, settings=settings)
     motion = design.plan.motion
     assert isinstance(motion, FourierMotion)
     # The servo of the simulated arm is given position and velocity, as by `collect`.
     second = record_motion(simulated(seed + 1), Followed(motion), motion.duration, RATE)  # type: ignore[arg-type]
     both = diagnose([first, second], TorqueModel.load(model))
-    named, alone, never = explained(both, hidden, lab.arm)
+    left = never_shown(unresolved(both, model), lab.arm)
+    named, alone, never = explained(both, hidden, lab.arm, left)
     of_hidden = [
         expected
-        for pair, expected in zip(diagnosis.contest.pairs, design.expected, strict=True)
+        for pair, expected in zip(pairs.pairs, design.expected, strict=True)
         if len({fits(hidden, each.hypothesis.effect, each.hypothesis.names, lab.arm)
                 for each in (pair.first, pair.second)}) == 2
     ]  # fmt: skip
     return {
-        "expected": [
-            (each.words, each.again, each.planned, each.chance) for each in design.expected
-        ],
+        "expected": [(each.words, each.planned, each.chance) for each in design.expected],
         "promised": bool(of_hidden) and all(each.separates for each in of_hidden),
         "named": named,
         "separated": alone,
@@ -270,14 +294,16 @@ def main(given: Sequence[str] | None = None) -> int:
                     first = record_motion(simulated(seed), motion, duration, RATE)
                     diagnosis = diagnose(first, model)
                     tried += 1
-                    named, alone, _ = explained(diagnosis, hidden, lab.arm)
+                    named, alone, _ = explained(diagnosis, hidden, lab.arm, set())
                     if not named or alone:
                         continue
-                    if not diagnosis.separated_by:
+                    pairs = unresolved(diagnosis, file)
+                    left = never_shown(pairs, lab.arm)
+                    if pairs is None or explained(diagnosis, hidden, lab.arm, left)[2]:
                         said += 1
                         print(f"{name} {seed} {effect}: no motion is expected to")
                         continue
-                    row = trial(lab, file, first, simulated, hidden, diagnosis, settings, seed)
+                    row = trial(lab, file, pairs, first, simulated, hidden, settings, seed)
                 except DvrkGravityError as error:
                     print(f"{name} {seed} {effect}: left out: {error}", flush=True)
                     continue

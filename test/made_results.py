@@ -6,6 +6,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
+from unresolved_causes import passed
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import (
@@ -115,13 +116,13 @@ def example_diagnosis() -> Diagnosis:
         remedy="look at its cables",
     )  # fmt: skip
     known = Known("model_error", ("elbow_pitch",), {}, "elbow_pitch is left as it was")
-    by_joint = dict.fromkeys(JOINT_NAMES, 0.01)
+    by_joint, model = dict.fromkeys(JOINT_NAMES, 0.01), TorqueModel(Arm.load("mtmr"), ())
     picture = Picture("elbow_pitch", "velocity", *np.random.default_rng(0).normal(size=(3, 50)))
     return Diagnosis(
         "ambiguous", (replace(found, picture=picture),), (known,), by_joint, by_joint,
         dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),
         (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
-        TorqueModel(Arm.load("mtmr"), ()), band=8.0,
+        model, passed(model, 5), (), band=8.0,
     )  # fmt: skip
 
 

@@ -163,7 +163,7 @@ def further(finished, tmp_path):
     folder = finished.before("plan further_1", tmp_path / "again")
 
     def plan(part: float = 1.0, following: str | None = None, unseparated=None, settings=BRIEF):
-        left = {"model": "model_0.yaml", **(unseparated or {"pairs": []})}
+        left = {"model": "model_0.yaml", **(unseparated or {"groups": []})}
         for name, change in (
             ("diagnosis_0.json", {"next": following, "unseparated": left}),
             ("model_0.json", {"held": {"part": part, "least": "pitch"}}),
@@ -188,10 +188,5 @@ def test_a_joint_that_friction_may_not_hold_is_measured_further_while_time_is_le
     assert "0.5 min" in late.said
 
 
-def test_no_search_is_begun_for_causes_that_no_motion_separates(further):
-    pair = {"between": [{"effect": "payload"}, {"effect": "link_com"}]}
-    outcome = further(1.0, None, {"pairs": [pair]})
-    assert outcome.said
-    assert outcome.paths == ()
-    # No want, of which time would be none.
+def test_without_a_want_there_is_no_further_motion(further):
     assert further(1.0, settings=replace(BRIEF, longest=1.0)).said == ""

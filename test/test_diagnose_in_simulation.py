@@ -10,7 +10,7 @@ import pytest
 from diagnosed import ARM, HALF, INSERTION, MIDDLE, PITCH, ROLL, YAW, model, moving, of_seven, seven
 
 from dvrk_gravity.arms import N_JOINTS
-from dvrk_gravity.compensate import in_simulation, let_go
+from dvrk_gravity.compensate import in_simulation, let_go, with_simulation
 from dvrk_gravity.diagnosis import Diagnosis, diagnose, load
 from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
@@ -26,7 +26,7 @@ def weighted() -> tuple[World, Diagnosis]:
     """Return a master arm with a weight that its model does not know, and the diagnosis."""
     world, _ = hide(seven(), "payload", np.random.default_rng(5))
     recording = world.record(1, 2, 10.0, 100.0)
-    return world, diagnose(recording, seven().model(), simulated=True)
+    return world, with_simulation(diagnose(recording, seven().model()))
 
 
 def test_the_extended_model_predicts_where_measured_efforts_bring_the_arm():

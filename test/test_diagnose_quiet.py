@@ -293,7 +293,7 @@ def test_a_tilt_and_the_zero_of_a_joint_are_alike_in_a_plane_and_apart_in_space(
     # What there is no sign of is no task for a plan.
     content = flat.to_dict()
     assert not both.suspected
-    assert content["unseparated"]["pairs"] == []
+    assert content["unseparated"]["groups"] == []
     assert content["next"] is None
 
 
@@ -304,5 +304,5 @@ def test_what_two_causes_explain_as_well_is_ambiguous_and_a_task_for_a_plan():
     assert diagnosis.verdict == "ambiguous"
     assert ("joint_offset", ("pitch",)) in claims(diagnosis)
     assert finding.alternatives
-    assert diagnosis.to_dict()["unseparated"]["pairs"]
+    assert diagnosis.to_dict()["unseparated"]["groups"]
     assert "plan --separate" in diagnosis.to_dict()["next"]

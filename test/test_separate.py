@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -9,20 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_results import example_diagnosis
-from rival_causes import cause, contest, offset_or_spring, passed, twins, written
 from support import MODEL_FILE
+from unresolved_causes import MadeUp, cause, made_up, offset_or_spring, passed, twins, written
 
 from dvrk_gravity import effects
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis import (
-    Contest,
-    Files,
-    RivalCause,
-    RivalCauses,
-    diagnosed_again,
-    load_unseparated,
-)
+from dvrk_gravity.diagnosis import Files, FittedHypothesis, Unresolved
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ModelUncertainty, TorqueModel
@@ -31,11 +25,13 @@ from dvrk_gravity.planning import (
     Plan,
     PlanLimits,
     Prediction,
-    Sense,
     SeparationSettings,
     SolverSettings,
-    Unseparated,
+    TrueHypothesis,
     design_separation,
+    diagnosed_again,
+    load_unresolved,
+    paired,
 )
 from dvrk_gravity.simulate import PlantFile
 
@@ -51,7 +47,7 @@ def model() -> TorqueModel:
 
 
 @pytest.fixture(scope="module")
-def unclear(model) -> Contest:
+def unclear(model) -> MadeUp:
     return offset_or_spring(model)
 
 
@@ -69,7 +65,9 @@ def test_the_expected_evidence_is_half_the_distance_from_all_that_the_other_expl
     mean, gram = columns @ apart, columns.T @ columns
 
     def expects(gram):
-        return Sense(*(Prediction.of(gram, root) for root in (first, second)), apart).further(gram)
+        return TrueHypothesis(
+            *(Prediction.of(gram, root) for root in (first, second)), apart
+        ).further(gram)
 
     value, slope = expects(gram)
     assert value == pytest.approx(0.5 * mean @ np.linalg.solve(there, mean))
@@ -83,7 +81,7 @@ def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(un
     arm, random = unclear.model.arm, np.random.default_rng(0)
     # So short that more evidence still counts.
     limits, weight = PlanLimits.of(arm), np.full(30, 1e-3)
-    objective = unclear.unseparated().objective(9.0).over(np.arange(30.0))
+    objective = unclear.pairs().objective(9.0).over(np.arange(30.0))
     states = [random.uniform(limits.lower, limits.upper, (30, arm.n))]
     states += [random.normal(size=(30, arm.n)) * arm.scale for _ in range(2)]
     _, gradient = objective.gradient(State(*states), weight)
@@ -95,13 +93,13 @@ def test_the_gradient_of_the_evidence_is_its_slope_by_every_part_of_the_state(un
     assert np.sum(gradient[0] * way) == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-3)
 
 
-def promised(contest: Contest, *either: bool, evidence: float = 0.0) -> tuple[float, float]:
+def promised(of: MadeUp, *either: bool, evidence: float = 0.0) -> tuple[float, float]:
     """Return the evidence and the chance of a wider motion, with that for a spring before it."""
-    first, second = (contest.pairs[0].first, contest.pairs[0].second)
-    pair = RivalCauses(first, replace(second, evidence=evidence), either)
-    unseparated = replace(contest, pairs=(pair,)).unseparated()
-    motion, weight = passed(contest.model, part=0.1), np.full(300, 10.0 / 300)
-    objective = unseparated.objective(10.0).over(motion.time)
+    unresolved = of.pairs()
+    (pair,) = unresolved.pairs
+    pair = replace(pair, second=replace(pair.second, evidence=evidence), either=either)
+    motion, weight = passed(of.model, part=0.1), np.full(300, 10.0 / 300)
+    objective = replace(unresolved, pairs=(pair,)).objective(10.0).over(motion.time)
     (found,) = objective.expected(objective.gram(State(motion.q, motion.qd, motion.qdd), weight))
     return found
 
@@ -126,11 +124,11 @@ def test_the_lesser_evidence_of_both_senses_is_promised(unclear):
 
 def test_that_a_simpler_cause_is_contained_in_another_at_its_place_need_not_be_shown(unclear):
     """A diagnosis takes the simpler one; but an offset at another joint is another cause."""
-    offset, spring = unclear.pairs[0].first, unclear.pairs[0].second
-    assert RivalCauses.of(unclear.model, offset, spring).either == (False, True)
-    assert RivalCauses.of(unclear.model, spring, offset).either == (True, False)
+    ((offset, spring),) = unclear.groups
+    assert paired(unclear.model, offset, spring).either == (False, True)
+    assert paired(unclear.model, spring, offset).either == (True, False)
     elsewhere = cause(passed(unclear.model), "torque_offset", 0, 1.0, 0.1)
-    assert RivalCauses.of(unclear.model, elsewhere, spring).either == (True, True)
+    assert paired(unclear.model, elsewhere, spring).either == (True, True)
 
 
 # --- the plan
@@ -138,10 +136,9 @@ def test_that_a_simpler_cause_is_contained_in_another_at_its_place_need_not_be_s
 
 def test_the_plan_is_expected_to_separate_what_the_diagnosed_motion_does_not(unclear):
     limits = PlanLimits.of(unclear.model.arm)
-    design = design_separation(unclear.unseparated(), limits, settings=BRIEF)
+    design = design_separation(unclear.pairs(), limits, settings=BRIEF)
     (expected,) = design.expected
-    assert expected.again < STRONG
-    assert expected.planned > max(STRONG, 2.0 * expected.again)
+    assert expected.planned > STRONG
     assert expected.separates
     assert expected.chance > 0.95
     assert not expected.why
@@ -157,8 +154,8 @@ def test_the_plan_stays_where_the_model_was_identified(unclear):
         {}, {}, none, none[:3], 0.01 * limits.effort, 8.0, np.full(4, 0.1), lower, upper,
         limits.velocity,
     )  # fmt: skip
-    unseparated = replace(unclear, model=replace(unclear.model, uncertainty=known)).unseparated()
-    plan = design_separation(unseparated, limits, settings=BRIEF).plan
+    unresolved = unclear.pairs(replace(unclear.model, uncertainty=known))
+    plan = design_separation(unresolved, limits, settings=BRIEF).plan
     q, _, _ = plan.motion.at(np.linspace(0.0, plan.duration, 400))
     assert ((q >= lower) & (q <= upper))[:, :3].all()
     assert np.ptp(q[:, 3]) > 0.0
@@ -166,9 +163,8 @@ def test_the_plan_stays_where_the_model_was_identified(unclear):
 
 
 def test_poses_are_chosen_where_two_springs_differ_at_rest(unclear):
-    unseparated = unclear.unseparated()
-    limits = PlanLimits.of(unseparated.model.arm)
-    design = design_separation(unseparated, limits, 30.0, poses=True, settings=BRIEF)
+    limits = PlanLimits.of(unclear.model.arm)
+    design = design_separation(unclear.pairs(), limits, 30.0, poses=True, settings=BRIEF)
     assert design.separates
     pitch = design.plan.motion.poses[:, 1]
     assert np.ptp(pitch) > 0.5 * (limits.upper - limits.lower)[1]
@@ -181,7 +177,7 @@ def test_a_joint_that_stands_still_shows_nothing_for_friction_holds_it(model):
     offset, rest = (cause(standing, "torque_offset", joint, 1.0, 0.0) for joint in (1, 2))
 
     def gram_of(arm: Arm) -> np.ndarray:
-        pairs = contest(replace(model, arm=arm), (offset, rest)).unseparated()
+        pairs = made_up(replace(model, arm=arm), (offset, rest)).pairs()
         objective = pairs.objective(10.0).over(standing.time)
         state = State(standing.q, standing.qd, standing.qdd)
         return np.diag(objective.gram(state, np.full(len(standing.q), 0.03)))
@@ -194,8 +190,8 @@ def test_a_joint_that_stands_still_shows_nothing_for_friction_holds_it(model):
 
 
 def test_what_is_the_same_torque_everywhere_is_not_separated(model):
-    unseparated = contest(model, twins(model)).unseparated()
-    design = design_separation(unseparated, PlanLimits.of(model.arm), settings=BRIEF)
+    unresolved = made_up(model, twins(model)).pairs()
+    design = design_separation(unresolved, PlanLimits.of(model.arm), settings=BRIEF)
     (expected,) = design.expected
     assert not design.separates
     assert expected.planned == pytest.approx(0.0, abs=1e-6)
@@ -207,16 +203,11 @@ def test_a_curve_that_bends_like_a_weight_is_never_shown_beside_it(model):
     motion = passed(model, part=0.2)
     spring = cause(motion, "elastic_cable", 1, [0.5, 0.02], 0.05)
     offset = cause(motion, "torque_offset", 1, 0.5, 0.05)
-    both = contest(model, (offset, spring))
+    both = made_up(model, (offset, spring)).pairs()
+    limits = PlanLimits.of(model.arm)
     coarse, fine = (replace(both, coherent=error * np.ones(model.arm.n)) for error in (10.0, 1e-4))
-    assert coarse.hidden == {(spring.named, offset.named)}
-    assert not coarse.may_separate((offset, spring))
-    line = coarse.inseparable((offset, spring))  # the offset is not ruled out, if it is the spring
-    assert 0 < line.index(offset.listed) < line.index(spring.listed)
-    assert not coarse.inseparable((offset,))
-    assert fine.hidden == frozenset()
-    assert not fine.inseparable((offset, spring))
-    assert fine.may_separate((offset, spring))
+    assert coarse.hidden(limits) == [(False, True)]  # the spring contains the offset
+    assert fine.hidden(limits) == [(False, False)]
 
 
 def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
@@ -224,33 +215,30 @@ def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
     narrow, wide = passed(model), passed(model, part=0.2)
     curve, held = (
         next(
-            RivalCause(each, np.array([0.0, 0.0, 1.0]), np.eye(3))
+            FittedHypothesis(each, np.array([0.0, 0.0, 1.0]), np.eye(3))
             for each in effects.named("elastic_cable").hypotheses(narrow)
             if each.joints == (1,) and each.place == "degree 2"
         )
         for _ in range(2)
     )
-    planned = curve.rival().columns(wide)[:, 1, 2]
+    planned = curve.columns(wide)[:, 1, 2]
     assert np.ptp(planned) > 3.0 * np.ptp(held.hypothesis.regressor(wide)[:, 1, 2])
-    rows = np.array([0, 7])
-    seen = curve.rival(narrow, rows).columns(wide)
-    np.testing.assert_array_equal(seen, curve.hypothesis.regressor(narrow)[rows])
 
 
 def test_a_push_that_happened_once_is_not_expected_again(model):
     motion = passed(model)
     push = next(
-        RivalCause(hypothesis, np.ones(1), np.eye(1))
+        FittedHypothesis(hypothesis, np.ones(1), np.eye(1))
         for hypothesis in effects.named("thermal_drift").hypotheses(motion)
     )
     assert push.hypothesis.transient
-    assert not push.rival().columns(motion).any()
+    assert not push.columns(motion).any()
 
 
 def test_a_cause_is_known_in_other_motions_where_a_file_holds_all_of_it(model):
     offset, _ = twins(model)
 
-    def of(**setting: object) -> RivalCause:
+    def of(**setting: object) -> FittedHypothesis:
         return replace(offset, hypothesis=replace(offset.hypothesis, setting=setting))
 
     assert of(rest=0.1, of=None, at=("a", np.ones(2))).known_elsewhere
@@ -261,64 +249,72 @@ def test_a_cause_is_known_in_other_motions_where_a_file_holds_all_of_it(model):
 # --- its files
 
 
-def test_a_diagnosis_names_what_plans_the_separation_or_what_no_motion_separates(model, unclear):
+def test_a_diagnosis_names_what_plans_the_separation_of_each_of_its_causes(model, unclear):
     diagnosis = example_diagnosis()
     files = Files.of(Path("out dir/findings.json"), Path("model.yaml"), [Path("run 1")])
 
-    def following(contest: Contest | None, rivals: tuple[RivalCause, ...]) -> list[str | None]:
-        """Return what comes next of all, of a finding, of an ambiguity, and is inseparable."""
+    def following(unresolved: Unresolved, causes: tuple[FittedHypothesis, ...]) -> list[str | None]:
+        """Return what comes next of all, of a finding, of an ambiguity."""
         (finding,), (ambiguity,) = diagnosis.findings, diagnosis.ambiguities
         content = replace(
-            diagnosis, contest=contest, files=files, findings=(replace(finding, rivals=rivals),),
-            ambiguities=(replace(ambiguity, rivals=rivals),),
+            diagnosis, unresolved=unresolved, files=files,
+            findings=(replace(finding, unresolved=causes),),
+            ambiguities=(replace(ambiguity, unresolved=causes),),
         ).to_dict()  # fmt: skip
-        found, between = content["findings"][0], content["ambiguities"][0]
-        return [content["next"], found["next"], between["next"], found["inseparable"]]
+        return [content["next"], content["findings"][0]["next"], content["ambiguities"][0]["next"]]
 
-    pair, same = unclear.pairs[0], twins(model)
-    command, *rest = following(unclear, (pair.first, pair.second))
+    (pair,), unresolved = unclear.groups, unclear.unresolved
+    command, *rest = following(unresolved, pair)
     assert shlex.split(command)[:4] == ["dvrk_gravity", "plan", "--separate", files.findings]
-    assert rest == [command, command, None]
-    assert " --poses " in following(replace(unclear, poses=True), (pair.first, pair.second))[1]
-    assert following(unclear, (pair.first,)) == [command, None, None, None], "a clear finding"
-    *rest, line = following(contest(model, same), same)
-    assert rest == [None] * 3
-    assert "at pitch" in line
-    assert "at yaw" in line
-    assert following(None, same) == [None] * 4
+    assert rest == [command, command]
+    assert " --poses " in following(replace(unresolved, poses=True), pair)[1]
+    assert following(unresolved, ()) == [command, None, None], "a clear finding"
+    assert following(Unresolved(), pair) == [None] * 3
 
 
 def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path):
-    before = unclear.unseparated()
-    after = load_unseparated(written(unclear, tmp_path))
-    assert isinstance(after, Unseparated)
-    assert [each.between for each in after.rivalries] == [each.between for each in before.rivalries]
-    assert after.rivalries[0].again == pytest.approx(before.rivalries[0].again)
+    before, path = unclear.pairs(), written(unclear, tmp_path)
+    after = load_unresolved(path)
+    assert [each.between for each in after.pairs] == [each.between for each in before.pairs]
+    assert [each.either for each in after.pairs] == [each.either for each in before.pairs]
+    np.testing.assert_allclose(after.noise, before.noise)
     motion = passed(before.model)
-    for rivals in zip(after.rivalries, before.rivalries, strict=True):
-        columns = [each.second.columns(motion) @ each.second.theta for each in rivals]
+    for pairs in zip(after.pairs, before.pairs, strict=True):
+        columns = [each.second.columns(motion) @ each.second.theta for each in pairs]
         np.testing.assert_allclose(*columns)
+
+
+def test_findings_of_the_last_version_state_pairs(unclear, tmp_path):
+    content = unclear.content()
+    ((first, second),) = content["unseparated"].pop("groups")
+    pair = {"between": [first, second], "either": [False, True], "again": 0.1}
+    unclear.model.save(tmp_path / "model.yaml")
+    content["unseparated"] |= {"pairs": [pair], "noise": [1.0], "coherent": [0.0]}
+    (path := tmp_path / "findings.json").write_text(json.dumps(content))
+    (found,) = load_unresolved(path).pairs
+    assert found.either == (False, True)
+    assert found.between == unclear.pairs().pairs[0].between
 
 
 def test_findings_that_say_too_little_and_other_files_are_refused_by_name(unclear, tmp_path):
     for changes, words in (
-        ({"pairs": []}, "clear"),
+        ({"groups": []}, "clear"),
         ({"model": None}, "--model"),
         ({"joints": ["yaw"]}, "ecm"),
-        ({"noise": [1.0, 1.0, -1.0, 1.0]}, "noise"),
-        ({"pairs": [{"between": [{"effect": "magic"}, {}]}]}, r"pairs\[0\]"),
+        ({"groups": [[{"effect": "magic"}, {}]]}, r"groups\[0\]"),
+        ({"groups": [[{}]]}, "two causes"),
         ({"lasted": -1.0}, "lasted"),
     ):
         path = written(unclear, tmp_path, **changes)
         with pytest.raises(ConfigError, match=words) as caught:
-            load_unseparated(path)
+            load_unresolved(path)
         assert str(caught.value).startswith(f"{path}: ")
     with pytest.raises(ConfigError, match=r"unseparated\.joints"):
-        load_unseparated(written(unclear, tmp_path), MODEL_FILE)
+        load_unresolved(written(unclear, tmp_path), MODEL_FILE)
     for text in ('{"verdict": "ambiguous"}', "{}"):  # of an earlier version; of something else
         path.write_text(text)
         with pytest.raises(ConfigError, match=r"findings\.json: "):
-            load_unseparated(path)
+            load_unresolved(path)
 
 
 def test_the_further_recording_is_diagnosed_together_with_the_first(unclear, tmp_path):
@@ -344,7 +340,7 @@ def test_the_verb_plans_what_separates_and_ends_with_status_1_where_nothing_does
     assert Plan.load(out).duration == pytest.approx(12.0)
     assert out.with_suffix(".png").exists()
     out.unlink()
-    same = written(contest(model, twins(model)), tmp_path)
+    same = written(made_up(model, twins(model)), tmp_path)
     assert main([*words, "--separate", str(same)]) == 1
     printed = capsys.readouterr().out
     assert " 0 %" in printed

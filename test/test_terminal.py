@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from made_results import CLEAR, finding, fit_of
+from unresolved_causes import passed
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
@@ -112,10 +113,10 @@ def diagnosis() -> Diagnosis:
     )
     before, after, floor = (dict.fromkeys(JOINT_NAMES, value) for value in (0.2, 0.05, 0.01))
     nan = dict.fromkeys(JOINT_NAMES, float("nan"))
-    after["elbow_pitch"] = 0.3
+    after["elbow_pitch"], model = 0.3, TorqueModel(ARM, ())
     return Diagnosis(
         "explained", (first, weak), (), before, after, floor, nan, "repetition", 100, 30,
-        (DETAIL, OTHER_UNIT), ("thinned out",), (), TorqueModel(ARM, ()), band=8.0,
+        (DETAIL, OTHER_UNIT), ("thinned out",), (), model, passed(model, 5), (), band=8.0,
     )  # fmt: skip
 
 

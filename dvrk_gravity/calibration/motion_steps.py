@@ -17,7 +17,6 @@ from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import Outcome, Work, fitted_bags, model_file, trusted_model
 from dvrk_gravity.collecting import REHEARSAL, MotionStoppedError, collect, discard
 from dvrk_gravity.compensate import MotionError
-from dvrk_gravity.diagnosis import load_unseparated
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file, text_file
 from dvrk_gravity.model import TorqueModel
@@ -28,6 +27,7 @@ from dvrk_gravity.planning import (
     Straight,
     design_motion,
     design_separation,
+    load_unresolved,
     series_basis,
 )
 from dvrk_gravity.recording import Recording
@@ -74,15 +74,14 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     known = json_file.load(work.at(model_file(k - 1)).with_suffix(".json"), finite=False)["held"]
     holds = known["part"] >= _SURE ** (1.0 / of.poses)
     if holds and not found["next"]:
-        never = "no motion within the limits is expected to separate what was found"
-        return Outcome(never if found["unseparated"]["pairs"] else "")
+        return Outcome()
     if not _leaves_time(work, book, model):
         return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
     if found["next"]:
         usual = SeparationSettings()
         design = design_separation(
-            load_unseparated(findings, work.at(model_file(0))), work.limits, of.further,
+            load_unresolved(findings, work.at(model_file(0))), work.limits, of.further,
             seed=seed, settings=replace(usual, solver=_search(of.search, usual.solver)),
             report=partial(work.progress, step),
         )  # fmt: skip

@@ -69,11 +69,14 @@ def run(args: argparse.Namespace) -> int:
         0, or 1 if the recordings are of the other arm than the model, or nothing can be judged.
     """
     from dvrk_gravity.arms import Arm
+    from dvrk_gravity.compensate import with_simulation
     from dvrk_gravity.diagnosis import Files, arm_for, diagnose
+    from dvrk_gravity.identification import require_solver
     from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
     from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text
 
+    require_solver()  # of the simulated bodies, before any work
     references = [] if args.reference is None else [args.reference]
     read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
     read += [] if args.arm is None else [Arm.file(args.arm)]
@@ -94,11 +97,14 @@ def run(args: argparse.Namespace) -> int:
     reference = recordings.pop() if references else None
     try:
         with command_line.Progress(NAME, 1.0) as progress:
+            stages = command_line.Stages(progress, STAGES)
             diagnosis = diagnose(
-                recordings, model, command_line.Stages(progress, STAGES), simulated=True,
-                still=still, coordinates=args.coordinates, reference=reference, arm=arm,
-                known_payload=args.known_payload, payload_at=args.payload_at,
+                recordings, model, stages, still=still, coordinates=args.coordinates,
+                reference=reference, arm=arm, known_payload=args.known_payload,
+                payload_at=args.payload_at,
             )  # fmt: skip
+            stages("simulating motion and drift")
+            diagnosis = with_simulation(diagnosis)
     except ConfigError as error:
         of_model = args.model is not None and not error.field.startswith("--")
         raise error.in_file(args.model) if of_model else error from None

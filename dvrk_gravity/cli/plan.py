@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         0, or 1 if no motion is expected to separate any of the causes.
     """
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.diagnosis import diagnosed_again
+    from dvrk_gravity.planning import diagnosed_again
     from dvrk_gravity.report import limits_text, plan_picture
 
     if not arguments.out.name:
@@ -151,17 +151,16 @@ def _separating(
     arguments: argparse.Namespace,
 ) -> tuple[SeparationDesign, Iterable[str], bool]:
     """Plan what separates causes."""
-    from dvrk_gravity.diagnosis import load_unseparated
-    from dvrk_gravity.planning import SeparationSettings, design_separation
+    from dvrk_gravity.planning import SeparationSettings, design_separation, load_unresolved
     from dvrk_gravity.report import separation_text
 
-    unseparated = load_unseparated(arguments.separate, arguments.model)
+    unresolved = load_unresolved(arguments.separate, arguments.model)
     usual = SeparationSettings()
     seconds = min(usual.solver.seconds, arguments.time)
     settings = replace(usual, solver=replace(usual.solver, seconds=seconds))
     with command_line.Progress(NAME, 1.0) as progress:
         design = design_separation(
-            unseparated, options.limits_of(arguments, unseparated.model.arm), arguments.duration,
+            unresolved, options.limits_of(arguments, unresolved.model.arm), arguments.duration,
             arguments.poses, arguments.seed, settings, progress.update,
         )  # fmt: skip
     return design, separation_text(design), design.separates

@@ -20,12 +20,9 @@ from .sample import Sample as Sample
 from .sample import SampleReader as SampleReader
 from .settings import Settings as Settings
 from .settings import prepare_sum as prepare_sum
-from .simulation_check import DURATION as DURATION
-from .simulation_check import WINDOW as WINDOW
-from .simulation_check import Drift as Drift
-from .simulation_check import InSimulation as InSimulation
 from .simulation_check import in_simulation as in_simulation
 from .simulation_check import let_go as let_go
+from .simulation_check import with_simulation as with_simulation
 from .speed_guard import SpeedGuard as SpeedGuard
 from .start import DRY_SPEED as DRY_SPEED
 from .start import StartRefusedError as StartRefusedError

@@ -7,23 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.diagnosis import DURATION, WINDOW, Diagnosis, Drift, InSimulation
 from dvrk_gravity.effects import Motion
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import Measurement, ModelArm, Plant, SimulatedArm, simulate
 
-WINDOW = 0.1  # s of open-loop prediction, which soon diverges
 STEP = 1e-3  # s
 FRICTION = (1.0, 0.1)  # parts of the arm's friction: all, and as little as it may have
-DURATION = 2.0  # s of drift, as long as the console watches it to accept a calibration
 _WINDOWS = 60
 _POSES = 3
 _RATE = 50.0  # Hz of the drift's record
@@ -35,71 +33,19 @@ _AWAY = f"steps of {1e3 * STEP:g} ms are too long for the model's torques, the a
 _COMPLETED = 0.01  # of the usual torque: a smaller difference of inertia is not reported
 
 
-@dataclass(frozen=True, eq=False)
-class Drift:
-    """How an arm moves under compensation after release.
+def with_simulation(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with the given and the extended model compared in the simulator.
 
-    Attributes:
-        friction: Part of the arm's friction, and of its compensation, that is simulated.
-        time: (T,) s.
-        before: (P, T, n) displacement from each pose with the given model, rad or m.
-        after: (P, T, n) the same with the extended model.
+    As it is where they are the same model, or no model was given.
     """
-
-    friction: float
-    time: Array
-    before: Array
-    after: Array
-
-
-@dataclass(frozen=True, eq=False)
-class InSimulation:
-    """The given and the extended model in the simulator.
-
-    Attributes:
-        joints: Names of the joints.
-        units: Units of their positions.
-        windows: Number of predicted pieces of held-out motion.
-        before: (n,) RMS error of predicted positions after :data:`WINDOW` with the given model, rad
-            or m; ``None`` where motion could not be simulated.
-        after: (n,) the same with the extended model.
-        drifts: One for each of :data:`FRICTION`; none without compensation.
-        notes: What was not simulated, and why.
-    """
-
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    windows: int
-    before: Array | None
-    after: Array | None
-    drifts: tuple[Drift, ...]
-    notes: tuple[str, ...]
-
-    def _by_joint(self, values: Array) -> dict[str, float]:
-        return dict(zip(self.joints, values.tolist(), strict=True))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return its part of findings.json."""
-        motion = None
-        if self.before is not None and self.after is not None:
-            motion = {
-                "seconds": WINDOW,
-                "windows": self.windows,
-                "rmse_before": self._by_joint(self.before),
-                "rmse_after": self._by_joint(self.after),
-            }
-        drifts = [
-            {
-                "friction": drift.friction,
-                "seconds": DURATION,
-                "poses": len(drift.before),
-                "largest_before": self._by_joint(np.abs(drift.before).max(axis=(0, 1))),
-                "largest_after": self._by_joint(np.abs(drift.after).max(axis=(0, 1))),
-            }
-            for drift in self.drifts
-        ]
-        units = dict(zip(self.joints, self.units, strict=True))
-        return {"units": units, "motion": motion, "drift": drifts, "notes": list(self.notes)}
+    changed = any(finding.in_model and finding.of_arm for finding in diagnosis.findings)
+    if diagnosis.against_reference or not changed:
+        return diagnosis
+    motion = diagnosis.motion
+    # The motion's model and positions are without errors of readings.
+    extended = replace(diagnosis.model, reading_errors=motion.model.reading_errors)
+    result = in_simulation(motion.model, extended, motion, diagnosis.held_out_spans)
+    return replace(diagnosis, in_simulation=result)
 
 
 def in_simulation(

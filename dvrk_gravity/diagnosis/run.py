@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate import in_simulation
 from dvrk_gravity.diagnosis.data.faults import Fault, put_right
 from dvrk_gravity.diagnosis.data.fit_to_judge import require_gravity, require_predictable
 from dvrk_gravity.diagnosis.data.loading import Loaded, load
@@ -17,7 +16,6 @@ from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.effects import ReadingErrors, place_of, require_visible_load
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import require_solver
 from dvrk_gravity.intake import (
     check_mass,
     in_their_unit,
@@ -60,7 +58,6 @@ def diagnose(
     recordings: Given | Iterable[Given],
     model: TorqueModel | str | Path | None = None,
     progress: Callable[[str], None] | None = None,
-    simulated: bool = False,
     still: Mapping[str, float] | None = None,
     coordinates: Coordinates | None = None,
     reference: Given | None = None,
@@ -76,7 +73,6 @@ def diagnose(
             together, stretches are used; one in a file is then not held in memory.
         model: The model under test, or its path; may be left out with a reference.
         progress: Called with one line at every step.
-        simulated: Also compare given and extended model in the simulator, which takes seconds.
         still: Positions of joints that the recordings do not hold, rad.
         coordinates: Of the recordings; ``None``: detected, and a finding where they are not joint
             coordinates and do not say so.
@@ -95,8 +91,6 @@ def diagnose(
         ConfigError: A model of absurd torques; neither model nor arm, or two arms.
         ArgumentError: An argument of a wrong type.
     """
-    if simulated:
-        require_solver()
     if known_payload is not None:
         check_mass(known_payload)
     say = progress or silent
@@ -109,15 +103,7 @@ def diagnose(
     diagnosis = report(posterior, problem.faults, known_payload, problem.errors)
     if elsewhere is not None:
         diagnosis = replace(diagnosis, misplaced=str(payload_at))
-    shown = simulated and reference is None
-    if not shown or not any(each.in_model and each.of_arm for each in diagnosis.findings):
-        return diagnosis
-    say("simulating motion and drift")
-    motion, spans = posterior.loaded.motion, posterior.validation.data.held_out_spans
-    # The motion's model and positions are without errors of readings.
-    extended = replace(diagnosis.model, reading_errors=motion.model.reading_errors)
-    check = in_simulation(motion.model, extended, motion, spans)
-    return replace(diagnosis, in_simulation=check)
+    return diagnosis
 
 
 def build(

@@ -17,11 +17,11 @@ from dvrk_gravity.planning.information import ModelKnowledge
 from dvrk_gravity.planning.keeping import Slack, slacks
 from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.optimal import MotionSearch, SolverSettings
+from dvrk_gravity.planning.pairs import HypothesisPair, MotionFactory, Separation
 from dvrk_gravity.planning.plan import Plan
 from dvrk_gravity.planning.pose_path import PosePath
 from dvrk_gravity.planning.poses import PoseSettings, pose_path, stands
 from dvrk_gravity.planning.resting import resting_positions
-from dvrk_gravity.planning.rivalry import Passing, Rivalry, Separation
 from dvrk_gravity.units import pose, quantity
 
 _STATES = 500  # of a motion, at which torques are compared in words
@@ -36,7 +36,7 @@ _SURE = 0.95  # probability from which a plan counts as one that separates. A co
 
 @dataclass(frozen=True)
 class SeparationSettings:
-    """Of a search for what separates rivals.
+    """Of a search for what separates causes.
 
     Attributes:
         duration: Of the motion, or of all poses at most, s. Chosen: as long as a diagnosis needs to
@@ -56,13 +56,13 @@ class SeparationSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Unseparated:
+class UnresolvedPairs:
     """What a diagnosis could not separate.
 
     Attributes:
         model: The model that was diagnosed.
-        rivalries: Pairs of explanations; at least one.
-        passing: What they see of states.
+        pairs: Pairs of explanations; at least one.
+        motion_of: What they see of states.
         noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
         coherent: (n,) standard deviation of an error that looks like a cause in all of a motion,
             N·m: no duration averages it out.
@@ -71,8 +71,8 @@ class Unseparated:
     """
 
     model: TorqueModel
-    rivalries: tuple[Rivalry, ...]
-    passing: Passing
+    pairs: tuple[HypothesisPair, ...]
+    motion_of: MotionFactory
     noise: Array
     coherent: Array
     poses: bool = False
@@ -91,12 +91,12 @@ class Unseparated:
         )
         kept, scattered = (float(np.max(part / both)) for part in (first, self.noise))
         return Separation(
-            self.model.arm, self.rivalries, self.passing, both, uncertain,
+            self.model.arm, self.pairs, self.motion_of, both, uncertain,
             kept=kept, scattered=scattered,
         )  # fmt: skip
 
     def hidden(self, limits: PlanLimits) -> list[tuple[bool, bool]]:
-        """Return of each rivalry whether no motion is expected to show the first, or the second.
+        """Return of each pair whether no motion is expected to show the first, or the second.
 
         Within limits, where the model was identified, in ten minutes. See
         :meth:`Separation.hidden`.
@@ -113,20 +113,17 @@ class Unseparated:
 
 @dataclass(frozen=True)
 class ExpectedEvidence:
-    """What a plan is expected to show of a rivalry.
+    """What a plan is expected to show of a pair.
 
     Attributes:
         between: The two in words.
-        again: Evidence that is expected if the diagnosed motion is recorded again, as a
-            log-likelihood; ``None``: not known.
-        planned: That of the diagnosed recordings and the plan, the lesser of those that are
-            expected if either is true.
+        planned: Evidence of the diagnosed recordings and the plan, as a log-likelihood: the lesser
+            of those that are expected if either is true.
         chance: Probability that it will be clear, likewise.
         why: Why the plan does not separate them; ``""`` if it does.
     """
 
     between: tuple[str, str]
-    again: float | None
     planned: float
     chance: float
     why: str = ""
@@ -144,11 +141,11 @@ class ExpectedEvidence:
 
 @dataclass(frozen=True, eq=False)
 class SeparationDesign:
-    """A plan that separates rivals, and what it promises.
+    """A plan that separates causes, and what it promises.
 
     Attributes:
         plan: The plan.
-        expected: Of each rivalry.
+        expected: Of each pair.
         slacks: What it leaves of each limit.
     """
 
@@ -163,7 +160,7 @@ class SeparationDesign:
 
 
 def design_separation(
-    unseparated: Unseparated,
+    unresolved: UnresolvedPairs,
     limits: PlanLimits,
     duration: float | None = None,
     poses: bool = False,
@@ -174,7 +171,7 @@ def design_separation(
     """Return the motion, or the poses, expected to separate best what a diagnosis could not.
 
     Args:
-        unseparated: What that is; :func:`dvrk_gravity.diagnosis.load_unseparated` reads it.
+        unresolved: What that is; :func:`load_unresolved` reads it.
         limits: What the plan keeps, with the model's efforts.
         duration: s; of poses the greatest. ``None``: that of the settings.
         poses: Static poses from both sides, instead of a motion.
@@ -187,7 +184,7 @@ def design_separation(
     """
     of = settings or SeparationSettings()
     lasts = of.duration if duration is None else duration
-    model, objective = unseparated.model, unseparated.objective(lasts)
+    model, objective = unresolved.model, unresolved.objective(lasts)
     within = _as_identified(limits, model)
     motion: FourierMotion | PosePath
     if poses:
@@ -196,16 +193,14 @@ def design_separation(
         search = MotionSearch(series_basis(lasts), within, objective, model, seed, of.solver)
         motion = search.best(report)
         gram = search.gram(motion)
-    found = zip(
-        unseparated.rivalries, objective.expected(gram), unseparated.hidden(limits), strict=True
-    )
+    found = zip(unresolved.pairs, objective.expected(gram), unresolved.hidden(limits), strict=True)
     expected = tuple(
         ExpectedEvidence(
-            rivalry.between, rivalry.again, value, chance,
+            pair.between, value, chance,
             "" if chance >= _SURE
-            else nothing_shows(rivalry, hidden) or _why(unseparated, rivalry, motion),
+            else nothing_shows(pair, hidden) or _why(unresolved, pair, motion),
         )
-        for rivalry, (value, chance), hidden in found
+        for pair, (value, chance), hidden in found
     )  # fmt: skip
     return SeparationDesign(
         Plan(model.arm, motion, limits), expected, tuple(slacks(motion, limits, model.arm, model))
@@ -267,43 +262,43 @@ def _poses(
     return path, grams(path.poses).sum(axis=0)
 
 
-def nothing_shows(rivalry: Rivalry, hidden: tuple[bool, bool]) -> str:
+def nothing_shows(pair: HypothesisPair, hidden: tuple[bool, bool]) -> str:
     """Return what no motion within limits is expected to separate; ``""`` if one may separate all.
 
     Args:
-        rivalry: Two causes.
+        pair: Two causes.
         hidden: Whether none is expected to show the first if it is true, and the second.
     """
-    if all(none or not wanted for none, wanted in zip(hidden, rivalry.either, strict=True)):
+    if all(none or not wanted for none, wanted in zip(hidden, pair.either, strict=True)):
         return (
             "they are the same torque within the limits, to about the errors: no motion of this "
             "arm there is expected to separate them"
         )
-    for none, rival, other in zip(
-        hidden, (rivalry.first, rivalry.second), (rivalry.second, rivalry.first), strict=True
+    for none, cause, other in zip(
+        hidden, (pair.first, pair.second), (pair.second, pair.first), strict=True
     ):
         if none:
             return (
                 f"no motion of this arm within its limits is expected to rule out {other.words}, "
-                f"if it is {rival.words}"
+                f"if it is {cause.words}"
             )
     return ""
 
 
-def _why(unseparated: Unseparated, rivalry: Rivalry, motion: FourierMotion | PosePath) -> str:
+def _why(
+    unresolved: UnresolvedPairs, pair: HypothesisPair, motion: FourierMotion | PosePath
+) -> str:
     """Return where both differ most in the best that was found, and what errors are expected."""
-    arm = unseparated.model.arm
+    arm = unresolved.model.arm
     if isinstance(motion, PosePath):
         time, state = np.zeros(len(motion.poses)), stands(motion.poses, 1.0)
     else:
         time = np.linspace(0.0, motion.duration, _STATES)
         state = State(*motion.at(time))
-    passed = unseparated.passing(state, time)
-    first, second = (
-        rival.columns(passed) @ rival.theta for rival in (rivalry.first, rivalry.second)
-    )
+    passed = unresolved.motion_of(state, time)
+    first, second = (cause.columns(passed) @ cause.theta for cause in (pair.first, pair.second))
     apart = np.abs(first - second)
-    error = np.sqrt(unseparated.coherent**2 + unseparated.noise / motion.duration)
+    error = np.sqrt(unresolved.coherent**2 + unresolved.noise / motion.duration)
     where, joint = np.unravel_index(int(np.argmax(apart / error)), apart.shape)
     unit, most = arm.joints[joint].effort_unit, float(apart[where, joint])
     least = quantity(float(error[joint]), unit)

@@ -163,8 +163,6 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
             html.table(("effect", "joint", "numbers"), rejoined),
         )
         yield _separating(diagnosis.separating(finding))
-        if line := diagnosis.inseparable(finding):
-            yield f"<p>{escape(line)}.</p>"
     if finding.rejected:
         tried = [
             (effect_title(r.effect), ", ".join(r.joints) or "the arm", r.place, f"{r.gain:.0f}",

@@ -63,10 +63,6 @@ def diagnosis_text(
             yield laid_out(f"next: {_largest(diagnosis).remedy or 'see the report'}", width)
         if any(diagnosis.separating(finding) for finding in findings):
             yield f"{SEPARATE}: {diagnosis.separated_by}"
-        for number, finding in enumerate(findings, start=1):
-            if line := diagnosis.inseparable(finding):
-                of_which = f" on #{number}" if len(findings) > 1 else ""
-                yield laid_out(f"note{of_which}: {line}", width)
     if diagnosis.caveat:
         yield laid_out(f"note: {diagnosis.caveat}", width)
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]

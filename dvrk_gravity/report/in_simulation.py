@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import DURATION, WINDOW, Drift, InSimulation
+from dvrk_gravity.diagnosis import DURATION, WINDOW, Drift, InSimulation
 from dvrk_gravity.report.html import beside, erase, escape, inline, legend, panel, picture, table
 from dvrk_gravity.report.units import shown_position
 from dvrk_gravity.units import fixed

@@ -52,19 +52,18 @@ def design_text(design: MotionDesign, had_model: bool) -> Iterator[str]:
 
 
 def separation_text(design: SeparationDesign) -> Iterator[str]:
-    """Yield the evidence expected between rivals, and what is left of each limit."""
+    """Yield the evidence expected between causes, and what is left of each limit."""
     worst = dict[frozenset[str], ExpectedEvidence]()  # of several forms of the same two causes
     for each in sorted(design.expected, key=lambda each: each.planned):
         worst.setdefault(frozenset(each.between), each)
     least = list(worst.values())
     head = "expected evidence (log-likelihood)"
     broad = 1 + max(len(head), *(len(each.words) for each in least[:_PAIRS]))
-    yield f"{head:<{broad}}{'diagnosed':>12}{'planned':>10}{'clear':>8}"
+    yield f"{head:<{broad}}{'planned':>10}{'clear':>8}"
     for each in least[:_PAIRS]:
-        again = "" if each.again is None else f"{each.again:.1f}"
         # Nothing is as certain as 100 %.
         clear = f"{min(math.floor(100.0 * each.chance), 99)} %"
-        yield f"{each.words:<{broad}}{again:>12}{each.planned:>10.1f}{clear:>8}"
+        yield f"{each.words:<{broad}}{each.planned:>10.1f}{clear:>8}"
     if len(least) > _PAIRS:
         yield f"and {len(least) - _PAIRS} more pairs, {least[_PAIRS].planned:.1f} or more planned"
     if not design.separates:

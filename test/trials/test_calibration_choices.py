@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from finished_calibration import BRIEF, Finished, finished_calibration
-from rival_causes import contest, offset_or_spring, twins
+from unresolved_causes import made_up, offset_or_spring, twins
 
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
@@ -32,9 +32,9 @@ def further(finished, tmp_path):
     folder = finished.before("plan further_1", tmp_path / "again")
 
     def plan(part: float = 1.0, following: str | None = None, unseparated=None, settings=BRIEF):
-        left = {"model": "model_0.yaml", **(unseparated or {"pairs": []})}
+        left = {"next": following, **(unseparated or {"unseparated": {"groups": []}})}
         for name, change in (
-            ("diagnosis_0.json", {"next": following, "unseparated": left}),
+            ("diagnosis_0.json", left),
             ("model_0.json", {"held": {"part": part, "least": "pitch"}}),
         ):
             content = json.loads((finished.folder / name).read_text())
@@ -50,8 +50,10 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     finished, further, separable
 ):
     model = TorqueModel.load(finished.folder / "model_0.yaml")
-    of = offset_or_spring(model, 1e-2) if separable else contest(model, twins(model))
-    asked, more = ("plan --separate", of.to_dict()), replace(BRIEF, search=20, further=20.0)
+    of = offset_or_spring(model, 1e-2) if separable else made_up(model, twins(model))
+    content = of.content()
+    content["unseparated"]["model"] = "model_0.yaml"
+    asked, more = ("plan --separate", content), replace(BRIEF, search=20, further=20.0)
     outcome = further(1.0, *asked, more)
     assert "pitch" in outcome.said
     assert bool(outcome.paths) == separable

@@ -7,19 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rival_causes import passed
 from support import MODEL_FILE
+from unresolved_causes import passed
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis import (
-    RivalCause,
-)
+from dvrk_gravity.diagnosis import FittedHypothesis
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import (
-    STRONG,
-    Prediction,
-    Sense,
-)
+from dvrk_gravity.planning import STRONG, Prediction, TrueHypothesis
 
 # Of two shapes whose sizes are uncertain, one of which may also be an offset.
 COLUMNS = np.random.default_rng(0).normal(size=(40, 3))
@@ -31,15 +25,15 @@ ROOTS = np.diag([0.2, 0.0, 0.0]), np.diag([0.0, 0.5, 0.2])
 MEANS = np.array([0.8, 0.0, 0.0]), np.array([0.0, 0.6, 0.3])
 
 
-def between(columns: np.ndarray, before: float = 0.0) -> Sense:
+def between(columns: np.ndarray, before: float = 0.0) -> TrueHypothesis:
     gram = columns.T @ columns
     apart = MEANS[0] - MEANS[1]
-    return Sense(*(Prediction.of(gram, root) for root in ROOTS), apart, before)
+    return TrueHypothesis(*(Prediction.of(gram, root) for root in ROOTS), apart, before)
 
 
 @pytest.mark.parametrize("before", [0.0, -2.0, 2.0])
 def test_the_chance_of_clear_evidence_is_how_often_fits_to_data_give_it(before):
-    """Of fits as `diagnose` compares them: each rival as well as it can, near what was found."""
+    """Of fits as `diagnose` compares them: each cause as well as it can, near what was found."""
     random = np.random.default_rng(1)
     factors = MEANS[0] + random.normal(size=(20_000, 3)) @ ROOTS[0]
     drawn = factors @ COLUMNS.T + random.normal(size=(20_000, 40))
@@ -58,7 +52,7 @@ def test_the_chance_of_clear_evidence_is_how_often_fits_to_data_give_it(before):
     assert chance == pytest.approx(clear, abs=0.05)
 
 
-def test_a_wide_spread_of_the_other_rival_is_no_evidence_against_it():
+def test_a_wide_spread_of_the_other_cause_is_no_evidence_against_it():
     """A fit is free within it, and pays nothing for what it does not use."""
     gram = COLUMNS.T @ COLUMNS
     near, wide = (
@@ -74,12 +68,12 @@ def test_every_cause_that_is_written_is_read_again_with_the_same_torque():
     every = (each for effect in effects.effects() for each in effect.hypotheses(motion))
     for hypothesis in every:
         size = hypothesis.regressor(motion).shape[2]
-        before = RivalCause(hypothesis, np.ones(size), np.eye(size))
+        before = FittedHypothesis(hypothesis, np.ones(size), np.eye(size))
         if not before.known_elsewhere:
             continue
         seen.add(hypothesis.effect)
         entry = json.loads(json.dumps(before.to_dict(), allow_nan=False))
-        after = RivalCause.from_dict(entry, model.arm, "pair")
+        after = FittedHypothesis.from_dict(entry, model.arm, "pair")
         assert after.hypothesis.key == hypothesis.key
         np.testing.assert_array_equal(
             after.hypothesis.regressor(motion), hypothesis.regressor(motion), str(hypothesis)

@@ -14,6 +14,7 @@ from urdf_texts import small
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm, nominal_inertias
+from dvrk_gravity.compensate import with_simulation
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
@@ -73,6 +74,6 @@ def test_a_doubted_link_is_reported_before_any_finding_without_an_effort_limit(m
     fitted = identify([motion], path, effects=["coulomb_friction"])
     assert "link b" in str(fitted.warnings[0])
     assert fitted.verdict.level == "good"  # identification does not use the file's inertia
-    diagnosis = diagnose(motion, TorqueModel.load(path), simulated=True)
+    diagnosis = with_simulation(diagnose(motion, TorqueModel.load(path)))
     assert "link b" in str(diagnosis.warnings[0])
     assert "link b" in json.loads(diagnosis.to_json())["data"]["warnings"][0]

@@ -34,6 +34,7 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
 )
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import Unresolved
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.judgeable import reasons_not_to_judge
 from dvrk_gravity.diagnosis.results.method_notes import method_notes
@@ -45,7 +46,6 @@ from dvrk_gravity.diagnosis.results.other_findings import (
     unexplained_error,
     unknown_finding,
 )
-from dvrk_gravity.diagnosis.results.rivals import Contest
 from dvrk_gravity.effects import (
     AbsorbedByModel,
     Estimate,
@@ -128,8 +128,8 @@ def report(
     reference = motion.reference is not None
     blind = reasons_not_to_judge(data, held_out, posterior.detectable)
     unseparated = ambiguities(validation, named, posterior.pool)
-    several = [finding.rivals for finding in findings if finding.rivals]
-    several += [each.rivals for each in unseparated if each.suspected]
+    several = [finding.unresolved for finding in findings if finding.unresolved]
+    several += [each.unresolved for each in unseparated if each.suspected]
     return Diagnosis(
         verdict=_verdict(findings, different or bool(grown) or leaves, blind),
         findings=tuple(findings),
@@ -163,7 +163,9 @@ def report(
         outside=outside,
         of_file=motion.model.of_file,
         exact="" if reference else sentences.why_exact(motion.model),
-        contest=Contest.of(motion, several, after),
+        motion=motion,
+        held_out_spans=tuple(data.held_out_spans),
+        unresolved=Unresolved.of(several, motion),
         detectable=posterior.detectable,
         cannot_judge=blind,
         model_verdict="" if motion.model.verdict == NO_VERDICT else motion.model.verdict,

@@ -12,12 +12,13 @@ from typing import Any, Literal
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import InSimulation
 from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.detectable import Detectable
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
-from dvrk_gravity.diagnosis.results.rivals import Contest
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import Unresolved
+from dvrk_gravity.diagnosis.results.in_simulation import InSimulation
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.tabular import Columns, Tabular
@@ -81,8 +82,8 @@ class Diagnosis(Tabular):
         model_verdict: The given model's own verdict, of ``identify``; ``""``: none.
         ambiguities: Causes, found or not, that this data cannot separate.
         model: The model, extended by what a model file has terms for.
-        in_simulation: The given and the extended model in the simulator; ``None`` if not asked
-            for, or if they are the same.
+        in_simulation: The given and the extended model in the simulator
+            (``compensate.with_simulation``); ``None``: not asked for, or the same model.
         payload_check: How the payload found compares with its known mass; ``None`` without one.
         band: Hz; errors are those below this. ``None`` for static poses.
         against_reference: The recordings are compared with a reference, not with the model.
@@ -91,8 +92,9 @@ class Diagnosis(Tabular):
         of_file: The model is what an arm's own file states.
         exact: Why the model counts as exact; ``""`` if it states its uncertainty.
         misplaced: Where a load was stated to be, and does not fit; ``""``: it fits, or none was.
-        contest: What a plan may separate: the pairs of causes that this data cannot; ``None``: no
-            such pair was looked for.
+        unresolved: Causes that this data cannot separate, and that a plan may.
+        motion: What was diagnosed, as it was finally read.
+        held_out_spans: Beginning and end of each held-out span of time, s.
         files: Where it is written.
     """
 
@@ -110,6 +112,8 @@ class Diagnosis(Tabular):
     notes: tuple[str, ...]
     ambiguities: tuple[Ambiguity, ...]
     model: TorqueModel = field(repr=False)
+    motion: MeasuredMotion = field(repr=False)
+    held_out_spans: tuple[tuple[float, float], ...] = field(repr=False)
     in_simulation: InSimulation | None = None
     payload_check: PayloadCheck | None = None
     band: float | None = None
@@ -118,7 +122,7 @@ class Diagnosis(Tabular):
     outside: tuple[str, ...] = ()
     of_file: bool = False
     exact: str = ""
-    contest: Contest | None = field(default=None, repr=False)
+    unresolved: Unresolved = field(default=Unresolved(), repr=False)
     detectable: tuple[Detectable, ...] = ()
     cannot_judge: tuple[str, ...] = ()
     model_verdict: str = ""
@@ -198,31 +202,17 @@ class Diagnosis(Tabular):
 
     @property
     def separated_by(self) -> str:
-        """The command that plans what separates causes; ``""``: there are none that a plan may."""
-        contest = self.contest
-        both = () if contest is None else ((pair.first, pair.second) for pair in contest.pairs)
-        if contest is None or not any(map(contest.may_separate, both)):
+        """The command that plans what separates causes; ``""``: there are none to separate."""
+        if not self.unresolved.groups:
             return ""
-        return sentences.separating_command(self.files.findings, contest.poses)
+        return sentences.separating_command(self.files.findings, self.unresolved.poses)
 
     def separating(self, several: Finding | Ambiguity) -> str:
         """Return the command that plans what separates its causes; ``""``: no plan may."""
-        may = self.contest is not None and self.contest.may_separate(several.rivals)
-        return self.separated_by if may else ""
-
-    def inseparable(self, several: Finding | Ambiguity) -> str:
-        """Return which of its causes no motion separates, in words; ``""``: a motion may all."""
-        return "" if self.contest is None else self.contest.inseparable(several.rivals)
+        return self.separated_by if self.unresolved.holds(several.unresolved) else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""
-        unseparated: dict[str, Any] = {"pairs": []}
-        if self.contest is not None and self.contest.pairs:
-            unseparated = {
-                "model": self.files.model or None,
-                "recordings": list(self.files.recordings),
-                **self.contest.to_dict(),
-            }
         return {
             "format": 2,
             "verdict": self.verdict,
@@ -230,11 +220,7 @@ class Diagnosis(Tabular):
             "misplaced_payload": self.misplaced or None,
             "cannot_judge": list(self.cannot_judge),
             "findings": [
-                {
-                    **finding.to_dict(),
-                    "next": self.separating(finding) or None,
-                    "inseparable": self.inseparable(finding) or None,
-                }
+                {**finding.to_dict(), "next": self.separating(finding) or None}
                 for finding in self.findings
             ],
             "known": [known.to_dict() for known in self.known],
@@ -269,7 +255,11 @@ class Diagnosis(Tabular):
             "notes": list(self.notes),
             "simulation": self.in_simulation and self.in_simulation.to_dict(),
             "next": self.separated_by or None,
-            "unseparated": unseparated,
+            "unseparated": {
+                "model": self.files.model or None,
+                "recordings": list(self.files.recordings),
+                **self.unresolved.to_dict(self.model.arm.joint_names),
+            },
         }
 
     def _detectable(self) -> dict[str, Any]:

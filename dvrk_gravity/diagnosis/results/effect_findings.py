@@ -25,8 +25,8 @@ from dvrk_gravity.diagnosis.results.findings import (
     Picture,
     Rejected,
 )
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
 from dvrk_gravity.diagnosis.results.identifiability import separation
-from dvrk_gravity.diagnosis.results.rivals import RivalCause
 from dvrk_gravity.effects import Estimate, Hypothesis, Kind, is_friction
 from dvrk_gravity.estimation import squared_distance
 
@@ -110,7 +110,7 @@ def effect_finding(
         left_out=left_out,
         remedy=remedy,
         doubt=doubt,
-        rivals=_rivals(validation, rest, effect),
+        unresolved=_unresolved(validation, rest, effect),
     )  # fmt: skip
 
 
@@ -167,9 +167,9 @@ def _alternatives(
     return tuple(found.values())
 
 
-def _rivals(
+def _unresolved(
     validation: CrossValidation, rest: Sequence[Candidate], effect: SelectedEffect
-) -> tuple[RivalCause, ...]:
+) -> tuple[FittedHypothesis, ...]:
     """Return the selected cause and all that could stand in its place, if any could.
 
     Also forms of these that fit worse here, for further data are explained by any of them.
@@ -177,7 +177,7 @@ def _rivals(
     if not effect.alternatives:
         return ()
     return tuple(
-        RivalCause.fitted(
+        FittedHypothesis.of(
             validation, rest, trial.candidate, trial.gain / effect.trial.inflation, rejected
         )
         for trials, rejected in (

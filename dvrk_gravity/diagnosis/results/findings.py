@@ -9,7 +9,7 @@ from typing import Any
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.inference.held_out import Gain
-from dvrk_gravity.diagnosis.results.rivals import RivalCause
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
 from dvrk_gravity.effects import Estimate
 
 NO_TERM = "model files have no term for it"
@@ -103,7 +103,7 @@ class Ambiguity:
         overlap: Part of the first's torque that the second reproduces.
         pair: The two in words.
         sentence: All of it in words, with what would separate them.
-        rivals: The two, for a plan that separates them.
+        unresolved: The two, for a plan that separates them.
     """
 
     first: Contender
@@ -111,7 +111,7 @@ class Ambiguity:
     overlap: float
     pair: str
     sentence: str
-    rivals: tuple[RivalCause, ...] = ()
+    unresolved: tuple[FittedHypothesis, ...] = ()
 
     @property
     def suspected(self) -> bool:
@@ -161,8 +161,8 @@ class Finding:
         left_out: Why the extended model lacks it; ``""`` where it has it.
         remedy: What to do about it.
         doubt: Why it is uncertain in spite of its gain; ``""`` if it is not.
-        rivals: It and all that the data cannot separate from it, for a plan that separates them;
-            none: it stands alone, or is about readings.
+        unresolved: It and all that the data cannot separate from it, for a plan that does; none: it
+            stands alone, or is about readings.
     """
 
     effect: str
@@ -177,7 +177,7 @@ class Finding:
     left_out: str
     remedy: str = ""
     doubt: str = ""
-    rivals: tuple[RivalCause, ...] = ()
+    unresolved: tuple[FittedHypothesis, ...] = ()
 
     @property
     def in_model(self) -> bool:

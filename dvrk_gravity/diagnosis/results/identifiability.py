@@ -1,4 +1,4 @@
-"""What the data cannot separate: rival explanations, and zeros beside tilts, found or not."""
+"""What the data cannot separate: competing explanations, and zeros beside tilts, found or not."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Contender
-from dvrk_gravity.diagnosis.results.rivals import RivalCause
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.units import pose, quantity
 
 _DEGREE = np.pi / 180.0
 _SAME = 0.8  # of a zero's torque that another must reproduce to be inseparable. Chosen
 _POSES = 2000  # among which one is looked for that separates them: a bound on time
-_STATES = 400  # likewise for rival explanations
+_STATES = 400  # likewise for competing explanations
 
 
 def ambiguities(
@@ -75,7 +75,7 @@ def _ambiguity(
     apart: str,
 ) -> Ambiguity:
     fitted_together = _estimates(validation, named, (zero, other))
-    contenders, rivals = [], []
+    contenders, fitted = [], []
     held_out = HeldOut(validation)
     without, before = validation.score(named), held_out.rmse(held_out.error(named))
     for candidate, together in zip((zero, other), fitted_together, strict=True):
@@ -84,7 +84,7 @@ def _ambiguity(
         gain = score.likelihood - without.likelihood
         inflation = validation.inflation(score.error, without.error - score.error)
         largest = float(np.max(inflation[candidate.acts]))
-        rivals.append(RivalCause.fitted(validation, named, candidate, gain / largest))
+        fitted.append(FittedHypothesis.of(validation, named, candidate, gain / largest))
         after = held_out.rmse(held_out.error([*named, candidate]))
         removed = 1.0 - after / np.where(before > 0.0, before, 1.0)
         best = int(np.argmax(removed))
@@ -97,7 +97,7 @@ def _ambiguity(
         )  # fmt: skip
     pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
     sentence = sentences.ambiguity(pair, share, contenders, apart)
-    return Ambiguity(contenders[0], contenders[1], share, pair, sentence, tuple(rivals))
+    return Ambiguity(contenders[0], contenders[1], share, pair, sentence, tuple(fitted))
 
 
 def _estimates(

@@ -165,12 +165,6 @@ def separating_command(findings: str, poses: bool) -> str:
     return f"dvrk_gravity plan --separate {quote(findings)}{how} --out {quote(str(plan))}"
 
 
-def rejoining_command(recordings: Sequence[str], model: str, out: str) -> str:
-    """Return the command that diagnoses recordings together."""
-    of = " ".join(map(quote, recordings))
-    return f"dvrk_gravity diagnose {of} --model {quote(model)} --out {quote(out)}"
-
-
 def _contender(contender: Contender) -> str:
     alone, together = (
         ", ".join(

@@ -1,7 +1,7 @@
-"""Which motion separates rival explanations: the evidence that `diagnose` is expected to find.
+"""Which motion separates competing explanations: the evidence that `diagnose` is expected to find.
 
-Under either of two rivals, torques are Gaussian: Y m_i in the mean, with covariance R + Y P_i Y',
-Y the columns of what else is uncertain and of both rivals, m_i and P_i what is known of their
+Under either of two causes, torques are Gaussian: Y m_i in the mean, with covariance R + Y P_i Y',
+Y the columns of what else is uncertain and of both causes, m_i and P_i what is known of their
 factors. What was found of the first is then at some distance from all that the second explains: the
 least of |d - L z|^2 + |z|^2 over z, d = m_1 - m_2 by G = integral of Y' R^-1 Y dt, and L L' = P_2.
 Half of that is the log-likelihood that is expected to separate fits of them (Vuong 1989). A Bayes
@@ -18,10 +18,11 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis import FittedHypothesis
 from dvrk_gravity.effects import Motion, State
 from dvrk_gravity.planning.information import Knowledge, Objective
 
-Passing = Callable[[State, Array], Motion]
+MotionFactory = Callable[[State, Array], Motion]
 """From (N, n) states at (M,) times, s, to the motion that passes them.
 
 N is a multiple of M: motions one after the other. Poses have a direction, and any times.
@@ -42,40 +43,17 @@ _BEST = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rival:
-    """One of several explanations of what a model lacks.
-
-    Attributes:
-        words: Its effect and where, as ``coulomb_friction at elbow_pitch``.
-        columns: From a motion of N samples to its (N, n, k) torque by parameter, N·m.
-        theta: (k,) its parameters as they were found.
-        covariance: (k, k) of them.
-        evidence: For it in the diagnosed recordings: log-likelihood in which odds of 20 to one are
-            3.0. Only differences count.
-    """
-
-    words: str
-    columns: Callable[[Motion], Array]
-    theta: Array
-    covariance: Array
-    evidence: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Rivalry:
+class HypothesisPair:
     """Two explanations that recordings could not separate.
 
     Attributes:
         first: One.
         second: The other.
-        again: Evidence that is expected if the diagnosed motion is recorded again; ``None``: not
-            known.
         either: Whether the first, and whether the second, is to be shown if it is true.
     """
 
-    first: Rival
-    second: Rival
-    again: float | None = None
+    first: FittedHypothesis
+    second: FittedHypothesis
     either: tuple[bool, bool] = (True, True)
 
     @property
@@ -86,7 +64,7 @@ class Rivalry:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What is known of the columns' factors if one rival is true, and what a motion makes of it.
+    """What is known of the columns' factors if one cause is true, and what a motion makes of it.
 
     Attributes:
         root: (p, r) L, of whose product with L' the factors' covariance is.
@@ -124,8 +102,8 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class Sense:
-    """One of two rivals that is true, and the other.
+class TrueHypothesis:
+    """One of two causes that is true, and the other.
 
     Attributes:
         true: What is known if it is true.
@@ -149,7 +127,7 @@ class Sense:
 
         Clear is what `diagnose` requires: odds of 20 to one, and 1.64 standard errors over blocks.
         For factors as the true one expects them the evidence is about normal. Its mean is half of
-        how much farther they are from the other rival than from the true one, its standard
+        how much farther they are from the other cause than from the true one, its standard
         deviation the distance.
 
         Args:
@@ -174,7 +152,7 @@ def _root(covariance: Array) -> Array:
 
 
 class Separation(Objective):
-    """The evidence that a motion is expected to give, in either sense of each rivalry.
+    """The evidence that a motion is expected to give, in either sense of each pair.
 
     The value is the sum of K / (1 + K / 10.5): what is separated poorly counts most, and what
     nothing separates counts little.
@@ -183,8 +161,8 @@ class Separation(Objective):
     def __init__(
         self,
         arm: Arm,
-        rivalries: Sequence[Rivalry],
-        passing: Passing,
+        pairs: Sequence[HypothesisPair],
+        motion_of: MotionFactory,
         noise: Array,
         uncertain: Knowledge | None = None,
         time: Array | None = None,
@@ -195,46 +173,46 @@ class Separation(Objective):
 
         Args:
             arm: The arm.
-            rivalries: At least one.
-            passing: What rivals see of states.
+            pairs: At least one.
+            motion_of: What causes see of states.
             noise: (n,) variance of the mean torque of a second, (N·m)^2 s.
             uncertain: What a model is uncertain of; ``None``: nothing.
             time: (M,) times of states, s; ``None``: poses, each for itself.
             kept: Part of the evidence of the diagnosed recordings that counts beside more of them.
-            scattered: See :meth:`Sense.chance`.
+            scattered: See :meth:`TrueHypothesis.chance`.
         """
         self._kept, self._scattered = kept, scattered
-        self.arm, self.noise, self.rivalries, self._passing = arm, noise, rivalries, passing
+        self.arm, self.noise, self.pairs, self._motion_of = arm, noise, pairs, motion_of
         self._uncertain, self._time = uncertain, time
-        rivals = {id(each): each for pair in rivalries for each in (pair.first, pair.second)}
-        self._rivals = tuple(rivals.values())
+        causes = {id(each): each for pair in pairs for each in (pair.first, pair.second)}
+        self._causes = tuple(causes.values())
         shared = 0 if uncertain is None else uncertain.rows.shape[1]
-        edges = (shared + np.cumsum([0, *(len(each.theta) for each in self._rivals)])).tolist()
+        edges = (shared + np.cumsum([0, *(len(each.theta) for each in self._causes)])).tolist()
         self._roots, means = [], []
-        for rival, own in zip(self._rivals, map(slice, edges, edges[1:]), strict=True):
-            root = np.zeros((edges[-1], shared + len(rival.theta)))
+        for cause, own in zip(self._causes, map(slice, edges, edges[1:]), strict=True):
+            root = np.zeros((edges[-1], shared + len(cause.theta)))
             root[:shared, :shared] = np.eye(shared)
-            root[own, shared:] = _root(rival.covariance)
+            root[own, shared:] = _root(cause.covariance)
             self._roots.append(root)
             means.append(np.zeros(edges[-1]))
-            means[-1][own] = rival.theta
-        number = {key: k for k, key in enumerate(rivals)}
-        self._pairs = [(number[id(each.first)], number[id(each.second)]) for each in rivalries]
+            means[-1][own] = cause.theta
+        number = {key: k for k, key in enumerate(causes)}
+        self._numbers = [(number[id(each.first)], number[id(each.second)]) for each in pairs]
         self._means = np.array(means)
 
     def over(self, time: Array) -> Separation:
         """Return the objective of motions that are looked at at (M,) times, s."""
         return Separation(
-            self.arm, self.rivalries, self._passing, self.noise, self._uncertain, time,
+            self.arm, self.pairs, self._motion_of, self.noise, self._uncertain, time,
             self._kept, self._scattered,
         )  # fmt: skip
 
     def regressor(self, state: State) -> Array:
-        """Return the torques of what the model is uncertain of, then those of the rivals."""
+        """Return the torques of what the model is uncertain of, then those of the causes."""
         time = np.zeros(len(state.q)) if self._time is None else self._time
         parts = [] if self._uncertain is None else [self._uncertain.regressor(state)]
-        motion = self._passing(state, time)
-        parts += [rival.columns(motion) for rival in self._rivals]
+        motion = self._motion_of(state, time)
+        parts += [cause.columns(motion) for cause in self._causes]
         return np.concatenate(parts, axis=-1) * self._counts(state)[..., None]
 
     def _counts(self, state: State) -> Array:
@@ -244,7 +222,7 @@ class Separation(Objective):
         return np.where(self.arm.rubs, np.abs(state.qd) / np.hypot(state.qd, self.slow), 1.0)
 
     def score(self, gram: Array) -> tuple[float, Array]:
-        """Return the sum of K / (1 + K / 10.5) over the senses of all rivalries, and its slope."""
+        """Return the sum of K / (1 + K / 10.5) over the senses of all pairs, and its slope."""
         total, slope = 0.0, np.zeros_like(gram)
         for sense in chain.from_iterable(self._senses(gram)):
             value, by = sense.further(gram)
@@ -254,7 +232,7 @@ class Separation(Objective):
         return total, slope
 
     def expected(self, gram: Array) -> list[tuple[float, float]]:
-        """Return of each rivalry the evidence expected, and the chance that it is clear.
+        """Return of each pair the evidence expected, and the chance that it is clear.
 
         With that of the diagnosed recordings; the lesser of each, whichever of the two is true.
         """
@@ -267,7 +245,7 @@ class Separation(Objective):
         ]
 
     def hidden(self, state: State, duration: float) -> list[tuple[bool, bool]]:
-        """Return of each rivalry whether no motion is expected to show the first, or the second.
+        """Return of each pair whether no motion is expected to show the first, or the second.
 
         To the evidence a motion is the time that it spends in each state. It shows a cause where
         that, with what the diagnosed recordings say for it, is all but certain to be clear.
@@ -278,23 +256,23 @@ class Separation(Objective):
         """
         gram = self.gram(state, np.full(len(state.q), _BEST * duration / len(state.q)))
         found = []
-        for rivalry, senses in zip(self.rivalries, self._senses(gram), strict=True):
+        for pair, senses in zip(self.pairs, self._senses(gram), strict=True):
             most = iter([max(sense.before, 0.0) + sense.further(gram)[0] for sense in senses])
-            first, second = (wanted and next(most) < _ENOUGH for wanted in rivalry.either)
+            first, second = (wanted and next(most) < _ENOUGH for wanted in pair.either)
             found.append((first, second))
         return found
 
-    def _senses(self, gram: Array) -> Iterator[list[Sense]]:
-        """Yield the senses of each rivalry."""
+    def _senses(self, gram: Array) -> Iterator[list[TrueHypothesis]]:
+        """Yield the senses of each pair."""
         found = [Prediction.of(gram, root) for root in self._roots]
-        for rivalry, pair in zip(self.rivalries, self._pairs, strict=True):
-            rivals = rivalry.first, rivalry.second
+        for pair, numbers in zip(self.pairs, self._numbers, strict=True):
+            causes = pair.first, pair.second
             yield [
-                Sense(
-                    found[pair[i]], found[pair[1 - i]],
-                    self._means[pair[i]] - self._means[pair[1 - i]],
-                    self._kept * (rivals[i].evidence - rivals[1 - i].evidence),
+                TrueHypothesis(
+                    found[numbers[i]], found[numbers[1 - i]],
+                    self._means[numbers[i]] - self._means[numbers[1 - i]],
+                    self._kept * (causes[i].evidence - causes[1 - i].evidence),
                 )
                 for i in (0, 1)
-                if rivalry.either[i]
+                if pair.either[i]
             ]  # fmt: skip

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis import Contest, PlannedMotion, RivalCause
+from dvrk_gravity.diagnosis import FittedHypothesis, Unresolved
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import PlannedMotion, UnresolvedPairs, unresolved_pairs
 
 
 def passed(model: TorqueModel, count: int = 300, part: float = 0.02) -> PlannedMotion:
@@ -26,7 +27,7 @@ def passed(model: TorqueModel, count: int = 300, part: float = 0.02) -> PlannedM
     return PlannedMotion.of(model, state, time)
 
 
-def cause(motion: PlannedMotion, effect: str, joint: int, theta, spread: float) -> RivalCause:
+def cause(motion: PlannedMotion, effect: str, joint: int, theta, spread: float) -> FittedHypothesis:
     """Return an effect's simplest hypothesis at a joint, as if it had been found."""
     found = (
         each
@@ -35,16 +36,40 @@ def cause(motion: PlannedMotion, effect: str, joint: int, theta, spread: float) 
     )
     hypothesis = min(found, key=lambda each: each.regressor(motion).shape[2])
     theta = np.resize(np.asarray(theta, float), hypothesis.regressor(motion).shape[2])
-    return RivalCause(hypothesis, theta, spread**2 * np.eye(len(theta)))
+    return FittedHypothesis(hypothesis, theta, spread**2 * np.eye(len(theta)))
 
 
-def contest(model: TorqueModel, *pairs: tuple[RivalCause, RivalCause]) -> Contest:
-    motion = passed(model)
-    left = 0.01 * model.arm.effort_limit
-    return Contest.of(motion, pairs, left)
+@dataclass(frozen=True, eq=False)
+class MadeUp:
+    """A model and causes that a diagnosis of it could not separate."""
+
+    model: TorqueModel
+    groups: tuple[tuple[FittedHypothesis, ...], ...]
+
+    @property
+    def left(self) -> np.ndarray:
+        return 0.01 * self.model.arm.effort_limit
+
+    @property
+    def unresolved(self) -> Unresolved:
+        return Unresolved(self.groups, lasted=10.0)
+
+    def pairs(self, model: TorqueModel | None = None) -> UnresolvedPairs:
+        return unresolved_pairs(model or self.model, self.groups, self.left, False, 10.0)
+
+    def content(self) -> dict:
+        """Return what findings.json has of them."""
+        joints = self.model.arm.joint_names
+        errors = dict(zip(joints, self.left.tolist(), strict=True))
+        entry = {"model": "model.yaml", **self.unresolved.to_dict(joints)}
+        return {"verdict": "ambiguous", "rmse": {"after": errors}, "unseparated": entry}
 
 
-def offset_or_spring(model: TorqueModel, stiffness: float = 1e-3) -> Contest:
+def made_up(model: TorqueModel, *groups: tuple[FittedHypothesis, ...]) -> MadeUp:
+    return MadeUp(model, groups)
+
+
+def offset_or_spring(model: TorqueModel, stiffness: float = 1e-3) -> MadeUp:
     """Return a constant torque, or a spring (of limit/rad): in a narrow motion all but the same."""
     motion = passed(model)
     limit = float(model.arm.effort_limit[1])
@@ -52,19 +77,20 @@ def offset_or_spring(model: TorqueModel, stiffness: float = 1e-3) -> Contest:
     # The constant part of the spring's torque is the offset's.
     theta, error = limit * np.array([0.1, stiffness]), limit * np.array([0.02, 0.2 * stiffness])
     spring = replace(spring, theta=theta, covariance=np.diag(error**2))
-    return contest(model, (cause(motion, "torque_offset", 1, 0.1 * limit, 0.02 * limit), spring))
+    return made_up(model, (cause(motion, "torque_offset", 1, 0.1 * limit, 0.02 * limit), spring))
 
 
-def twins(model: TorqueModel) -> tuple[RivalCause, RivalCause]:
+def twins(model: TorqueModel) -> tuple[FittedHypothesis, FittedHypothesis]:
     """Return two causes of the same torque."""
     offset = cause(passed(model), "torque_offset", 1, 1.0, 0.1)
     return offset, replace(offset, hypothesis=replace(offset.hypothesis, joints=(0,)))
 
 
-def written(contest: Contest, folder: Path, **changes: object) -> Path:
+def written(of: MadeUp, folder: Path, **changes: object) -> Path:
     """Write a model, and what a diagnosis of it could not separate."""
-    contest.model.save(folder / "model.yaml")
-    entry = {"model": "model.yaml", **contest.to_dict(), **changes}
+    of.model.save(folder / "model.yaml")
+    content = of.content()
+    content["unseparated"] |= changes
     path = folder / "findings.json"
-    path.write_text(json.dumps({"verdict": "ambiguous", "unseparated": entry}))
+    path.write_text(json.dumps(content))
     return path

@@ -1,0 +1,183 @@
+"""A hypothesis as it was fitted: what findings.json holds of causes that data cannot separate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.results.hypothesis_file import (
+    as_read,
+    given,
+    is_plain,
+    kind_of,
+    written,
+)
+from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site
+from dvrk_gravity.errors import ConfigError
+
+_READING = 0.5  # s, in which the efforts of a static pose are read. As `plan --poses` has it
+UNREADABLE_CAUSE = "a cause as `diagnose` of this version writes it"
+
+
+@dataclass(frozen=True, eq=False)
+class FittedHypothesis:
+    """An explanation that another one stands beside, as it was fitted in that one's place.
+
+    Attributes:
+        hypothesis: The claim.
+        theta: (k,) its parameters.
+        covariance: (k, k) of them.
+        evidence: Log-likelihood that it gains, over how many samples count as one: odds of 20 to
+            one are 3.0. Only differences count.
+        rejected: It explains these recordings worse than the best. It may stand in the place of the
+            true one when further ones are explained, but is not expected to be that.
+    """
+
+    hypothesis: Hypothesis
+    theta: Array
+    covariance: Array
+    evidence: float = 0.0
+    rejected: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        validation: CrossValidation,
+        rest: Sequence[Candidate],
+        candidate: Candidate,
+        evidence: float = 0.0,
+        rejected: bool = False,
+    ) -> FittedHypothesis:
+        """Return a candidate as it fits beside the rest, with what is known of it.
+
+        The covariance is that of blocks and of the known error, and that of the posterior: along
+        what the recording does not determine blocks agree, for the prior holds them.
+        """
+        together = [*rest, candidate]
+        theta, covariance = validation.fit(together)
+        covariance = covariance + validation.posterior(together)[1][-len(theta) :, -len(theta) :]
+        own = slice(len(theta) - candidate.size, None)
+        return cls(candidate.hypothesis, theta[own], covariance[own, own], evidence, rejected)
+
+    @property
+    def words(self) -> str:
+        """Effect and where."""
+        hypothesis = self.hypothesis
+        at_link = hypothesis.site.kind is Kind.LINK or not hypothesis.names
+        where = hypothesis.site.words(hypothesis.arm)
+        return f"{hypothesis.effect} at {where if at_link else ' and '.join(hypothesis.names)}"
+
+    @property
+    def named(self) -> tuple[str, tuple[int, ...]]:
+        """Effect and joints, by which findings name it."""
+        return self.hypothesis.effect, self.hypothesis.joints
+
+    @property
+    def known_elsewhere(self) -> bool:
+        """Whether its torque is known in other motions, and its record holds all of it."""
+        sized = np.isfinite(self.theta).all() and np.isfinite(self.covariance).all()
+        plain = all(is_plain(value) for _, value in given(self.hypothesis))
+        return bool(sized and plain and not self.hypothesis.refits_model)
+
+    def columns(self, motion: Motion) -> Array:
+        """Return its (N, n, k) torque by parameter in another motion, N·m.
+
+        What happened once is not expected again.
+        """
+        if self.hypothesis.transient:
+            return np.zeros((*motion.q.shape, len(self.theta)))
+        return self.hypothesis.beyond.regressor(motion)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its part of findings.json."""
+        site = self.hypothesis.site
+        return {
+            "effect": self.hypothesis.effect,
+            "joints": list(self.hypothesis.names),
+            "hypothesis": type(self.hypothesis).__name__,
+            "site": {"kind": site.kind.value, "index": site.index},
+            "given": {name: written(value) for name, value in given(self.hypothesis)},
+            "theta": self.theta.tolist(),
+            "covariance": self.covariance.tolist(),
+            "evidence": self.evidence,
+            "rejected": self.rejected,
+        }
+
+    @classmethod
+    def from_dict(cls, entry: Any, arm: Arm, where: str) -> FittedHypothesis:
+        """Read it.
+
+        Raises:
+            ConfigError: Naming the entry.
+        """
+        try:
+            kind = kind_of(entry["effect"], entry["hypothesis"])
+            site = Site(Kind(entry["site"]["kind"]), int(entry["site"]["index"]))
+            given = {name: as_read(value) for name, value in entry["given"].items()}
+            theta, covariance = (np.array(entry[name], float) for name in ("theta", "covariance"))
+            if theta.ndim != 1 or covariance.shape != (len(theta),) * 2:
+                raise ValueError("covariance")
+            if not (np.isfinite(theta).all() and np.isfinite(covariance).all()):
+                raise ValueError("theta or covariance is not finite")
+            evidence = float(entry["evidence"])
+            if not np.isfinite(evidence):
+                raise ValueError("evidence is not finite")
+            hypothesis = kind(arm=arm, site=site, **given)
+            found = cls(hypothesis, theta, covariance, evidence, bool(entry.get("rejected")))
+            found.words  # noqa: B018  (fails where its joints or its place are not the arm's)
+            return found
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            raise ConfigError(where, str(error), UNREADABLE_CAUSE) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Unresolved:
+    """Causes that recordings could not separate, and what a plan needs to know beside them.
+
+    Attributes:
+        groups: Causes of which one is there, each time; any may be the true one.
+        poses: Static poses were diagnosed.
+        lasted: How long what was diagnosed lasts, s.
+    """
+
+    groups: tuple[tuple[FittedHypothesis, ...], ...] = ()
+    poses: bool = False
+    lasted: float = 0.0
+
+    @classmethod
+    def of(
+        cls, several: Sequence[Sequence[FittedHypothesis]], motion: MeasuredMotion
+    ) -> Unresolved:
+        """Return the causes whose torque is known in other motions, where two names are left.
+
+        Args:
+            several: Causes of which one is there, each time.
+            motion: What was diagnosed.
+        """
+        if motion.reference is not None:  # torques are known only where they were measured
+            several = ()
+        known = (tuple(each for each in group if each.known_elsewhere) for group in several)
+        groups = tuple(group for group in known if len({each.named for each in group}) > 1)
+        lasts = _READING if motion.rate is None else 1.0 / motion.rate
+        return cls(groups, motion.static, lasts * len(motion.q))
+
+    def holds(self, group: Sequence[FittedHypothesis]) -> bool:
+        """Return whether a plan may separate some causes."""
+        return any(each in group for kept in self.groups for each in kept)
+
+    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+        """Return its part of findings.json."""
+        return {
+            "joints": list(joints),
+            "poses": self.poses,
+            "lasted": self.lasted,
+            "groups": [[each.to_dict() for each in group] for group in self.groups],
+        }
