@@ -99,7 +99,7 @@ class DragHypothesis(Hypothesis):
     EFFECT = QuadraticDrag
     CLAIM = "{where} stirs a fluid: {coefficient} drag than {model}"
 
-    variable: str = "velocity"
+    variable = "velocity"
 
     def regressor(self, motion: Motion) -> Array:
         speed = motion.qd[:, self.site.index]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -47,10 +47,19 @@ def data() -> FilteredData:
     return FilteredData.of(load([motion.read(effort)], model()).motion)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Claim(OffsetHypothesis):
+    searched: int
+
+    @property
+    def n_comparisons(self) -> int:
+        return self.searched
+
+
 def claim(joint: int, form: str = "", searched: int = 1, shape: np.ndarray | None = None):
     """Return a claim that a joint has a torque of some (T,) shape, by default a constant."""
-    hypothesis = OffsetHypothesis(
-        arm=ARM, site=Site.joint(joint), joints=(joint,), form=form, n_comparisons=searched
+    hypothesis = Claim(
+        arm=ARM, site=Site.joint(joint), joints=(joint,), form=form, searched=searched
     )
     values = np.ones(len(data().residual)) if shape is None else shape
     return Candidate.of(hypothesis, (values[:, None] * eye(joint))[:, :, None])

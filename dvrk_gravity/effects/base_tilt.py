@@ -135,8 +135,8 @@ class _OfBase(ChangesModelTorque, Hypothesis):
 class TiltHypothesis(_OfBase):
     """The base is tilted by a small angle, at most :data:`MAX_TILT`."""
 
-    fixed_point: tuple[str, ...] = ("roll", "pitch")
-    alignment: bool = True
+    fixed_point = ("roll", "pitch")
+    alignment = True
 
     def regressor(self, motion: Motion) -> Array:
         """Return the mean torque of each turn before and after the other (Shapley's value).

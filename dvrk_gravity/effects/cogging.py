@@ -161,8 +161,8 @@ class RippleHypothesis(Hypothesis):
     EFFECT = Cogging
     CLAIM = "{where} has a torque ripple of {amplitude} at {cycles_per_revolution}"
 
-    refine: tuple[str, ...] = ("cycles_per_revolution",)
-    n_comparisons: int = _FREQUENCIES
+    refine = ("cycles_per_revolution",)
+    n_comparisons = _FREQUENCIES
 
     def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)

@@ -142,12 +142,12 @@ class PushHypothesis(Hypothesis):
     CLAIM = "an external force pushes {joint} with {torque} between {start} and {end}"
 
     form: str = "for a while"
-    refine: tuple[str, ...] = ("start", "end")
-    edges: tuple[str, ...] = ("start", "end")
-    variable: str = "time"
-    n_comparisons: int = _WINDOWS
-    extrapolates: bool = False
-    transient: bool = True
+    refine = ("start", "end")
+    edges = ("start", "end")
+    variable = "time"
+    n_comparisons = _WINDOWS
+    extrapolates = False
+    transient = True
 
     def regressor(self, motion: Motion) -> Array:
         inside = (motion.time >= self.setting["start"]) & (motion.time < self.setting["end"])
@@ -169,9 +169,9 @@ class WallHypothesis(Hypothesis):
     EXPLAINED_BY = "payload"
 
     side: float
-    refine: tuple[str, ...] = ("position",)
-    n_comparisons: int = len(_PERCENTILES)
-    extrapolates: bool = False
+    refine = ("position",)
+    n_comparisons = len(_PERCENTILES)
+    extrapolates = False
 
     def regressor(self, motion: Motion) -> Array:
         depth = self.side * (motion.q[:, self.site.index] - self.setting["position"])

@@ -227,9 +227,8 @@ class CoulombFriction(DryFriction):
             if not (motion.static or gives):
                 setting["transition"] = motion.slowest(site.row(motion.arm))
             both = CoulombHypothesis(
-                arm=motion.arm, site=site, setting=setting, refine=tuple(setting),
-                one_level=False, gives=gives,
-            )  # fmt: skip
+                arm=motion.arm, site=site, setting=setting, one_level=False, gives=gives
+            )
             both = replace(both, removable=removable(motion, site, both.way(motion)))
             yield from (replace(both, one_level=True), both)
         yield from AllFrictionHypothesis.of(motion)
@@ -263,8 +262,12 @@ class CoulombHypothesis(Hypothesis):
 
     one_level: bool
     gives: float = 0.0
-    variable: str = "velocity"
-    directed: bool = True
+    variable = "velocity"
+    directed = True
+
+    @property
+    def refine(self) -> tuple[str, ...]:
+        return tuple(self.setting)
 
     @property
     def unrestricted(self) -> CoulombHypothesis | None:

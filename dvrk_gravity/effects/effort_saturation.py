@@ -67,8 +67,8 @@ class ClippedHypothesis(Hypothesis):
     EFFECT = EffortSaturation
     CLAIM = "the effort of {joint} is clipped at {limit}"
 
-    refine: tuple[str, ...] = ("limit",)
-    n_comparisons: int = len(_PERCENTILES)
+    refine = ("limit",)
+    n_comparisons = len(_PERCENTILES)
 
     def regressor(self, motion: Motion) -> Array:
         joint, limit = self.site.index, self.setting["limit"]

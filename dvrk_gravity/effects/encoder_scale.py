@@ -63,7 +63,7 @@ class EncoderScale(SensorEffect):
             yield at_zero
             yield replace(
                 at_zero, form=f"{site.kind.value}, homed elsewhere",
-                setting={"factor": 1.0, "offset": 0.0}, fixed_point=("factor", "offset"),
+                setting={"factor": 1.0, "offset": 0.0},
             )  # fmt: skip
 
 
@@ -74,8 +74,11 @@ class ReadingHypothesis(Hypothesis):
     EFFECT = EncoderScale
     CLAIM = "the encoder of {where} reads {factor}"
 
-    fixed_point: tuple[str, ...] = ("factor",)
-    shifts_positions: bool = True
+    shifts_positions = True
+
+    @property
+    def fixed_point(self) -> tuple[str, ...]:
+        return tuple(self.setting)
 
     def regressor(self, motion: Motion) -> Array:
         """Return secants of the torque by the factor and, homed elsewhere, by the offset."""

@@ -151,11 +151,11 @@ class TorqueLeak(LeakHypothesis):
 class MotionLeak(LeakHypothesis):
     """position = true position + factor x the other joint's position."""
 
-    shifts_positions: bool = True
+    shifts_positions = True
 
     what: str = "motion"
     read: str = "position"
-    fixed_point: tuple[str, ...] = ("factor",)
+    fixed_point = ("factor",)
 
     def reading_errors(self, theta: Array) -> ReadingErrors:
         return replace(ReadingErrors.none(self.arm.n), position=self._map(theta))

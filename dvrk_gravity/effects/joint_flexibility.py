@@ -64,7 +64,7 @@ class FlexibleHypothesis(Hypothesis):
     EFFECT = JointFlexibility
     CLAIM = "{joint} gives way under its load like a spring of {stiffness}"
 
-    fixed_point: tuple[str, ...] = ("compliance",)
+    fixed_point = ("compliance",)
 
     def regressor(self, motion: Motion) -> Array:
         """Return the secant of the link's torque by the compliance."""

@@ -12,7 +12,7 @@ from dvrk_gravity.effects.base.arrays import Values, as_value, position_offset
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
-from dvrk_gravity.effects.base.site import Kind, encoder_sites
+from dvrk_gravity.effects.base.site import encoder_sites
 
 _SMALL = 1e-3  # rad: below, a slope replaces the secant
 
@@ -27,10 +27,7 @@ class JointOffset(Effect):
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         for site in encoder_sites(motion):
-            yield ZeroHypothesis(
-                arm=motion.arm, site=site, setting={"offset": 0.0},
-                alignment=site.kind is Kind.JOINT,
-            )  # fmt: skip
+            yield ZeroHypothesis(arm=motion.arm, site=site, setting={"offset": 0.0})
 
     @classmethod
     def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
@@ -45,8 +42,12 @@ class ZeroHypothesis(Hypothesis):
     EFFECT = JointOffset
     CLAIM = "the encoder of {where} reads {offset}"
 
-    fixed_point: tuple[str, ...] = ("offset",)
-    shifts_positions: bool = True
+    fixed_point = ("offset",)
+    shifts_positions = True
+
+    @property
+    def alignment(self) -> bool:
+        return self.of_joint
 
     def regressor(self, motion: Motion) -> Array:
         """Return the secant of the model's torque by the offset."""

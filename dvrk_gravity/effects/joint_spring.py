@@ -171,7 +171,7 @@ class SpringHypothesis(Hypothesis):
 
     sign: float
     middle: tuple[float, float]
-    refine: tuple[str, ...] = ("ratio",)
+    refine = ("ratio",)
 
     @property
     def _row(self) -> Array:

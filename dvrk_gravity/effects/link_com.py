@@ -153,7 +153,7 @@ class AllWeightsHypothesis(Hypothesis):
     EFFECT = LinkCom
     CLAIM = "the links' weights as a whole differ from {model}'s"
 
-    refits_model: bool = True
+    refits_model = True
 
     def regressor(self, motion: Motion) -> Array:
         return gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
@@ -179,7 +179,7 @@ class LinkWeightsHypothesis(Hypothesis):
     CLAIM = "the links' weights as a whole differ from {model}'s"
 
     directions: Array
-    refits_model: bool = True
+    refits_model = True
 
     def regressor(self, motion: Motion) -> Array:
         return weight_regressor(self.arm, motion.true_q, motion.gravity) @ self.directions

@@ -130,7 +130,7 @@ class InertiaHypothesis(Hypothesis):
     EFFECT = LinkInertia
 
     isotropic: bool
-    variable: str = "acceleration"
+    variable = "acceleration"
 
     @property
     def _directions(self) -> Array:
@@ -165,8 +165,8 @@ class AllInertiaHypothesis(Hypothesis):
     EFFECT = LinkInertia
     CLAIM = "the links' inertias as a whole differ from {model}'s"
 
-    variable: str = "acceleration"
-    refits_model: bool = True
+    variable = "acceleration"
+    refits_model = True
 
     def regressor(self, motion: Motion) -> Array:
         return motion.inertial_torque(motion.inertial)

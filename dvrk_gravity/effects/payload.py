@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -218,8 +219,8 @@ class PayloadHypothesis(Hypothesis):
     EFFECT = Payload
     CLAIM = "{where} carries {mass} that {model} does not know"
 
-    fixed_point: tuple[str, ...] = AXES
-    refine_first: bool = True  # a link may turn about its frame's origin, where a mass is nothing
+    fixed_point: ClassVar[tuple[str, ...]] = AXES
+    refine_first = True  # a link may turn about its frame's origin, where a mass is nothing
 
     @property
     def _place(self) -> Array:
@@ -313,7 +314,7 @@ class FarPayloadHypothesis(PayloadHypothesis):
     as well then shows at the nearest place that is likely.
     """
 
-    fixed_point: tuple[str, ...] = ()
+    fixed_point = ()
 
     @property
     def _basis(self) -> Array:
@@ -333,7 +334,7 @@ class PlacedPayloadHypothesis(FarPayloadHypothesis):
 
     STATED = True
 
-    refine_first: bool = False
+    refine_first = False
 
     @property
     def _farthest(self) -> float:

@@ -273,10 +273,10 @@ class PreslidingHypothesis(Hypothesis):
 
     shortest: float
     known: float | None = None
-    refine: tuple[str, ...] = ("length",)
-    n_comparisons: int = len(_LENGTHS)
-    directed: bool = True
-    extrapolates: bool = False
+    refine = ("length",)
+    n_comparisons = len(_LENGTHS)
+    directed = True
+    extrapolates = False
 
     @property
     def _length(self) -> float:

@@ -136,7 +136,7 @@ class RotorHypothesis(Hypothesis):
     EFFECT = RotorInertia
     CLAIM = "{where} has {inertia} rotor inertia than {model}"
 
-    variable: str = "acceleration"
+    variable = "acceleration"
 
     def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)

@@ -198,9 +198,9 @@ class StribeckHypothesis(Hypothesis):
         "and falls within about {velocity}"
     )
 
-    refine: tuple[str, ...] = ("velocity",)
-    variable: str = "velocity"
-    n_comparisons: int = len(_SPEEDS)
+    refine = ("velocity",)
+    variable = "velocity"
+    n_comparisons = len(_SPEEDS)
 
     def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)

@@ -47,11 +47,11 @@ class DriftHypothesis(Hypothesis):
     EFFECT = ThermalDrift
     CLAIM = "the torque of {joint} drifts {torque} with time (time constant {time_constant})"
 
-    refine: tuple[str, ...] = ("time_constant",)
-    variable: str = "time"
-    n_comparisons: int = len(_TIMES)
-    extrapolates: bool = False
-    transient: bool = True
+    refine = ("time_constant",)
+    variable = "time"
+    n_comparisons = len(_TIMES)
+    extrapolates = False
+    transient = True
 
     def regressor(self, motion: Motion) -> Array:
         rise = 1.0 - np.exp(-(motion.time - motion.time[0]) / self.setting["time_constant"])

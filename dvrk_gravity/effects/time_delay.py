@@ -115,9 +115,9 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
     of_friction: bool | None = None
     over_a_while: bool = False
     form: str = "effort"
-    fixed_point: tuple[str, ...] = ("delay",)
-    variable: str = "time"
-    extrapolates: bool = False
+    fixed_point = ("delay",)
+    variable = "time"
+    extrapolates = False
 
     def regressor(self, motion: Motion) -> Array:
         """Return the secant of the model's torque by the delay, -tau' for a short one.

@@ -15,7 +15,7 @@ from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.sensor import SensorEffect, read_factors, written_factors
-from dvrk_gravity.effects.base.site import THE_ARM, Site, mixed_motors
+from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
 from dvrk_gravity.parameters import Parameter, Value
 
 _LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
@@ -65,7 +65,6 @@ class TorqueScale(SensorEffect):
             joints=tuple(range(len(unit))),
             form="all",
             mixing=unit,
-            common_cause=True,
         )
         for motor in mixed_motors(arm):
             mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
@@ -89,6 +88,10 @@ class ScaleHypothesis(Hypothesis):
     EFFORT_READING = True
 
     mixing: Array
+
+    @property
+    def common_cause(self) -> bool:
+        return self.site.kind is Kind.ARM
 
     @property
     def unrestricted(self) -> Hypothesis | None:

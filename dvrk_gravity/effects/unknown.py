@@ -45,16 +45,27 @@ class UnexplainedHypothesis(Hypothesis):
     Attributes:
         basis: Returns (N, k) functions at the samples of a motion.
         what: What it is a function of, as a sentence says it.
+        over: What its picture is drawn over.
         of: Joint whose variable it is a function of; ``None``: of several, or of time.
     """
 
     EFFECT = Unknown
     CLAIM = "{joint} has an unexplained torque of {rms} RMS that depends on {what}"
 
+    extrapolates = False
+
     basis: Basis
     what: str
+    over: str
     of: int | None = None
-    extrapolates: bool = False
+
+    @property
+    def variable(self) -> str:
+        return self.over
+
+    @property
+    def transient(self) -> bool:
+        return self.basis is _of_time
 
     def regressor(self, motion: Motion) -> Array:
         return spread(self.site.row(self.arm), *self.basis(motion).T)
@@ -113,7 +124,7 @@ def _smooth(
 ) -> UnexplainedHypothesis:
     return UnexplainedHypothesis(
         arm=arm, site=Site.joint(joint), form=form, what=what,
-        variable=variable, basis=basis, of=of, transient=basis is _of_time,
+        over=variable, basis=basis, of=of,
     )  # fmt: skip
 
 

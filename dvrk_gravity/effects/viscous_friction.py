@@ -127,7 +127,7 @@ class ViscousHypothesis(Hypothesis):
     EFFECT = ViscousFriction
     CLAIM = "{where} has {coefficient} viscous friction than {model}"
 
-    variable: str = "velocity"
+    variable = "velocity"
 
     def regressor(self, motion: Motion) -> Array:
         row = self.site.row(self.arm)

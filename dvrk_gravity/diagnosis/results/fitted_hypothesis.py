@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -121,7 +121,11 @@ class FittedHypothesis:
         try:
             kind = kind_of(entry["effect"], entry["hypothesis"])
             site = Site(Kind(entry["site"]["kind"]), int(entry["site"]["index"]))
-            given = {name: as_read(value) for name, value in entry["given"].items()}
+            # Traits of its class that files of an earlier version state as well.
+            known = {each.name for each in fields(kind)}
+            given = {
+                name: as_read(value) for name, value in entry["given"].items() if name in known
+            }
             theta, covariance = (np.array(entry[name], float) for name in ("theta", "covariance"))
             if theta.ndim != 1 or covariance.shape != (len(theta),) * 2:
                 raise ValueError("covariance")

@@ -137,26 +137,7 @@ class Hypothesis(ABC):
             site's own, and none of base and arm.
         form: Which of several forms at that site; ``""`` if there is one.
         setting: Non-linear parameters, by name.
-        refine: Settings to optimise by a bounded search, see :meth:`search_range`.
-        fixed_point: Settings that :meth:`parameters` estimates under the same name: the columns are
-            rebuilt there until they agree, see :meth:`relinearised`.
-        refine_first: Optimise the settings before comparing it with others: at the initial ones
-            its torque may vanish.
-        edges: Settings that are times at which the torque jumps.
-        variable: What its picture is drawn over: ``position``, ``velocity``, ``acceleration`` or
-            ``time``.
-        directed: Its picture separates the directions of motion.
-        n_comparisons: Number of hypotheses that it stands for (the grid of a search), at least 1.
         prior_std: (k,) prior standard deviations of the parameters; empty: no prior.
-        refits_model: Its parameters are the model's own, fitted again beside other hypotheses; as a
-            finding it is the last resort.
-        alignment: It concerns zeros of joints or the base, which few motions separate.
-        extrapolates: Its columns are right at any single state, not only along what was recorded.
-        transient: It occurs once, or changes with time: the same state at another time does not
-            show it.
-        common_cause: One parameter for several joints: preferred unless :attr:`unrestricted`, a
-            parameter for each, explains more.
-        shifts_positions: It changes what positions mean: merged into a model before others.
         removable: How much of it the model has, in its own unit: no more can be missing.
         against_reference: Two recordings are compared, not one with the model. Set for all
             hypotheses at once, where their columns are built.
@@ -175,20 +156,7 @@ class Hypothesis(ABC):
     joints: tuple[int, ...] = ()
     form: str = ""
     setting: Setting = field(default_factory=dict)
-    refine: tuple[str, ...] = ()
-    fixed_point: tuple[str, ...] = ()
-    refine_first: bool = False
-    edges: tuple[str, ...] = ()
-    variable: str = "position"
-    directed: bool = False
-    n_comparisons: int = 1
     prior_std: tuple[float, ...] = ()
-    refits_model: bool = False
-    alignment: bool = False
-    extrapolates: bool = True
-    transient: bool = False
-    common_cause: bool = False
-    shifts_positions: bool = False
     removable: float = np.inf
     against_reference: bool = False
     reads_others: bool = False
@@ -219,6 +187,78 @@ class Hypothesis(ABC):
         The names are those of ``EFFECT.MEANINGS``, which has their units: SI, on a joint that
         turns. The function should be smooth: intervals are propagated through it.
         """
+
+    # Its traits: class attributes of a subclass, or properties where they depend on the site.
+    @property
+    def refine(self) -> tuple[str, ...]:
+        """Settings to optimise by a bounded search, see :meth:`search_range`."""
+        return ()
+
+    @property
+    def refine_first(self) -> bool:
+        """Optimise the settings before comparing: at the initial ones its torque may vanish."""
+        return False
+
+    @property
+    def fixed_point(self) -> tuple[str, ...]:
+        """Settings that :meth:`parameters` estimates under the same name.
+
+        The columns are rebuilt there until they agree, see :meth:`relinearised`.
+        """
+        return ()
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """Settings that are times at which the torque jumps."""
+        return ()
+
+    @property
+    def variable(self) -> str:
+        """What its picture is drawn over: ``position``, ``velocity``, ``acceleration`` or time."""
+        return "position"
+
+    @property
+    def directed(self) -> bool:
+        """Its picture separates the directions of motion."""
+        return False
+
+    @property
+    def n_comparisons(self) -> int:
+        """Number of hypotheses that it stands for (the grid of a search), at least 1."""
+        return 1
+
+    @property
+    def refits_model(self) -> bool:
+        """Its parameters are the model's own, fitted again beside others: the last resort."""
+        return False
+
+    @property
+    def alignment(self) -> bool:
+        """It concerns zeros of joints or the base, which few motions separate."""
+        return False
+
+    @property
+    def extrapolates(self) -> bool:
+        """Its columns are right at any single state, not only along what was recorded."""
+        return True
+
+    @property
+    def transient(self) -> bool:
+        """It occurs once, or changes with time: the same state at another time lacks it."""
+        return False
+
+    @property
+    def common_cause(self) -> bool:
+        """One parameter for several joints.
+
+        Preferred unless :attr:`unrestricted`, a parameter for each, explains more.
+        """
+        return False
+
+    @property
+    def shifts_positions(self) -> bool:
+        """It changes what positions mean: merged into a model before others."""
+        return False
 
     # What a model does with it.
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:

@@ -196,9 +196,9 @@ class AllFriction(Hypothesis):
     divided: Literal["", "kinds", "joints"] = ""
     kinds: tuple[str, ...] = ()
     titles: tuple[str, ...] = ()
-    variable: str = "velocity"
-    directed: bool = True
-    common_cause: bool = True
+    variable = "velocity"
+    directed = True
+    common_cause = True
 
     @classmethod
     def of(cls, motion: Motion) -> Iterator[AllFriction]:
