@@ -40,10 +40,10 @@ from dvrk_gravity.identification import (
     FittedParameter,
     Problem,
     base_parameters,
+    build_problem,
     choose,
     estimate,
     identify,
-    pose,
     with_motor_weights,
 )
 from dvrk_gravity.intake import read_motions
@@ -208,7 +208,7 @@ def record(seed: int, duration: float) -> tuple[World, Problem]:
     world = World.draw(seed)
     recording = world.record(motion=seed, noise=seed, duration=duration)
     motions = read_motions([recording], world.arm, "joint")
-    return world, pose(motions.parts, world.arm)
+    return world, build_problem(motions.parts, world.arm)
 
 
 def repeated(

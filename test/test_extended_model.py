@@ -207,7 +207,7 @@ def test_a_torque_beside_a_wrong_reading_of_efforts_is_that_which_acts(tmp_path)
         model = reloaded(tmp_path, (cause, theta), (wrong, part))
         acts = added(cause, theta)
         beside = acts if reads_others else np.zeros_like(acts)
-        read = wrong.regressor(replace(motion(), beside=beside)) @ part
+        read = wrong.regressor(replace(motion(), known_torque=beside)) @ part
         got = (motion().read_by(model) - motion().modelled)[rows]
         np.testing.assert_allclose(got, (acts + read)[rows], atol=1e-9, err_msg=effect)
 

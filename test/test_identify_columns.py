@@ -192,7 +192,7 @@ def test_columns_and_the_model_built_from_them_agree():
         theta[column] *= columns.columns[column].index == 2  # a site has one setting
     state = State(random.uniform(ARM.lower, ARM.upper, (30, 7)), *random.normal(size=(2, 30, 7)))
     model = TorqueModel(ARM, columns.terms(theta))
-    columns = columns.beside(model.terms)
+    columns = columns.with_terms(model.terms)
     at_motors = columns.regressor(state, columns.history(state)) @ theta
     np.testing.assert_allclose(ARM.actuator_effort(model.torque_at(state)), at_motors, atol=1e-9)
 

@@ -137,24 +137,24 @@ def test_a_load_is_near_its_link_and_not_too_heavy():
         (4.9, 0.1, True, True), (500.0, 0.1, True, False), (-0.1, 0.1, True, False),
     ):  # fmt: skip
         theta = mass * np.array([1.0, 0.0, place, 0.0])
-        assert (free.likely(theta), free.plausible(theta)) == (likely, possible), (mass, place)
-    assert not free.likely(np.array([0.0, 0.0, 0.01, 0.0]))
+        assert (free.typical(theta), free.plausible(theta)) == (likely, possible), (mass, place)
+    assert not free.typical(np.array([0.0, 0.0, 0.01, 0.0]))
     removed = replace(free, against_reference=True)
     assert removed.plausible(np.array([-0.1, 0.0, -0.01, 0.0])), "a reference may have had more"
 
 
 def test_a_load_that_fits_best_far_away_is_tried_where_it_is_likely():
     free = PayloadHypothesis(arm=PSM, site=Site.link(LINK2), setting=dict.fromkeys("xyz", 0.0))
-    assert free.confined(0.2 * np.array([1.0, 0.0, 0.8, 0.0])) is None
-    there = free.confined(0.004 * np.array([1.0, 0.0, 5.0, 0.0]))
+    assert free.clamped(0.2 * np.array([1.0, 0.0, 0.8, 0.0])) is None
+    there = free.clamped(0.004 * np.array([1.0, 0.0, 5.0, 0.0]))
     assert there.setting == pytest.approx({"x": 0.0, "y": 1.0, "z": 0.0})
-    assert there.likely(np.array([0.004]))
+    assert there.typical(np.array([0.004]))
     assert there.parameters(np.array([0.1]))["first_moment_y"] == pytest.approx(0.1)
-    assert type(there.unconfined) is PayloadHypothesis
+    assert type(there.unclamped) is PayloadHypothesis
     # One that fits as less than nothing, where its weight points.
     taken_off = np.array([-0.1, 0.0, 0.05, 0.0])
-    assert free.confined(taken_off).setting["y"] == pytest.approx(1.0)
-    assert replace(free, against_reference=True).confined(taken_off) is None
+    assert free.clamped(taken_off).setting["y"] == pytest.approx(1.0)
+    assert replace(free, against_reference=True).clamped(taken_off) is None
 
 
 def test_a_second_load_becomes_part_of_the_link_that_carries_it():

@@ -15,10 +15,9 @@ from .data.model_error import friction_change as friction_change
 from .data.model_error import like_changed_friction as like_changed_friction
 from .data.motion import MeasuredMotion as MeasuredMotion
 from .inference.alternatives import CONTAINED as CONTAINED
-from .inference.beside import Beside as Beside
-from .inference.beside import FrictionChange as FrictionChange
 from .inference.cross_validation import CrossValidation as CrossValidation
 from .inference.detectable import Detectable as Detectable
+from .inference.fit_context import FrictionChange as FrictionChange
 from .inference.held_out import Gain as Gain
 from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings

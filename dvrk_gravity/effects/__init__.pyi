@@ -20,7 +20,7 @@ from .base.linear_term import PRIOR_FRACTION as PRIOR_FRACTION
 from .base.linear_term import Column as Column
 from .base.linear_term import ColumnTable as ColumnTable
 from .base.linear_term import LinearTerm as LinearTerm
-from .base.linear_term import ModelChange as ModelChange
+from .base.linear_term import SearchMove as SearchMove
 from .base.linear_term import Unknowns as Unknowns
 from .base.links import assumed_inertias as assumed_inertias
 from .base.links import assumed_rotors as assumed_rotors

@@ -29,7 +29,7 @@ from dvrk_gravity.effects.base.linear_term import (
     PRIOR_FRACTION,
     ColumnTable,
     LinearTerm,
-    ModelChange,
+    SearchMove,
     Unknowns,
     site_columns,
 )
@@ -141,7 +141,7 @@ class ElasticCable(LinearTerm):
         return PlantPart(at=lambda q, qd: (values(q), None))
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Polynomials of higher degree, and of one degree less.
 
         A cubic may help where neither a slope nor a parabola does.
@@ -151,16 +151,16 @@ class ElasticCable(LinearTerm):
             degree = max((k for k in range(DEGREE + 1) if powers[k] in inside), default=-1)
             for higher in range(degree + 1, min(degree + 4, DEGREE + 1)):
                 come = tuple(powers[degree + 1 : higher + 1])
-                yield ModelChange(come, (), f"{cls.NAME} {name}, degree {higher}")
+                yield SearchMove(come, (), f"{cls.NAME} {name}, degree {higher}")
             if degree > 0:
-                yield ModelChange(
+                yield SearchMove(
                     (), (powers[degree],), f"{cls.NAME} {name}, degree {degree - 1} only"
                 )
             elif degree == 0:
-                yield ModelChange((), (powers[0],), f"without a constant torque on {name}")
+                yield SearchMove((), (powers[0],), f"without a constant torque on {name}")
 
     @classmethod
-    def plainest(cls, table: ColumnTable) -> list[int]:
+    def minimal_columns(cls, table: ColumnTable) -> list[int]:
         return table.select(effect=cls.NAME, index=0)
 
     @property
@@ -214,7 +214,7 @@ class CableHypothesis(Hypothesis):
     reach: float = _REACH
 
     @property
-    def beyond(self) -> CableHypothesis:
+    def extrapolated(self) -> CableHypothesis:
         """A curve, too, may go on."""
         return replace(self, reach=np.inf)
 

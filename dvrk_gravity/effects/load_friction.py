@@ -68,7 +68,7 @@ class LoadFriction(LinearTerm):
     def parameters(self) -> dict[str, Value]:
         return {self.NAME: as_value(self.part)}
 
-    def beside(self, terms: Sequence[Term]) -> LoadFriction:
+    def with_terms(self, terms: Sequence[Term]) -> LoadFriction:
         behind = (t for t in terms if not (t.FRICTION or isinstance(t, RotorInertia)))
         gear = next((t for t in terms if isinstance(t, CoulombFriction)), None)
         return replace(self, carried=tuple(behind), gear=gear)

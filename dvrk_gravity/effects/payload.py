@@ -279,12 +279,12 @@ class PayloadHypothesis(Hypothesis):
         taken_off = self.against_reference and mass < 0.0
         return super().plausible(-theta if taken_off else theta)
 
-    def likely(self, theta: Array) -> bool:
+    def typical(self, theta: Array) -> bool:
         """A first moment alone is a light mass farther away than what is fastened to a link."""
         mass, *moment = self._basis @ theta
         return bool(np.linalg.norm(moment) <= (1.0 + _ROUNDING) * self._near * abs(mass))
 
-    def confined(self, theta: Array) -> Hypothesis | None:
+    def clamped(self, theta: Array) -> Hypothesis | None:
         """It is where a load is still likely, if its best place is not possible."""
         moment = (self._basis @ theta)[1:]
         if not moment.any() or self.plausible(theta):
@@ -321,7 +321,7 @@ class FarPayloadHypothesis(PayloadHypothesis):
         return np.array([[1.0], *self._place[:, None]])
 
     @property
-    def unconfined(self) -> Hypothesis:
+    def unclamped(self) -> Hypothesis:
         return PayloadHypothesis(arm=self.arm, site=self.site, form=self.form, setting=self.setting)
 
     def parameters(self, theta: Array) -> dict[str, float]:
@@ -342,7 +342,7 @@ class PlacedPayloadHypothesis(FarPayloadHypothesis):
         return 2.0 * _REACH  # of each coordinate
 
     @property
-    def unconfined(self) -> Hypothesis:
+    def unclamped(self) -> Hypothesis:
         return self
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:

@@ -26,7 +26,7 @@ from dvrk_gravity.effects.base.linear_term import (
     PRIOR_FRACTION,
     Column,
     ColumnTable,
-    ModelChange,
+    SearchMove,
     Unknowns,
     site_columns,
 )
@@ -215,23 +215,23 @@ class PreslidingHysteresis(Friction):
         return Unknowns(term, tuple(columns)).at(sites_with_friction(arm))
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add, remove and exchange elements."""
         for joint, kind in sites_of_columns(table.arm):
             elements = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
             for element, length in zip(elements, DISPLACEMENTS, strict=True):
                 text = f"{cls.NAME} {site_text(table.arm, joint, kind)}, {length:g} rad"
                 if element in inside:
-                    yield ModelChange((), (element,), f"without {text}")
+                    yield SearchMove((), (element,), f"without {text}")
                     continue
-                yield ModelChange((element,), (), text)
+                yield SearchMove((element,), (), text)
                 for other in elements:
                     if other in inside:
-                        yield ModelChange((element,), (other,), f"{text} instead of another")
+                        yield SearchMove((element,), (other,), f"{text} instead of another")
         yield from moves_between(cls.NAME, table, inside)
 
     @classmethod
-    def together(cls, table: ColumnTable) -> list[int]:
+    def joint_start(cls, table: ColumnTable) -> list[int]:
         """All elements at all sites."""
         return [
             index

@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.linear_term import (
     ColumnTable,
     LinearTerm,
-    ModelChange,
+    SearchMove,
     Unknowns,
     site_columns,
 )
@@ -82,15 +82,15 @@ class RotorInertia(LinearTerm):
         return PlantPart()
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add rotors, and remove none: every motor has one."""
         for joint, name in enumerate(table.arm.joint_names):
             rotor = table.select(effect=cls.NAME, joint=joint)[0]
             if rotor not in inside:
-                yield ModelChange((rotor,), (), f"{cls.NAME} {name}")
+                yield SearchMove((rotor,), (), f"{cls.NAME} {name}")
 
     @classmethod
-    def plainest(cls, table: ColumnTable) -> list[int]:
+    def minimal_columns(cls, table: ColumnTable) -> list[int]:
         """The rotors whose torque differs from that of any link."""
         return [
             index

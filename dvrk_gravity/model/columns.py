@@ -20,8 +20,8 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import (
     Column,
     LinearTerm,
-    ModelChange,
     Range,
+    SearchMove,
     State,
     Term,
     Unknowns,
@@ -103,14 +103,14 @@ class Columns:
         """Numbers of the columns that depend on the torque of a model's other terms."""
         return [i for i, column in enumerate(self.columns) if column.effect in self._of_others]
 
-    def beside(self, terms: Sequence[Term]) -> Columns:
+    def with_terms(self, terms: Sequence[Term]) -> Columns:
         """Return the columns of the same data beside a model's terms."""
         result = copy(self)
         result.carried = tuple(terms)
         result.unknowns = tuple(
             replace(each, term=term) if isinstance(term, LinearTerm) else each
             for each in self.unknowns
-            for term in [each.term.beside(terms)]
+            for term in [each.term.with_terms(terms)]
         )
         return result
 
@@ -234,7 +234,7 @@ class Columns:
         """Return the columns of the same data at other kinematics."""
         shift = self.kinematics.offset
         lower, upper = self.valid.lower + shift, self.valid.upper + shift
-        return type(self)(self.arm, lower, upper, kinematics).beside(self.carried)
+        return type(self)(self.arm, lower, upper, kinematics).with_terms(self.carried)
 
     def corrected(self, theta: Array) -> KinematicCalibration:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""
@@ -266,7 +266,7 @@ def _unknowns(arm: Arm, valid: Range) -> Iterator[Unknowns]:
             yield found
 
 
-def term_moves(columns: Columns, inside: set[int]) -> Iterator[ModelChange]:
+def term_moves(columns: Columns, inside: set[int]) -> Iterator[SearchMove]:
     """Yield every change of the model that a search tries, once each."""
     for term in columns.terms_looked_for:
         yield from term.moves(columns, inside)
@@ -281,7 +281,7 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
     """
     plain = start_columns(columns)
     rich = sorted(
-        {*plain, *(i for term in columns.terms_looked_for for i in term.together(columns))}
+        {*plain, *(i for term in columns.terms_looked_for for i in term.joint_start(columns))}
     )
     permitted = {
         i
@@ -295,5 +295,5 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
 def start_columns(columns: Columns) -> list[int]:
     """Return the columns of the plainest model that can hold: the rigid body, and little more."""
     chosen = {i for effect in RIGID for i in columns.select(effect=effect)}
-    chosen |= {i for term in columns.terms_looked_for for i in term.plainest(columns)}
+    chosen |= {i for term in columns.terms_looked_for for i in term.minimal_columns(columns)}
     return sorted(chosen)

@@ -21,7 +21,7 @@ from dvrk_gravity.effects import (
     Column,
     ColumnTable,
     Kind,
-    ModelChange,
+    SearchMove,
     Site,
     State,
     joints_with_weight,
@@ -142,14 +142,14 @@ def offset_joints(arm: Arm) -> tuple[int, ...]:
     return tuple(joint for joint in joints_with_weight(arm) if joint < arm.n - 1)
 
 
-def kinematic_moves(columns: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+def kinematic_moves(columns: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
     """Yield the tilt of the base and the zeros of joints that are not yet in."""
     tilt, offset = KINEMATIC
     free = tuple(i for i in columns.select(effect=tilt) if i not in inside)
     if free:
-        yield ModelChange(free, (), tilt)
+        yield SearchMove(free, (), tilt)
     for i in columns.select(effect=offset):
         if i not in inside:
-            yield ModelChange(
+            yield SearchMove(
                 (i,), (), f"{offset} {columns.arm.joint_names[columns.columns[i].joint]}"
             )

@@ -167,7 +167,7 @@ class TorqueModel:
 
         Terms that depend on the others' torque get these.
         """
-        terms = tuple(term.beside(self.terms) for term in self.terms)
+        terms = tuple(term.with_terms(self.terms) for term in self.terms)
         object.__setattr__(self, "terms", terms)
         if not len(self.reading_errors.velocity):
             object.__setattr__(self, "reading_errors", ReadingErrors.none(self.arm.n))

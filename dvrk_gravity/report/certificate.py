@@ -47,7 +47,7 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
         )
     yield drawn_arm(arm, [_remark(joint) for joint in certificate.joints])
     yield "<h2>The second motion</h2>"
-    yield html.beside(*_pictures(evaluation, arm))
+    yield html.side_by_side(*_pictures(evaluation, arm))
     yield "<h2>By joint</h2>"
     yield _by_joint(certificate, arm)
     yield "<h2>What stays unknown</h2>"

@@ -138,7 +138,7 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
     if finding.remedy:
         yield f"<p><b>What to do:</b> {escape(finding.remedy)}.</p>"
     if finding.picture is not None:
-        yield html.beside(*_panels(finding.picture, arm))
+        yield html.side_by_side(*_panels(finding.picture, arm))
     gain = finding.gain
     rows = parameter_rows(finding)
     rows.append(

@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm, Joint
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import Trace
-from dvrk_gravity.report.html import beside, erase, escape, inline, legend, panel, picture
+from dvrk_gravity.report.html import erase, escape, inline, legend, panel, picture, side_by_side
 from dvrk_gravity.report.units import effort_in_picture, position_in_picture
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def pictures_by_joint(traces: Sequence[Trace], arm: Arm) -> Iterator[str]:
     over_time, left = torque_pictures(longest, shown), residual_pictures(traces, shown)
     for name, torque, residual in zip(longest.joints, over_time, left, strict=True):
         yield f"<h3>{escape(name)}</h3>"
-        yield beside(
+        yield side_by_side(
             picture(torque, f"measured and predicted torque of {name}"),
             *(
                 picture(address, f"difference by {variable} of {name}")

@@ -91,7 +91,7 @@ def picture(address: str, meaning: str, title: str = "") -> str:
     return f'<figure>{over}<img alt="{escape(meaning)}" src="{address}"></figure>'
 
 
-def beside(*pictures: str) -> str:
+def side_by_side(*pictures: str) -> str:
     """Return pictures side by side where there is room, one below the other on a phone."""
     return f'<div class="pictures">{"".join(pictures)}</div>'
 

@@ -9,7 +9,16 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis import DURATION, WINDOW, Drift, InSimulation
-from dvrk_gravity.report.html import beside, erase, escape, inline, legend, panel, picture, table
+from dvrk_gravity.report.html import (
+    erase,
+    escape,
+    inline,
+    legend,
+    panel,
+    picture,
+    side_by_side,
+    table,
+)
 from dvrk_gravity.report.units import shown_position
 from dvrk_gravity.units import fixed
 
@@ -46,7 +55,7 @@ def section(result: InSimulation, arm: Arm) -> str:
         parts.append(table(("", *arm.joint_names), rows))
         joints = _drawn(result.drifts, arm)
         if joints:
-            parts.append(beside(*_pictures(result.drifts, joints, arm)))
+            parts.append(side_by_side(*_pictures(result.drifts, joints, arm)))
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
     return "\n".join(parts)
 

@@ -20,7 +20,7 @@ from dvrk_gravity.recording import LowPass
 
 _SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
-_PER_SAMPLE = ("q", "qd", "qdd", "effort", "direction", "reference", "unread", "beside")
+_PER_SAMPLE = ("q", "qd", "qdd", "effort", "direction", "reference", "unread", "known_torque")
 
 
 # All chosen, but for the low-pass's half period.
@@ -65,7 +65,7 @@ class MeasuredMotion:
             to day: all of the difference is reported.
         changed_springs: Joints whose springs do.
         timed: Velocities were measured, which checks the clock.
-        beside: (N, n) torque of known causes that the model lacks, N·m.
+        known_torque: (N, n) torque of known causes that the model lacks, N·m.
         payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
     """
 
@@ -88,7 +88,7 @@ class MeasuredMotion:
     changed_friction: tuple[int, ...] = ()
     changed_springs: tuple[int, ...] = ()
     timed: bool = True
-    beside: Array | None = None
+    known_torque: Array | None = None
     payload_at: tuple[int, Array] | None = None
 
     @classmethod
@@ -167,7 +167,7 @@ class MeasuredMotion:
         """
         if self.reference is not None:
             return 0.5 * (self.effort + self.reference)
-        return self.modelled if self.beside is None else self.modelled + self.beside
+        return self.modelled if self.known_torque is None else self.modelled + self.known_torque
 
     @cached_property
     def residual(self) -> Array:

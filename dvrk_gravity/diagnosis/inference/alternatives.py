@@ -9,8 +9,8 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.inference.nonlinear import refined, relinearised
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
@@ -83,10 +83,10 @@ def _held_out_confirms(
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         acting, there = relinearised(selection.validation.weighted(kept), kept)
-        held_out, beside = HeldOut(acting), Beside(acting, tuple(there))
+        held_out, context = HeldOut(acting), FitContext(acting, tuple(there))
         tested = [candidate for candidate in there if not candidate.hypothesis.refits_model]
         found = held_out.unconfirmed(
-            there, tested, lambda candidate: selection.is_significant(beside, candidate)
+            there, tested, lambda candidate: selection.is_significant(context, candidate)
         )
         as_chosen = {id(at_fit): candidate for at_fit, candidate in zip(there, kept, strict=True)}
         failures.update({id(as_chosen[id(each)]): failure for failure, each in found})
@@ -131,7 +131,7 @@ def refine(selection: Selection, selected: Sequence[Candidate]) -> list[Candidat
             new, old = preferred.candidate, current.candidate
             simpler = new.parameters < old.parameters or preferred.day_to_day
             simpler = simpler or (
-                preferred.likely and new.hypothesis.effect == old.hypothesis.EXPLAINED_BY
+                preferred.typical and new.hypothesis.effect == old.hypothesis.EXPLAINED_BY
             )
             better = simpler or preferred.gain > current.gain + settings.equal_least
             if (better or not current.plausible) and preferred is not current:
@@ -140,7 +140,7 @@ def refine(selection: Selection, selected: Sequence[Candidate]) -> list[Candidat
     return selected
 
 
-def _stand_ins(selection: Selection, whole: Beside, selected: Candidate) -> SelectedEffect:
+def _stand_ins(selection: Selection, whole: FitContext, selected: Candidate) -> SelectedEffect:
     rest, validation = whole.without(selected), whole.validation
     current = selection.evaluate(rest, selected)
     if current.day_to_day or selection.fixed(selected):

@@ -351,18 +351,18 @@ class CrossValidation:
         return [candidate for gain, candidate in found[:keep] if gain > 0.0]
 
     def residual(
-        self, candidates: Sequence[Candidate], beside: Sequence[Candidate] | None = None
+        self, candidates: Sequence[Candidate], fitted_with: Sequence[Candidate] | None = None
     ) -> Array:
         """Return (T, n) what a fit of candidates to the samples of choice leaves everywhere.
 
         Args:
             candidates: The candidates.
-            beside: Candidates with which the model's own parameters are fitted, and then stay; by
-                default these.
+            fitted_with: Candidates with which the model's own parameters are fitted, and then
+                stay; by default these.
         """
-        together = candidates if beside is None else beside
+        together = candidates if fitted_with is None else fitted_with
         theta = self.regression(together).coefficients(self._weighted.target)
-        if beside is not None:
+        if fitted_with is not None:
             own_parameters = theta[: self.model_size]
             model = self._weighted.of_model.design @ own_parameters
             found = Regression(self.design(candidates), self._ridge(candidates), _TRACE)

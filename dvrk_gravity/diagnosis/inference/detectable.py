@@ -19,7 +19,7 @@ import numpy as np
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.inference.beside import Beside
+from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, JudgementSettings
 from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
@@ -52,16 +52,16 @@ class Detectable:
 
 
 def detectable(
-    beside: Beside, pool: Sequence[Candidate], multiplicity: Multiplicity
+    context: FitContext, pool: Sequence[Candidate], multiplicity: Multiplicity
 ) -> tuple[Detectable, ...]:
     """Return what would have been found in :data:`POWER` of such recordings, site by site.
 
     Args:
-        beside: The effects that were found, with the samples.
+        context: The effects that were found, with the samples.
         pool: Hypotheses whose columns are there already.
         multiplicity: Of how many torques one had to be the best.
     """
-    data = beside.validation.data
+    data = context.validation.data
     there = {(each.hypothesis.key, each.size): each for each in pool}
     asked = list[tuple[Candidate, Array]]()
     for effect in effects.effects():
@@ -70,8 +70,8 @@ def detectable(
             if candidate is None or candidate.hypothesis.setting != hypothesis.setting:
                 candidate = data.candidate(hypothesis)
             asked.append((candidate, theta))
-    search, found = _SizeSearch(beside, multiplicity), dict[tuple[str, str], Detectable]()
-    for (candidate, theta), (left, moved) in zip(asked, _seen(beside, asked), strict=True):
+    search, found = _SizeSearch(context, multiplicity), dict[tuple[str, str], Detectable]()
+    for (candidate, theta), (left, moved) in zip(asked, _seen(context, asked), strict=True):
         hypothesis = candidate.hypothesis
         key = hypothesis.effect, hypothesis.names[0] if hypothesis.of_joint else ""
         size = search.smallest(candidate, theta, left, moved)
@@ -82,14 +82,14 @@ def detectable(
 
 
 def _seen(
-    beside: Beside, asked: Sequence[tuple[Candidate, Array]]
+    context: FitContext, asked: Sequence[tuple[Candidate, Array]]
 ) -> Iterator[tuple[Array, Array]]:
     """Yield of each change what is not made up for, see ``CrossValidation.not_made_up_for``.
 
     Beside the effects that were found, itself excepted, if it was.
     """
-    validation = beside.validation
-    there = {(each.hypothesis.effect, each.hypothesis.joints) for each in beside.candidates}
+    validation = context.validation
+    there = {(each.hypothesis.effect, each.hypothesis.joints) for each in context.candidates}
 
     def kind(pair: tuple[Candidate, Array]) -> tuple[str, tuple[int, ...]]:
         key = pair[0].hypothesis.effect, pair[0].hypothesis.joints
@@ -98,7 +98,7 @@ def _seen(
     for found, pairs in groupby(asked, kind):
         rest = [
             each
-            for each in beside.candidates
+            for each in context.candidates
             if (each.hypothesis.effect, each.hypothesis.joints) != found
         ]
         torque = np.stack([validation.torque(*pair) for pair in pairs], axis=2)
@@ -111,19 +111,19 @@ class _SizeSearch:
     """Looks for the smallest changes beside some effects.
 
     Attributes:
-        beside: These effects, with the samples.
+        context: These effects, with the samples.
         multiplicity: Of how many torques one had to be the best.
         needed: Gains that are needed, as soon as one was; see :meth:`_needed`.
     """
 
-    beside: Beside
+    context: FitContext
     multiplicity: Multiplicity
     needed: dict[tuple[int, int], float] = field(default_factory=dict)
 
     @cached_property
     def _held_out(self) -> float:
         """Samples that are held out, over those of the choice."""
-        validation = self.beside.validation
+        validation = self.context.validation
         return HeldOut(validation).samples / max(len(validation.choice.rows), 1)
 
     def smallest(self, candidate: Candidate, theta: Array, left: Array, moved: Array) -> float:
@@ -135,7 +135,7 @@ class _SizeSearch:
             left: (R, n) what of their torque is not made up for, N·m.
             moved: (d,) by how much that moves the model's parameters, in standard deviations.
         """
-        validation, settings, rest = self.beside.validation, SelectionSettings(), self.beside
+        validation, settings, rest = self.context.validation, SelectionSettings(), self.context
         rms = validation.size(candidate, theta)
         judged = (validation.weight > 0.0) & (rms > 0.0)
         if not judged.any():
@@ -184,7 +184,7 @@ class _SizeSearch:
 
         key = parameters, comparisons
         if key not in self.needed:
-            significance, alpha = self.beside.validation.significance, SelectionSettings().alpha
+            significance, alpha = self.context.validation.significance, SelectionSettings().alpha
 
             def passes(gain: float) -> bool:
                 return significance.p_value(np.zeros(0), gain, *key) < alpha

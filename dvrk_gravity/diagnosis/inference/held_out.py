@@ -126,15 +126,15 @@ class HeldOut:
         return np.asarray(self._usable.any(axis=0))
 
     def error(
-        self, candidates: Sequence[Candidate], beside: Sequence[Candidate] | None = None
+        self, candidates: Sequence[Candidate], fitted_with: Sequence[Candidate] | None = None
     ) -> Array:
         """Return (H, n) errors of a fit to the samples of choice; NaN where nothing can be said.
 
         Args:
             candidates: The candidates.
-            beside: See ``CrossValidation.residual``.
+            fitted_with: See ``CrossValidation.residual``.
         """
-        residual = self._validation.residual(candidates, beside)[self._held]
+        residual = self._validation.residual(candidates, fitted_with)[self._held]
         return np.where(self._usable, residual, np.nan)
 
     def error_below(self, candidates: Sequence[Candidate], band: float) -> Array:

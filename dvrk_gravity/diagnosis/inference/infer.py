@@ -18,9 +18,9 @@ from dvrk_gravity.diagnosis.inference.alternatives import (
     explained,
     spanned,
 )
-from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable, detectable
+from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.readings import (
@@ -182,7 +182,7 @@ class _Search:
 def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     """Return readings, effects and unexplained structure that the samples of selection show."""
     read = correct_readings(loaded, say)
-    loaded, validation, pool = read.loaded, read.beside.validation, read.pool
+    loaded, validation, pool = read.loaded, read.context.validation, read.pool
     data = validation.data
     if contradiction(loaded.warnings) and not read.wrong:
         loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
@@ -191,13 +191,13 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
     selection = Selection(
-        validation, sparse, say, expected=read.beside.candidates, at_calibration=at_calibration
+        validation, sparse, say, expected=read.context.candidates, at_calibration=at_calibration
     )
     say("comparing hypotheses")
     chosen = selection.run()
 
-    def noise(beside: Beside) -> Array:
-        return data.noise_rms(loaded.floor, beside.validation.residual(beside.candidates))
+    def noise(context: FitContext) -> Array:
+        return data.noise_rms(loaded.floor, context.validation.residual(context.candidates))
 
     # A model with uncertainty was free within that, and is no further.
     motion = loaded.motion
@@ -238,7 +238,7 @@ def _confirmed(search: _Search) -> Posterior:
         validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
         search.unexplained, search.at_calibration,
     )  # fmt: skip
-    seen = detectable(Beside(validation, tuple(named)), search.pool, search.multiplicity)
+    seen = detectable(FitContext(validation, tuple(named)), search.pool, search.multiplicity)
     validation.data.release()
     return Posterior(
         search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
@@ -260,8 +260,8 @@ def _stated(
 
 
 def _with_free_masses(
-    selection: Selection, chosen: Beside, pool: Sequence[Candidate]
-) -> tuple[Selection, Beside]:
+    selection: Selection, chosen: FitContext, pool: Sequence[Candidate]
+) -> tuple[Selection, FitContext]:
     """Return the better of a selection and one with the model's masses fitted as well.
 
     Masses that were fitted while a cause was missing have absorbed part of it, which shows only

@@ -68,8 +68,8 @@ def refined(
     hypothesis = candidate.hypothesis
     if hypothesis.EFFORT_READING:
         return _likeliest_form(validation, candidate, others)
-    if hypothesis.unconfined is not hypothesis:
-        hypothesis = hypothesis.unconfined
+    if hypothesis.unclamped is not hypothesis:
+        hypothesis = hypothesis.unclamped
         candidate = validation.data.candidate(hypothesis)
     for _ in range(_FIXED_POINTS if hypothesis.fixed_point else 0):
         theta = validation.parameters([*others, candidate])
@@ -82,7 +82,7 @@ def refined(
             break
     if hypothesis.fixed_point:
         theta = validation.parameters([*others, candidate])
-        likely = candidate.hypothesis.confined(theta[-candidate.size :])
+        likely = candidate.hypothesis.clamped(theta[-candidate.size :])
         if likely is not None:
             candidate = validation.data.candidate(likely)
             hypothesis = candidate.hypothesis
@@ -167,7 +167,7 @@ def _read(
             cause = other.hypothesis
             if not (cause.EFFORT_READING or cause.refits_model):
                 beside += cause.regressor(motion) @ values
-        candidate = validation.data.candidate(hypothesis, replace(motion, beside=beside))
+        candidate = validation.data.candidate(hypothesis, replace(motion, known_torque=beside))
     return candidate
 
 

@@ -13,8 +13,8 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.nonlinear import begun
 from dvrk_gravity.diagnosis.inference.reading_search import (
@@ -55,13 +55,13 @@ class CorrectedReading:
     Attributes:
         loaded: The motion.
         wrong: Wrong readings, in the order in which they were corrected.
-        beside: The samples, ready for comparisons, with the baseline effects.
+        context: The samples, ready for comparisons, with the baseline effects.
         pool: Hypotheses that need no search.
     """
 
     loaded: Loaded
     wrong: tuple[WrongReading, ...]
-    beside: Beside
+    context: FitContext
     pool: list[Candidate]
 
 
@@ -72,27 +72,27 @@ def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedRea
     """
     wrong: list[WrongReading] = []
     while True:
-        motion, beside = loaded.motion, baseline(loaded.motion)
+        motion, context = loaded.motion, baseline(loaded.motion)
         tested = motion.reference is None and len(wrong) < _MOST
-        found = _better_reading(beside) if tested else None
+        found = _better_reading(context) if tested else None
         say("building hypotheses")
-        pool = _pool(beside)
-        selection = Selection(beside.validation, pool, say)
-        if found is None or found.score.gain <= _SHARE * _best_gain(selection, beside):
-            return CorrectedReading(loaded, tuple(wrong), beside, pool)
+        pool = _pool(context)
+        selection = Selection(context.validation, pool, say)
+        if found is None or found.score.gain <= _SHARE * _best_gain(selection, context):
+            return CorrectedReading(loaded, tuple(wrong), context, pool)
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
         loaded = _corrected(loaded, found.score.reading)
         motion.release()
-        del beside, pool, selection  # a long recording leaves no room for two
+        del context, pool, selection  # a long recording leaves no room for two
 
 
-def _best_gain(selection: Selection, beside: Beside) -> float:
+def _best_gain(selection: Selection, context: FitContext) -> float:
     """Return the gain of the best effect."""
-    return max((trial.gain for trial in selection.best(beside) if trial.plausible), default=0.0)
+    return max((trial.gain for trial in selection.best(context) if trial.plausible), default=0.0)
 
 
-def _better_reading(present: Beside) -> WrongReading | None:
+def _better_reading(present: FitContext) -> WrongReading | None:
     """Return what is wrong with the present reading, if another one is significantly better.
 
     The better one must pass a rough test, and gain with certainty on held-out blocks, with the
@@ -164,11 +164,11 @@ def error_as_read(motion: MeasuredMotion, data: FilteredData, held_out: HeldOut)
 
 def error_beside_baseline(motion: MeasuredMotion) -> Array:
     """Return (H, n) held-out errors of a motion with the baseline effects fitted."""
-    beside = baseline(motion)
-    return HeldOut(beside.validation).error(beside.candidates)
+    context = baseline(motion)
+    return HeldOut(context.validation).error(context.candidates)
 
 
-def _gain(reading: Reading, read: Beside, present: Beside) -> float:
+def _gain(reading: Reading, read: FitContext, present: FitContext) -> float:
     """Return the log-likelihood gain of a reading, in the units of the efforts as recorded."""
     validation = read.validation
     scaled = float((validation.samples * (validation.weight > 0.0)) @ reading.density)
@@ -181,11 +181,11 @@ def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
         yield from effect.hypotheses(motion)
 
 
-def _pool(beside: Beside) -> list[Candidate]:
+def _pool(context: FitContext) -> list[Candidate]:
     """Return these hypotheses with their columns."""
-    validation = beside.validation
+    validation = context.validation
     pool = _acting(validation, hypotheses(validation.data.motion))
-    return [begun(validation, candidate, beside.candidates) for candidate in pool]
+    return [begun(validation, candidate, context.candidates) for candidate in pool]
 
 
 def _acting(validation: CrossValidation, claims: Iterable[Hypothesis]) -> list[Candidate]:
@@ -193,7 +193,7 @@ def _acting(validation: CrossValidation, claims: Iterable[Hypothesis]) -> list[C
     return [each for each in validation.data.candidates(claims) if each.acts.any()]
 
 
-def baseline(motion: MeasuredMotion) -> Beside:
+def baseline(motion: MeasuredMotion) -> FitContext:
     """Return the filtered data of a motion, ready for comparisons, with the baseline effects.
 
     These are the effects that any joint has and an arm's own file states poorly, of plausible
@@ -214,7 +214,7 @@ def baseline(motion: MeasuredMotion) -> Beside:
         if len(kept) == len(expected):
             break
         expected = kept
-    return Beside(validation, tuple(expected))
+    return FitContext(validation, tuple(expected))
 
 
 def poorly_stated(motion: MeasuredMotion) -> set[str]:

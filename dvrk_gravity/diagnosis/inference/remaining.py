@@ -17,8 +17,8 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
-from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
@@ -59,9 +59,9 @@ def unexplained_structure(
     clean = named.score.rms <= _AT_FLOOR * floor
     joints = np.flatnonzero(data.motion.present & ~clean).tolist()
     pool = list(data.candidates(unexplained_hypotheses(data.motion, joints)))
-    unknown, beside_all, beside = list[EffectTrial](), list[EffectTrial](), named
+    unknown, beside_all, context = list[EffectTrial](), list[EffectTrial](), named
     while len(unknown) < _MOST_FUNCTIONS:
-        best = selection.best(beside, pool)
+        best = selection.best(context, pool)
         significant = [trial for trial in best if trial.passes and not trial.day_to_day]
         beside_all = beside_all if unknown else significant
         strong = [
@@ -72,8 +72,8 @@ def unexplained_structure(
         if not strong:
             break
         unknown.append(strong[0])
-        beside = selection.at(beside.extended(strong[0].candidate).candidates, final=True)
-    held_out = HeldOut(beside.validation)
+        context = selection.at(context.extended(strong[0].candidate).candidates, final=True)
+    held_out = HeldOut(context.validation)
     unknown = [
         trial
         for trial in unknown
@@ -92,7 +92,7 @@ def unexplained_structure(
 
 
 def _doubt(
-    selection: Selection, named: Beside, effect: EffectTrial,
+    selection: Selection, named: FitContext, effect: EffectTrial,
     pool: Sequence[Candidate], beside_all: Sequence[EffectTrial],
 ) -> tuple[str, str]:  # fmt: skip
     """Return why an effect is not certain, and what to record; empty if no alternative stands up.
@@ -144,7 +144,7 @@ def _torque_before(effect: EffectTrial) -> float:
     return _torque(effect) / max(1.0 - effect.removed, 1e-9)
 
 
-def _refuted(named: Beside, candidate: Candidate, function: Candidate) -> bool:
+def _refuted(named: FitContext, candidate: Candidate, function: Candidate) -> bool:
     """Return whether an arbitrary function does so much better that an effect does not fit."""
     if not set(candidate.hypothesis.joints) & set(function.hypothesis.joints):
         return False
@@ -242,15 +242,15 @@ def minor_effects(
     selection = Selection(
         validation, pool, lambda line: None, settings=settings, at_calibration=at_calibration
     )
-    beside = selection.at(chosen)
+    context = selection.at(chosen)
     # What is more was a finding, had held-out blocks confirmed it.
     most = SelectionSettings().least(validation)
     minor: list[EffectTrial] = []
-    trials = selection.best(beside)
+    trials = selection.best(context)
     for_all = [trial for trial in trials if _is_minor(trial, most)][:1]
     if for_all and for_all[0].candidate.hypothesis.common_cause:
         # One for all joints: others are listed as far as they differ from it.
-        trials = selection.best(beside.extended(for_all[0].candidate))
+        trials = selection.best(context.extended(for_all[0].candidate))
         minor += for_all
     joints: set[int] = set()
     for trial in trials:

@@ -15,8 +15,8 @@ from dvrk_gravity.diagnosis.data.candidate import (
     are_possible,
     most_parsimonious,
 )
-from dvrk_gravity.diagnosis.inference.beside import Beside, homogeneous, variation
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.fit_context import FitContext, homogeneous, variation
 from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
@@ -90,7 +90,7 @@ class EffectTrial(Trial[Candidate]):
         p_value: Corrected for the number of hypotheses.
         removed: Largest part of a joint's error that it removes.
         plausible: Whether its parameters are such as it can have.
-        likely: ... and such as one meets with, see ``Hypothesis.likely``.
+        typical: ... and such as one meets with, see ``Hypothesis.typical``.
         size: (n,) RMS of its torque at the joints that are judged, N·m; zero where friction may
             change by as much.
         inflation: Log-likelihood that counts as one unit, for errors are correlated; see
@@ -104,7 +104,7 @@ class EffectTrial(Trial[Candidate]):
     p_value: float
     removed: float
     plausible: bool
-    likely: bool
+    typical: bool
     size: Array
     inflation: float
     day_to_day: bool
@@ -156,11 +156,11 @@ class Selection:
         gone = (hypothesis.key for hypothesis in hypotheses)
         return replace(self, excluded={*self.excluded, *gone})
 
-    def at(self, candidates: Sequence[Candidate], final: bool = False) -> Beside:
-        """Return some of the hypotheses as selected, see :class:`Beside`."""
-        return Beside.of(self.validation, candidates, final)
+    def at(self, candidates: Sequence[Candidate], final: bool = False) -> FitContext:
+        """Return some of the hypotheses as selected, see :class:`FitContext`."""
+        return FitContext.of(self.validation, candidates, final)
 
-    def run(self, start: Sequence[Candidate] | None = None) -> Beside:
+    def run(self, start: Sequence[Candidate] | None = None) -> FitContext:
         """Select until nothing more passes; start by default at what is free or expected."""
         selected = (*self.always, *self.expected) if start is None else start
         most = self.settings.most_effects * self.validation.joints + len(self.always)
@@ -172,11 +172,11 @@ class Selection:
         keys = {other.hypothesis.key for other in self.expected}
         return candidate in self.always or candidate.hypothesis.key in keys
 
-    def moves(self, state: Beside) -> list[Candidate]:
+    def moves(self, state: FitContext) -> list[Candidate]:
         """Return the hypotheses to try beside those selected, in no order."""
         return [*self.pool, *self._searched(state)]
 
-    def attempt(self, state: Beside, moves: Sequence[Candidate]) -> list[EffectTrial]:
+    def attempt(self, state: FitContext, moves: Sequence[Candidate]) -> list[EffectTrial]:
         """Return how the best of some hypotheses do beside those selected."""
         return self.best(state, moves)
 
@@ -185,17 +185,17 @@ class Selection:
         passing = [trial for trial in trials if trial.passes]
         return self.preferred(passing) if passing else None
 
-    def take(self, state: Beside, trial: EffectTrial) -> Beside:
+    def take(self, state: FitContext, trial: EffectTrial) -> FitContext:
         """Return the set with a hypothesis, those left out that are no longer needed."""
         self.report(f"accepted: {trial.move.hypothesis}")
         *old, newest = self._read(state.extended(trial.move))
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-            beside = Beside(state.validation, tuple(kept))
+            context = FitContext(state.validation, tuple(kept))
             tested = [each for each in kept if each is not newest and each not in self.always]
             return [
                 (found.worth, found.move)
-                for found in self._without(beside, tested)
+                for found in self._without(context, tested)
                 if not found.passes
             ]
 
@@ -207,7 +207,7 @@ class Selection:
         )  # fmt: skip
 
     @staticmethod
-    def _read(chosen: Beside) -> list[Candidate]:
+    def _read(chosen: FitContext) -> list[Candidate]:
         """Return a set with readings of what acts beside the others in it."""
         return [
             refined(chosen.validation, candidate, chosen.without(candidate).candidates)
@@ -216,15 +216,17 @@ class Selection:
             for candidate in chosen.candidates
         ]
 
-    def best(self, selected: Beside, pool: Sequence[Candidate] | None = None) -> list[EffectTrial]:
+    def best(
+        self, selected: FitContext, pool: Sequence[Candidate] | None = None
+    ) -> list[EffectTrial]:
         """Return the best hypotheses beside the selected ones, settings refined, best first."""
         validation, settings = selected.validation, self.settings
         known = {each.hypothesis.key for each in selected.candidates} | {*self.excluded}
         pool = self.moves(selected) if pool is None else pool
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
         least = settings.least(validation)
-        beside = selected.candidates
-        screened = validation.screen(beside, pool, settings.screened, least)
+        others = selected.candidates
+        screened = validation.screen(others, pool, settings.screened, least)
         trials = [self.evaluate(selected, candidate) for candidate in screened]
         if not trials:
             return []
@@ -240,18 +242,18 @@ class Selection:
             seen.add(name)
             adjustable = hypothesis.refine or hypothesis.fixed_point or hypothesis.refine_first
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
-                again = self.evaluate(selected, refined(validation, trial.candidate, beside))
+                again = self.evaluate(selected, refined(validation, trial.candidate, others))
                 # Away from the setting that its fit determines it is not the torque of its cause.
                 settled = hypothesis.refine_first or not trial.plausible
                 trial = again if settled or again.gain > trial.gain else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
 
-    def evaluate(self, rest: Beside, candidate: Candidate) -> EffectTrial:
+    def evaluate(self, rest: FitContext, candidate: Candidate) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""
         return self._trial(candidate, rest, rest.extended(candidate))
 
-    def _trial(self, candidate: Candidate, rest: Beside, whole: Beside) -> EffectTrial:
+    def _trial(self, candidate: Candidate, rest: FitContext, whole: FitContext) -> EffectTrial:
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
         Bonferroni's correction is for all torques that were compared (:class:`Multiplicity`).
@@ -293,7 +295,7 @@ class Selection:
             )
         return EffectTrial(
             candidate, gain, passes and not seen_before, after, p_value, most, possible,
-            candidate.hypothesis.likely(theta), np.where(expected, 0.0, size), largest, day_to_day,
+            candidate.hypothesis.typical(theta), np.where(expected, 0.0, size), largest, day_to_day,
             seen_before,
         )  # fmt: skip
 
@@ -302,7 +304,7 @@ class Selection:
         """How many torques are compared at each step: that most are screened out is chance, too."""
         return Multiplicity.of(self.moves(self.at((*self.always, *self.expected))))
 
-    def _change_fraction(self, candidate: Candidate, rest: Beside) -> float:
+    def _change_fraction(self, candidate: Candidate, rest: FitContext) -> float:
         """Return the fraction of a candidate's evidence not already present at calibration."""
         expected = None if self.at_calibration is None else self.at_calibration.expected(candidate)
         if expected is None:
@@ -311,7 +313,7 @@ class Selection:
         own = slice(len(theta) - candidate.size, len(theta))
         return expected.changed_fraction(theta[own], covariance[own, own])
 
-    def is_significant(self, selected: Beside, candidate: Candidate) -> bool:
+    def is_significant(self, selected: FitContext, candidate: Candidate) -> bool:
         """Return whether one of those selected is significant without held-out blocks.
 
         What comes once, and is over before one of them, is not: a joint that slips once looks so.
@@ -321,11 +323,11 @@ class Selection:
         (trial,) = self._without(selected, [candidate])
         return trial.p_value < self.settings.unseen
 
-    def _without(self, selected: Beside, looked_at: Iterable[Candidate]) -> list[EffectTrial]:
+    def _without(self, selected: FitContext, looked_at: Iterable[Candidate]) -> list[EffectTrial]:
         """Return how some of the selected do beside all others."""
         return [self._trial(each, selected.without(each), selected) for each in looked_at]
 
-    def _searched(self, selected: Beside) -> list[Candidate]:
+    def _searched(self, selected: FitContext) -> list[Candidate]:
         """Return the hypotheses that are found in what is not explained."""
         data, validation = self.validation.data, selected.validation
         allowed = data.fold >= 0
@@ -344,7 +346,7 @@ class Selection:
         margin = min(settings.equal * spread, settings.equal_most * best.gain)
         return trial.gain > best.gain - max(margin, settings.equal_least * best.inflation)
 
-    def eliminate_backward(self, selected: Sequence[Candidate]) -> Beside:
+    def eliminate_backward(self, selected: Sequence[Candidate]) -> FitContext:
         """Return those that are still significant and worth having when all is known.
 
         The weakest goes first, since others may take its place. Parameters of the model that moved
@@ -352,10 +354,10 @@ class Selection:
         """
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-            beside = self.at(kept, final=True)
+            context = self.at(kept, final=True)
             return [
                 (trial.gain, trial.candidate)
-                for trial in self._without(beside, kept)
+                for trial in self._without(context, kept)
                 if not (
                     trial.gain + trial.candidate.cost > 0.0
                     if trial.candidate in self.always
@@ -383,7 +385,7 @@ class Selection:
         causes = [
             trial
             for trial in equal
-            if trial.candidate.hypothesis.effect == chosen.hypothesis.EXPLAINED_BY and trial.likely
+            if trial.candidate.hypothesis.effect == chosen.hypothesis.EXPLAINED_BY and trial.typical
         ]
         if causes:
             return max(causes, key=lambda trial: trial.gain)

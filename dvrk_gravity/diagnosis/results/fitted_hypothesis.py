@@ -94,7 +94,7 @@ class FittedHypothesis:
         """
         if self.hypothesis.transient:
             return np.zeros((*motion.q.shape, len(self.theta)))
-        return self.hypothesis.beyond.regressor(motion)
+        return self.hypothesis.extrapolated.regressor(motion)
 
     def to_dict(self) -> dict[str, Any]:
         """Return its part of findings.json."""

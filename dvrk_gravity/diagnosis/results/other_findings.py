@@ -12,8 +12,8 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
 from dvrk_gravity.diagnosis.data.model_error import part_of_friction
-from dvrk_gravity.diagnosis.inference.beside import Beside, variation
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.fit_context import FitContext, variation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.regression import estimates
@@ -227,7 +227,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     rows = slice(len(theta) - candidate.size, len(theta))
     theta, covariance = theta[rows], covariance[rows, rows]
     if hypothesis.common_cause:
-        differ = variation(Beside(validation, tuple(named)), candidate, theta)
+        differ = variation(FitContext(validation, tuple(named)), candidate, theta)
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
     claim, of_friction = hypothesis.claim(parameters), is_friction(hypothesis.effect)

@@ -26,7 +26,7 @@ from dvrk_gravity.effects.base.linear_term import (
     PRIOR_FRACTION,
     Column,
     ColumnTable,
-    ModelChange,
+    SearchMove,
     Unknowns,
     site_columns,
 )
@@ -202,18 +202,18 @@ class DryFriction(Friction):
         return SettingUnknowns(term=term, columns=columns, basis=basis[:, places], places=places)
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add and remove a site's friction, take the next setting, exchange joint and motor."""
         for joint, kind in sites_of_columns(table.arm):
             here = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
             chosen = tuple(index for index in here if index in inside)
             text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
             if chosen and cls.may_be_absent(table, inside, joint):
-                yield ModelChange((), chosen, f"without {text}")
+                yield SearchMove((), chosen, f"without {text}")
             for before, index, after in zip((-1, *here), here, (*here[1:], -1), strict=False):
                 if index not in inside and (not chosen or {before, after} & inside):
                     setting = cls.setting_text(table.arm, table.columns[index])
-                    yield ModelChange((index,), chosen, text + setting)
+                    yield SearchMove((index,), chosen, text + setting)
         yield from moves_between(cls.NAME, table, inside)
 
     @classmethod

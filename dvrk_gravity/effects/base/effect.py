@@ -126,7 +126,7 @@ class Hypothesis(ABC):
         COHERENT_ERRORS: What a model misses resembles it at all joints with the same sign, so that
             errors add over joints: presliding resembles a delay, whatever the joint.
         EXPLAINED_BY: Effect that is named in its place where that explains as well and is
-            :meth:`likely`: something displaces a centre of mass, and loads change more often than
+            :meth:`typical`: something displaces a centre of mass, and loads change more often than
             cables.
         STATED: It is known to be there: fitted from the start, and reported whatever its size.
 
@@ -287,16 +287,16 @@ class Hypothesis(ABC):
                 return False
         return self.removed_fraction(theta) <= MAX_REMOVED
 
-    def likely(self, theta: Array) -> bool:
+    def typical(self, theta: Array) -> bool:
         """Return whether (k,) theta is what one meets with, not only possible."""
         return True
 
-    def confined(self, theta: Array) -> Hypothesis | None:
+    def clamped(self, theta: Array) -> Hypothesis | None:
         """Return it at the nearest likely settings, if those of (k,) theta are not plausible."""
         return None
 
     @property
-    def unconfined(self) -> Hypothesis:
+    def unclamped(self) -> Hypothesis:
         """It where it fits best, likely or not."""
         return self
 
@@ -342,7 +342,7 @@ class Hypothesis(ABC):
         return None
 
     @property
-    def beyond(self) -> Hypothesis:
+    def extrapolated(self) -> Hypothesis:
         """The same where nothing was recorded yet: what recordings bound is not bounded there."""
         return self
 

@@ -12,7 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Range, Values, diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
-from dvrk_gravity.effects.base.linear_term import ColumnTable, LinearTerm, ModelChange, Unknowns
+from dvrk_gravity.effects.base.linear_term import ColumnTable, LinearTerm, SearchMove, Unknowns
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
@@ -59,15 +59,15 @@ class Friction(LinearTerm):
         return None if found is None else found.at(sites_with_friction(arm))
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add and remove each joint's friction, and exchange joint and motor."""
         for joint, kind in sites_of_columns(table.arm):
             here = tuple(table.select(effect=cls.NAME, site_kind=kind, joint=joint))
             text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
             if here[0] not in inside:
-                yield ModelChange(here, (), text)
+                yield SearchMove(here, (), text)
             elif cls.may_be_absent(table, inside, joint):
-                yield ModelChange((), here, f"without {text}")
+                yield SearchMove((), here, f"without {text}")
         yield from moves_between(cls.NAME, table, inside)
 
     @classmethod
@@ -76,7 +76,7 @@ class Friction(LinearTerm):
         return True
 
     @classmethod
-    def plainest(cls, table: ColumnTable) -> list[int]:
+    def minimal_columns(cls, table: ColumnTable) -> list[int]:
         """At every joint or, where that is likelier, at its motor, if every arm has it."""
         return [
             index
@@ -161,7 +161,7 @@ def site_text(arm: Arm, joint: int, kind: str) -> str:
     return f"{name} ({kind})" if len(_site_kinds(arm, joint)) > 1 else name
 
 
-def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
     """Yield the moves of a joint's friction to its motor and back."""
     for joint in mixed_motors(table.arm):
         here, there = (
@@ -176,7 +176,7 @@ def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator
             if pairs:
                 gone, come = zip(*pairs, strict=True)
                 text = f"{effect} {table.arm.joint_names[joint]} at the {kind}"
-                yield ModelChange(come, gone, text)
+                yield SearchMove(come, gone, text)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -74,7 +74,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class ModelChange:
+class SearchMove:
     """A step of a search: columns to add and to remove, and its name."""
 
     add: tuple[int, ...]
@@ -197,7 +197,7 @@ class LinearTerm(Term):
         return Unknowns(prior.with_theta(np.zeros(len(scale))), columns)
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Yield the steps of a search from a model with the columns ``inside``.
 
         By default each column is added or removed.
@@ -210,9 +210,9 @@ class LinearTerm(Term):
                 text = f"{cls.NAME} {column.site.words(table.arm)}"
                 text += f", {column.index}" * (column.index > 0)
             if index in inside:
-                yield ModelChange((), (index,), f"without {text}")
+                yield SearchMove((), (index,), f"without {text}")
             else:
-                yield ModelChange((index,), (), text)
+                yield SearchMove((index,), (), text)
 
     @classmethod
     def coefficient_name(cls, arm: Arm, column: Column) -> str:
@@ -222,12 +222,12 @@ class LinearTerm(Term):
         return f"{cls.NAME}.{column.site_kind}[{arm.joint_names[column.joint]}]"
 
     @classmethod
-    def plainest(cls, table: ColumnTable) -> list[int]:
+    def minimal_columns(cls, table: ColumnTable) -> list[int]:
         """Return the columns of the simplest reasonable model, where a search begins."""
         return []
 
     @classmethod
-    def together(cls, table: ColumnTable) -> list[int]:
+    def joint_start(cls, table: ColumnTable) -> list[int]:
         """Return the columns that help only together, with which a second search begins."""
         return []
 

@@ -122,7 +122,7 @@ class Term(Effect):
     def torque(self, state: State) -> Array:
         """Return (…, n) joint torques, N·m (N where a joint slides)."""
 
-    def beside(self, terms: Sequence[Term]) -> Term:
+    def with_terms(self, terms: Sequence[Term]) -> Term:
         """Return the term in a model with others; the same unless it depends on their torque."""
         return self
 

@@ -112,7 +112,7 @@ class JointColumns:
 
 
 def joint_columns(
-    joint: int, poses: Poses, beside: GravityColumns, for_console: bool = False
+    joint: int, poses: Poses, gravity: GravityColumns, for_console: bool = False
 ) -> JointColumns:
     """Return the columns that may explain one joint's torque at some poses.
 
@@ -122,7 +122,7 @@ def joint_columns(
     Args:
         joint: The joint.
         poses: The poses.
-        beside: Gravity's columns.
+        gravity: Gravity's columns.
         for_console: Only what the dVRK console has as well: polynomials of degree four of the own
             position (sine and cosine as far as these can follow), nothing for joint 7.
     """
@@ -135,7 +135,7 @@ def joint_columns(
             nothing.reshape(0, 1 + MAX_DEGREE), none.astype(bool), nothing, nothing,
         )  # fmt: skip
     degree = ORDER if for_console else MAX_DEGREE
-    series, rows = _own_columns(joint, poses, degree, beside)
+    series, rows = _own_columns(joint, poses, degree, gravity)
     if joint in moving and not for_console:
         groups += [(other,) for other in moving if other != joint]
         groups += list(combinations(moving, 2))
@@ -155,7 +155,7 @@ def joint_columns(
 
 
 def _own_columns(
-    joint: int, poses: Poses, degree: int, beside: GravityColumns
+    joint: int, poses: Poses, degree: int, gravity: GravityColumns
 ) -> tuple[Array, list[tuple[int, NDArray[np.int64], bool, float, float]]]:
     """Return the Chebyshev series and the rows of functions of the joint's own position.
 
@@ -165,7 +165,7 @@ def _own_columns(
     none = np.zeros(poses.q.shape[1], dtype=np.int64)
     unit = np.eye(1 + MAX_DEGREE)
     series = [unit[0]] * (1 + directed)
-    constant = CONSTANT_SD * float(beside.strong[joint])
+    constant = CONSTANT_SD * float(gravity.strong[joint])
     rows = [(0, none, along, 1.0, constant) for along in (False, True)[: 1 + directed]]
     if joint not in poses.moving:
         return np.array(series), rows
@@ -174,7 +174,7 @@ def _own_columns(
             series.append(unit[order])
             size = (OWN_DIFFERENCE if along else OWN_MEAN)[order]
             rows.append((0, none, along, size, np.nan))
-    if beside.arm.joint_names[joint] in beside.sprung:
+    if gravity.arm.joint_names[joint] in gravity.sprung:
         centre = 0.5 * (poses.lower[joint] + poses.upper[joint])
         half = 0.5 * (poses.upper[joint] - poses.lower[joint])
         nodes = chebyshev.chebpts1(1 + MAX_DEGREE)

@@ -53,8 +53,8 @@ from dvrk_gravity.identification.result import (
 from dvrk_gravity.identification.trajectories.kinematics import calibrate
 from dvrk_gravity.identification.trajectories.problem import (
     Problem,
+    build_problem,
     choose,
-    pose,
     solved,
     with_loads,
 )
@@ -141,7 +141,9 @@ def fit_dynamic(
             f"determines no motor's torque, as {', '.join(standing)} stand still: expected motions "
             "of all joints",
         )
-    problem = pose(parts, arm, effects, lambda share: report("regressor", share), form, least_gain)
+    problem = build_problem(
+        parts, arm, effects, lambda share: report("regressor", share), form, least_gain
+    )
     # Effects that were not allowed are no error that the model must have.
     limited = effects is not None and form is Columns
     with_all = problem if limited else None  # its regressor is large

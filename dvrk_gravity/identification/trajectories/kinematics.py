@@ -14,7 +14,7 @@ from dvrk_gravity.identification.quality.identifiability import kinematic_name
 from dvrk_gravity.identification.trajectories.problem import (
     Problem,
     choose,
-    posed,
+    problem_of,
     solved,
     with_motor_weights,
 )
@@ -130,7 +130,7 @@ def _moved(
     x[..., list(kept)] = design.x[..., list(kept.values())]
     x[..., new] = build_design(columns, motions, chosen=new).x
     of = problem.selection
-    around = posed(replace(design, columns=columns, x=x), motions, of.effects, of.least_gain)
+    around = problem_of(replace(design, columns=columns, x=x), motions, of.effects, of.least_gain)
     same = old.same(chosen, columns)
     return with_motor_weights(around, same), same
 

@@ -209,7 +209,7 @@ class Problem:
     selection: ColumnSelection
 
 
-def pose(
+def build_problem(
     motions: Sequence[CalibrationMotion],
     arm: Arm,
     effects: Sequence[str] | None = None,
@@ -229,10 +229,10 @@ def pose(
     """
     q = np.concatenate([motion.state.q for motion in motions])
     columns = form(arm, q.min(axis=0), q.max(axis=0))
-    return posed(build_design(columns, motions, progress), motions, effects, least_gain)
+    return problem_of(build_design(columns, motions, progress), motions, effects, least_gain)
 
 
-def posed(
+def problem_of(
     design: Design, motions: Sequence[CalibrationMotion], effects: Sequence[str] | None,
     least_gain: float,
 ) -> Problem:  # fmt: skip
@@ -303,7 +303,7 @@ def _with_loads(
     columns = design.columns
     theta = np.zeros(len(columns.columns))
     theta[chosen] = solved(problem, chosen).theta
-    columns = columns.beside(columns.terms(theta))
+    columns = columns.with_terms(columns.terms(theta))
     new = columns.of_others
     if not any(selection.allowed(columns.columns[index].effect) for index in new):
         return problem, chosen

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import ModelChange, is_friction
+from dvrk_gravity.effects import SearchMove, is_friction
 from dvrk_gravity.estimation import (
     Folds,
     HeldOutSums,
@@ -24,7 +24,7 @@ from dvrk_gravity.identification.result import Choice, improvement
 from dvrk_gravity.intake import Design, training_equations
 from dvrk_gravity.model import RIGID, Columns, kinematic_moves, term_moves
 
-Moves = Callable[[Columns, set[int]], Iterator[ModelChange]]
+Moves = Callable[[Columns, set[int]], Iterator[SearchMove]]
 
 # Part of the squared held-out error, in the mean over motors, that each further column must remove,
 # chosen; and so many standard errors of the folds' gains: the rule of one standard error (Breiman,
@@ -100,7 +100,7 @@ class Chosen:
 
 
 @dataclass(frozen=True, eq=False)
-class MoveTrial(Trial[ModelChange]):
+class MoveTrial(Trial[SearchMove]):
     """Result of trying a move.
 
     Attributes:
@@ -218,7 +218,7 @@ class ColumnSelection:
         self.choices += [self.choice(trial, found.errors, False) for trial in vain]
         return found.columns
 
-    def evaluate(self, state: Chosen, moves: Sequence[ModelChange]) -> list[MoveTrial]:
+    def evaluate(self, state: Chosen, moves: Sequence[SearchMove]) -> list[MoveTrial]:
         """Return the results of moves."""
         others = [_apply(state.columns, move) for move in moves]
         if len(others) == 1:
@@ -237,11 +237,11 @@ class ColumnSelection:
                 trials[i] = replace(trials[i], passes=moving > GAIN_MOVING * gain)
         return trials
 
-    def _at_speed(self, move: ModelChange) -> bool:
+    def _at_speed(self, move: SearchMove) -> bool:
         """Whether a move adds what must explain torque not only where friction turns round."""
         return any(not is_friction(self.columns.columns[i].effect) for i in move.add)
 
-    def _judged(self, before: Array, move: ModelChange, errors: Array) -> MoveTrial:
+    def _judged(self, before: Array, move: SearchMove, errors: Array) -> MoveTrial:
         gain, uncertainty = self.compare(before, errors)
         if not move.add:  # a smaller model need not gain, only not lose
             worth = gain + TOLERATED_LOSS * self.least_gain * len(move.remove)
@@ -250,7 +250,7 @@ class ColumnSelection:
         worth = gain - self.least_gain * more
         return MoveTrial(move, worth, worth > max(0.0, STANDARD_ERRORS * uncertainty), errors)
 
-    def permitted(self, move: ModelChange) -> bool:
+    def permitted(self, move: SearchMove) -> bool:
         """Whether a move may be tested."""
         added = [self.columns.columns[i] for i in move.add]
         return all(self.allowed(column.effect) and self.columns.offers(column) for column in added)
@@ -269,7 +269,7 @@ class ColumnSelection:
         return Choice(trial.move.text, kept, old, new, reason)
 
 
-def _moves_of_others(columns: Columns, inside: set[int]) -> Iterator[ModelChange]:
+def _moves_of_others(columns: Columns, inside: set[int]) -> Iterator[SearchMove]:
     for term in columns.terms_looked_for:
         if term.OF_OTHERS:
             yield from term.moves(columns, inside)
@@ -282,11 +282,11 @@ class _MoveSearch:
     selection: ColumnSelection
     generate: Moves
 
-    def moves(self, state: Chosen) -> Iterable[ModelChange]:
+    def moves(self, state: Chosen) -> Iterable[SearchMove]:
         found = self.generate(self.selection.columns, set(state.columns))
         return filter(self.selection.permitted, found)
 
-    def attempt(self, state: Chosen, moves: Sequence[ModelChange]) -> list[MoveTrial]:
+    def attempt(self, state: Chosen, moves: Sequence[SearchMove]) -> list[MoveTrial]:
         return self.selection.evaluate(state, moves)
 
     def choose(self, trials: Sequence[MoveTrial]) -> MoveTrial | None:
@@ -298,5 +298,5 @@ class _MoveSearch:
         return Chosen(_apply(state.columns, trial.move), trial.errors)
 
 
-def _apply(chosen: list[int], move: ModelChange) -> list[int]:
+def _apply(chosen: list[int], move: SearchMove) -> list[int]:
     return sorted((set(chosen) | set(move.add)) - set(move.remove))

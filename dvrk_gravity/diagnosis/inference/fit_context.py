@@ -29,7 +29,7 @@ _MISSED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class FitContext:
     """Selected hypotheses, with the samples weighted by what they leave.
 
     Attributes:
@@ -43,17 +43,17 @@ class Beside:
     @classmethod
     def of(
         cls, validation: CrossValidation, candidates: Sequence[Candidate], final: bool = False
-    ) -> Beside:
+    ) -> FitContext:
         """Weight the samples by what candidates leave, see ``CrossValidation.weighted``."""
         return cls(validation.weighted(candidates, final), tuple(candidates))
 
-    def without(self, candidate: Candidate) -> Beside:
+    def without(self, candidate: Candidate) -> FitContext:
         """Return the others, with the same weights."""
-        return Beside(self.validation, tuple(o for o in self.candidates if o is not candidate))
+        return FitContext(self.validation, tuple(o for o in self.candidates if o is not candidate))
 
-    def extended(self, candidate: Candidate) -> Beside:
+    def extended(self, candidate: Candidate) -> FitContext:
         """Return these and another one, with the same weights."""
-        return Beside(self.validation, (*self.candidates, candidate))
+        return FitContext(self.validation, (*self.candidates, candidate))
 
     @cached_property
     def score(self) -> Score:
@@ -118,7 +118,7 @@ class FrictionChange:
         return like_changed_friction(torque, self.friction, self.part, of_friction)
 
 
-def differing(rest: Beside, candidate: Candidate, theta: Array) -> tuple[float, Array, Array]:
+def differing(rest: FitContext, candidate: Candidate, theta: Array) -> tuple[float, Array, Array]:
     """Return a cause of several joints beside the same in pieces, each with a size of its own.
 
     Args:
@@ -136,7 +136,7 @@ def differing(rest: Beside, candidate: Candidate, theta: Array) -> tuple[float, 
     return pieces.score.likelihood, each, rest.validation.torque(candidate, theta)
 
 
-def variation(rest: Beside, candidate: Candidate, theta: Array) -> float:
+def variation(rest: FitContext, candidate: Candidate, theta: Array) -> float:
     """Return what differs from joint to joint over what is common, of squared torques."""
     _, each, common = differing(rest, candidate, theta)
     square = float((common**2).sum())
@@ -144,7 +144,7 @@ def variation(rest: Beside, candidate: Candidate, theta: Array) -> float:
 
 
 def homogeneous(
-    rest: Beside, candidate: Candidate, theta: Array, likelihood: float, least: Array
+    rest: FitContext, candidate: Candidate, theta: Array, likelihood: float, least: Array
 ) -> bool:
     """Return whether a cause is one for all of its joints.
 
