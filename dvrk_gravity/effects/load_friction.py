@@ -88,13 +88,20 @@ class LoadFriction(LinearTerm):
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
-        return self.part * self._per_part(state, self._way.past(state))
+        return self.torque_given(state, {})
 
-    def _per_part(self, state: State, memory: Array | None) -> Array:
+    def torque_given(self, state: State, others: Mapping[int, Array]) -> Array:
+        return self.part * self._per_part(state, self._way.past(state), others)
+
+    def _per_part(
+        self, state: State, memory: Array | None, others: Mapping[int, Array] | None = None
+    ) -> Array:
         ways = self._way.ways(state, memory)
         if ways is None:
             return np.zeros(state.q.shape)
-        load = sum((term.torque(state) for term in self.carried), np.zeros(state.q.shape))
+        known, load = others or {}, np.zeros(state.q.shape)
+        for term in self.carried:
+            load += known[id(term)] if id(term) in known else term.torque(state)
         return np.asarray(ways[0] * np.abs(load))
 
     @property

@@ -394,15 +394,16 @@ class TorqueModel:
         """
         if self.joint_offset.any():
             state = replace(state, q=state.q - self.joint_offset)
-        total = np.zeros(state.q.shape)
-        for term in self.terms:
-            torque = term.torque(state)
-            if torque.shape != total.shape:
+        found: dict[int, Array] = {}
+        # What depends on other terms' torque comes after them.
+        for term in sorted(self.terms, key=lambda term: term.OF_OTHERS):
+            torque = term.torque_given(state, found)
+            if torque.shape != state.q.shape:
                 raise EffectError(
-                    term.NAME, f"`torque` returns shape {torque.shape}, expected {total.shape}"
+                    term.NAME, f"`torque` returns shape {torque.shape}, expected {state.q.shape}"
                 )
-            total += torque
-        return total
+            found[id(term)] = torque
+        return sum(found.values(), np.zeros(state.q.shape))
 
     def prediction(self, state: State) -> Array:
         """Return what :meth:`torque_at` does, (N, n) N·m, for comparison with what was measured.

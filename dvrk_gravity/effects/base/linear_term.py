@@ -116,15 +116,12 @@ class LinearTerm(Term):
             computed before serves a fit with other encoder offsets.
         DIVIDED_WITH: Effects with which a fit divides one torque, at one place, by a choice: no
             part alone is a property of the arm, their sum is.
-        OF_OTHERS: Its regressor depends on the torque of the model's other terms (:meth:`beside`):
-            a fit tries it once it has these.
     """
 
     SITES: ClassVar[tuple[Kind, ...]] = (Kind.JOINT,)
     POWERS: ClassVar[bool] = False
     BY_MOTION: ClassVar[bool] = False
     DIVIDED_WITH: ClassVar[tuple[type[Term], ...]] = ()
-    OF_OTHERS: ClassVar[bool] = False
 
     @property
     @abstractmethod

@@ -90,6 +90,8 @@ class Term(Effect):
             belongs to a sensor.
         AT_POSES: Static poses determine it.
         WEIGHT_OF_ARM: The arm's own weight, without which nothing is compensated.
+        OF_OTHERS: It depends on the torque of the model's other terms (:meth:`with_terms`): a fit
+            tries it once it has these.
         NOT_FITTED: Why trajectories are not fitted with it, for whoever asks for that.
     """
 
@@ -98,6 +100,7 @@ class Term(Effect):
     COMPENSATED: ClassVar[bool] = True
     AT_POSES: ClassVar[bool] = False
     WEIGHT_OF_ARM: ClassVar[bool] = False
+    OF_OTHERS: ClassVar[bool] = False
     NOT_FITTED: ClassVar[str] = ""
 
     @classmethod
@@ -121,6 +124,10 @@ class Term(Effect):
     @abstractmethod
     def torque(self, state: State) -> Array:
         """Return (…, n) joint torques, N·m (N where a joint slides)."""
+
+    def torque_given(self, state: State, others: Mapping[int, Array]) -> Array:
+        """Return :meth:`torque` where (…, n) torques of other terms are known, by their ``id``."""
+        return self.torque(state)
 
     def with_terms(self, terms: Sequence[Term]) -> Term:
         """Return the term in a model with others; the same unless it depends on their torque."""
