@@ -18,7 +18,6 @@ from dvrk_gravity.diagnosis import (
     Gain,
     Known,
     Picture,
-    Rejected,
 )
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.identification import (
@@ -110,8 +109,8 @@ def example_diagnosis() -> Diagnosis:
     found = replace(
         finding("coulomb_friction", Estimate(0.01, 0.005, 0.015, "N·m"), Gain(0.4, 0.3, 0.5, 1e-9),
                 "positive"),
-        alternatives=(Alternative("presliding_hysteresis", ("elbow_pitch",), "as well"),),
-        rejected=(Rejected("viscous_friction", ("elbow_pitch",), "joint", 143.0, 59.0),),
+        alternatives=(Alternative("presliding_hysteresis", ("elbow_pitch",), why="as well"),),
+        rejected=(Alternative("viscous_friction", ("elbow_pitch",), "joint", 143.0, 59.0),),
         sentence="elbow_pitch has more",
         remedy="look at its cables",
     )  # fmt: skip

@@ -16,7 +16,7 @@ from unresolved_causes import MadeUp, cause, made_up, offset_or_spring, passed, 
 from dvrk_gravity import effects
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis import Files, FittedHypothesis, Unresolved
+from dvrk_gravity.diagnosis import Files, FittedHypothesis
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ModelUncertainty, TorqueModel
@@ -253,23 +253,22 @@ def test_a_diagnosis_names_what_plans_the_separation_of_each_of_its_causes(model
     diagnosis = example_diagnosis()
     files = Files.of(Path("out dir/findings.json"), Path("model.yaml"), [Path("run 1")])
 
-    def following(unresolved: Unresolved, causes: tuple[FittedHypothesis, ...]) -> list[str | None]:
+    def following(causes: tuple[FittedHypothesis, ...], **changes: object) -> list[str | None]:
         """Return what comes next of all, of a finding, of an ambiguity."""
         (finding,), (ambiguity,) = diagnosis.findings, diagnosis.ambiguities
         content = replace(
-            diagnosis, unresolved=unresolved, files=files,
-            findings=(replace(finding, unresolved=causes),),
-            ambiguities=(replace(ambiguity, unresolved=causes),),
+            diagnosis, files=files, findings=(replace(finding, unresolved=causes),),
+            ambiguities=(replace(ambiguity, unresolved=pair),), **changes,
         ).to_dict()  # fmt: skip
         return [content["next"], content["findings"][0]["next"], content["ambiguities"][0]["next"]]
 
-    (pair,), unresolved = unclear.groups, unclear.unresolved
-    command, *rest = following(unresolved, pair)
+    (pair,) = unclear.groups
+    command, *rest = following(pair)
     assert shlex.split(command)[:4] == ["dvrk_gravity", "plan", "--separate", files.findings]
-    assert rest == [command, command]
-    assert " --poses " in following(replace(unresolved, poses=True), pair)[1]
-    assert following(unresolved, ()) == [command, None, None], "a clear finding"
-    assert following(Unresolved(), pair) == [None] * 3
+    assert rest == [command, None], "there is no sign of either of the ambiguity's causes"
+    assert " --poses " in following(pair, motion=replace(diagnosis.motion, rate=None))[1]
+    assert following(pair[:1]) == [None] * 3, "a clear finding"
+    assert following(pair, against_reference=True) == [None] * 3
 
 
 def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path):

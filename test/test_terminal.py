@@ -106,7 +106,7 @@ def diagnosis() -> Diagnosis:
     first = replace(
         finding("coulomb_friction", small, CLEAR, "positive"),
         joints=("wrist_roll",), remedy="oil it",
-        alternatives=(Alternative("presliding_hysteresis", ("wrist_roll",), "as well"),),
+        alternatives=(Alternative("presliding_hysteresis", ("wrist_roll",), why="as well"),),
     )  # fmt: skip
     weak = replace(
         finding("torque_scale", Estimate(1.1, 0.9, 1.3, ""), CLEAR, "factor"), joints=JOINT_NAMES

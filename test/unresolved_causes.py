@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis import FittedHypothesis, Unresolved
+from dvrk_gravity.diagnosis import FittedHypothesis
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PlannedMotion, UnresolvedPairs, unresolved_pairs
@@ -50,10 +50,6 @@ class MadeUp:
     def left(self) -> np.ndarray:
         return 0.01 * self.model.arm.effort_limit
 
-    @property
-    def unresolved(self) -> Unresolved:
-        return Unresolved(self.groups, lasted=10.0)
-
     def pairs(self, model: TorqueModel | None = None) -> UnresolvedPairs:
         return unresolved_pairs(model or self.model, self.groups, self.left, False, 10.0)
 
@@ -61,7 +57,9 @@ class MadeUp:
         """Return what findings.json has of them."""
         joints = self.model.arm.joint_names
         errors = dict(zip(joints, self.left.tolist(), strict=True))
-        entry = {"model": "model.yaml", **self.unresolved.to_dict(joints)}
+        groups = [[each.to_dict() for each in group] for group in self.groups]
+        entry = {"model": "model.yaml", "joints": list(joints), "poses": False, "lasted": 10.0}
+        entry["groups"] = groups
         return {"verdict": "ambiguous", "rmse": {"after": errors}, "unseparated": entry}
 
 

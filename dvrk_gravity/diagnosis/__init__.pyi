@@ -55,11 +55,9 @@ from .results.findings import Contender as Contender
 from .results.findings import Finding as Finding
 from .results.findings import Known as Known
 from .results.findings import Picture as Picture
-from .results.findings import Rejected as Rejected
 from .results.findings import ordered as ordered
 from .results.fitted_hypothesis import UNREADABLE_CAUSE as UNREADABLE_CAUSE
 from .results.fitted_hypothesis import FittedHypothesis as FittedHypothesis
-from .results.fitted_hypothesis import Unresolved as Unresolved
 from .results.in_simulation import DURATION as DURATION
 from .results.in_simulation import WINDOW as WINDOW
 from .results.in_simulation import Drift as Drift

@@ -59,7 +59,7 @@ class Fault:
         sentence: The fault in words, with figures.
         remedy: What to do about it.
         factor: By which something is wrong; ``None``: by none.
-        alternative: Another effect that would look the same, its joints, and why.
+        alternatives: Other effects that would look the same, their joints, and why.
         of_one: Whether it is one of several recordings that has it.
     """
 
@@ -71,7 +71,7 @@ class Fault:
     sentence: str
     remedy: str
     factor: Estimate | None = None
-    alternative: tuple[str, tuple[str, ...], str] | None = None
+    alternatives: tuple[tuple[str, tuple[str, ...], str], ...] = ()
     of_one: bool = False
 
 
@@ -206,7 +206,7 @@ def _velocity_fault(
     fault: VelocityFault, recording: Recording, model: TorqueModel, still: Mapping[str, float]
 ) -> tuple[VelocityFault, Fault]:
     """Return the fault as the model decides it, of the clock or of the velocities, and in words."""
-    alternative = None
+    alternatives: tuple[tuple[str, tuple[str, ...], str], ...] = ()
     if fault.clock:
         better = _clock_fits_better(fault.mend(recording), fault.factor.value, model, still)
         if better < -_SIGNIFICANT:
@@ -216,7 +216,7 @@ def _velocity_fault(
                 "velocities of all joints equally too large or too small would look the "
                 "same, and the model's torques do not separate the two: a stopwatch does"
             )
-            alternative = VelocityScale.NAME, fault.joints, why
+            alternatives = ((VelocityScale.NAME, fault.joints, why),)
     shown, rate = fault.factor.shown, recording.rate or 0.0
     effect: type[TimeScale | VelocityScale] = TimeScale if fault.clock else VelocityScale
     joints = () if fault.clock else fault.joints
@@ -237,7 +237,7 @@ def _velocity_fault(
         )
     return fault, Fault(
         effect.NAME, joints, place, fault.removed, fault.p_value, sentence, effect.REMEDY,
-        fault.factor, alternative,
+        fault.factor, alternatives,
     )  # fmt: skip
 
 

@@ -34,7 +34,6 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
 )
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
-from dvrk_gravity.diagnosis.results.fitted_hypothesis import Unresolved
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.judgeable import reasons_not_to_judge
 from dvrk_gravity.diagnosis.results.method_notes import method_notes
@@ -128,8 +127,6 @@ def report(
     reference = motion.reference is not None
     blind = reasons_not_to_judge(data, held_out, posterior.detectable)
     unseparated = ambiguities(validation, named, posterior.pool)
-    several = [finding.unresolved for finding in findings if finding.unresolved]
-    several += [each.unresolved for each in unseparated if each.suspected]
     return Diagnosis(
         verdict=_verdict(findings, different or bool(grown) or leaves, blind),
         findings=tuple(findings),
@@ -165,7 +162,6 @@ def report(
         exact="" if reference else sentences.why_exact(motion.model),
         motion=motion,
         held_out_spans=tuple(data.held_out_spans),
-        unresolved=Unresolved.of(several, motion),
         detectable=posterior.detectable,
         cannot_judge=blind,
         model_verdict="" if motion.model.verdict == NO_VERDICT else motion.model.verdict,

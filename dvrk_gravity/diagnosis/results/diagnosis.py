@@ -17,13 +17,14 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.detectable import Detectable
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
-from dvrk_gravity.diagnosis.results.fitted_hypothesis import Unresolved
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
 from dvrk_gravity.diagnosis.results.in_simulation import InSimulation
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.tabular import Columns, Tabular
 from dvrk_gravity.validation import split_link
 
+_READING = 0.5  # s, in which the efforts of a static pose are read. As `plan --poses` has it
 _UNEXPECTED = 2.0  # times what a model expects of itself: more than it should be. Chosen
 Verdict = Literal[
     "nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained",
@@ -92,7 +93,6 @@ class Diagnosis(Tabular):
         of_file: The model is what an arm's own file states.
         exact: Why the model counts as exact; ``""`` if it states its uncertainty.
         misplaced: Where a load was stated to be, and does not fit; ``""``: it fits, or none was.
-        unresolved: Causes that this data cannot separate, and that a plan may.
         motion: What was diagnosed, as it was finally read.
         held_out_spans: Beginning and end of each held-out span of time, s.
         files: Where it is written.
@@ -122,7 +122,6 @@ class Diagnosis(Tabular):
     outside: tuple[str, ...] = ()
     of_file: bool = False
     exact: str = ""
-    unresolved: Unresolved = field(default=Unresolved(), repr=False)
     detectable: tuple[Detectable, ...] = ()
     cannot_judge: tuple[str, ...] = ()
     model_verdict: str = ""
@@ -201,18 +200,34 @@ class Diagnosis(Tabular):
         return sentences.what_is_compared(self.band)
 
     @property
+    def unresolved(self) -> tuple[tuple[FittedHypothesis, ...], ...]:
+        """Groups of causes that this data cannot separate, and that a plan may: one is there."""
+        suspected = [each for each in self.ambiguities if each.suspected]
+        several: list[Finding | Ambiguity] = [*self.findings, *suspected]
+        return tuple(group for each in several if (group := self._separable(each)))
+
+    def _separable(self, several: Finding | Ambiguity) -> tuple[FittedHypothesis, ...]:
+        """Return those of its causes whose torque is known in other motions, two names or more."""
+        if self.against_reference:  # torques are known only where they were measured
+            return ()
+        known = tuple(each for each in several.unresolved if each.known_elsewhere)
+        return known if len({each.named for each in known}) > 1 else ()
+
+    @property
     def separated_by(self) -> str:
         """The command that plans what separates causes; ``""``: there are none to separate."""
-        if not self.unresolved.groups:
+        if not self.unresolved:
             return ""
-        return sentences.separating_command(self.files.findings, self.unresolved.poses)
+        return sentences.separating_command(self.files.findings, self.motion.static)
 
     def separating(self, several: Finding | Ambiguity) -> str:
         """Return the command that plans what separates its causes; ``""``: no plan may."""
-        return self.separated_by if self.unresolved.holds(several.unresolved) else ""
+        wanted = isinstance(several, Finding) or several.suspected
+        return self.separated_by if wanted and self._separable(several) else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""
+        lasts = _READING if self.motion.rate is None else 1.0 / self.motion.rate
         return {
             "format": 2,
             "verdict": self.verdict,
@@ -258,7 +273,10 @@ class Diagnosis(Tabular):
             "unseparated": {
                 "model": self.files.model or None,
                 "recordings": list(self.files.recordings),
-                **self.unresolved.to_dict(self.model.arm.joint_names),
+                "joints": list(self.model.arm.joint_names),
+                "poses": self.motion.static,
+                "lasted": len(self.motion.q) * lasts,
+                "groups": [[each.to_dict() for each in group] for group in self.unresolved],
             },
         }
 

@@ -16,14 +16,13 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.readings import poorly_stated
 from dvrk_gravity.diagnosis.inference.regression import estimates
-from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (
     NOT_AS_FOUND,
     Alternative,
     Finding,
     Picture,
-    Rejected,
 )
 from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
 from dvrk_gravity.diagnosis.results.identifiability import separation
@@ -93,14 +92,7 @@ def effect_finding(
         gain=gain,
         alternatives=_alternatives(validation, rest, effect),
         rejected=tuple(
-            Rejected(
-                other.candidate.hypothesis.effect,
-                other.candidate.hypothesis.names,
-                other.candidate.hypothesis.place,
-                other.gain,
-                effect.trial.gain - other.gain,
-            )
-            for other in effect.rejected
+            _alternative(other, effect.trial) for other in effect.rejected
         ),
         sentence=sentences.effect_found(
             hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints],
@@ -148,6 +140,12 @@ def _freed(
     return parameters | widened
 
 
+def _alternative(other: EffectTrial, found: EffectTrial, why: str = "") -> Alternative:
+    hypothesis, behind = other.candidate.hypothesis, found.gain - other.gain
+    names = hypothesis.effect, hypothesis.names, hypothesis.place
+    return Alternative(*names, other.gain, behind, why)
+
+
 def _alternatives(
     validation: CrossValidation, rest: Sequence[Candidate], effect: SelectedEffect
 ) -> tuple[Alternative, ...]:
@@ -155,7 +153,7 @@ def _alternatives(
     chosen, gain = effect.trial.candidate, effect.trial.gain
     found = dict[tuple[str, tuple[int, ...]], Alternative]()
     for other in effect.alternatives:
-        hypothesis, key = other.candidate.hypothesis, other.named
+        key = other.named
         if key in found or key == effect.trial.named:
             continue
         how = "as well"
@@ -163,7 +161,7 @@ def _alternatives(
             how = "better, with more parameters"
         apart = separation(validation, rest, chosen, other.candidate)
         why = sentences.alternative(other.gain, gain, f"explains unseen blocks {how}", apart)
-        found[key] = Alternative(hypothesis.effect, hypothesis.names, why)
+        found[key] = _alternative(other, effect.trial, why)
     return tuple(found.values())
 
 

@@ -25,22 +25,7 @@ OF_ONE = "recordings differ in how they were read"
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another explanation that the data cannot separate from the one found.
-
-    Attributes:
-        effect: Name in the vocabulary.
-        joints: Names of the joints.
-        why: Numbers, and what would separate the two.
-    """
-
-    effect: str
-    joints: tuple[str, ...]
-    why: str
-
-
-@dataclass(frozen=True)
-class Rejected:
-    """A worse explanation than the one found.
+    """Another explanation than the one found.
 
     Attributes:
         effect: Name in the vocabulary.
@@ -48,13 +33,16 @@ class Rejected:
         place: Form of the effect.
         gain: Log-likelihood gain on unseen blocks.
         behind: How much less that is than for the one found.
+        why: Why it may stand in that one's place, and what would separate the two; ``""``: it is
+            worse.
     """
 
     effect: str
     joints: tuple[str, ...]
-    place: str
-    gain: float
-    behind: float
+    place: str = ""
+    gain: float = 0.0
+    behind: float = 0.0
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -171,7 +159,7 @@ class Finding:
     parameters: Mapping[str, Estimate]
     gain: Gain
     alternatives: tuple[Alternative, ...]
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[Alternative, ...]
     sentence: str
     picture: Picture | None
     left_out: str

@@ -11,7 +11,6 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.results.hypothesis_file import (
     as_read,
@@ -23,7 +22,6 @@ from dvrk_gravity.diagnosis.results.hypothesis_file import (
 from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site
 from dvrk_gravity.errors import ConfigError
 
-_READING = 0.5  # s, in which the efforts of a static pose are read. As `plan --poses` has it
 UNREADABLE_CAUSE = "a cause as `diagnose` of this version writes it"
 
 
@@ -140,48 +138,3 @@ class FittedHypothesis:
             return found
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise ConfigError(where, str(error), UNREADABLE_CAUSE) from error
-
-
-@dataclass(frozen=True, eq=False)
-class Unresolved:
-    """Causes that recordings could not separate, and what a plan needs to know beside them.
-
-    Attributes:
-        groups: Causes of which one is there, each time; any may be the true one.
-        poses: Static poses were diagnosed.
-        lasted: How long what was diagnosed lasts, s.
-    """
-
-    groups: tuple[tuple[FittedHypothesis, ...], ...] = ()
-    poses: bool = False
-    lasted: float = 0.0
-
-    @classmethod
-    def of(
-        cls, several: Sequence[Sequence[FittedHypothesis]], motion: MeasuredMotion
-    ) -> Unresolved:
-        """Return the causes whose torque is known in other motions, where two names are left.
-
-        Args:
-            several: Causes of which one is there, each time.
-            motion: What was diagnosed.
-        """
-        if motion.reference is not None:  # torques are known only where they were measured
-            several = ()
-        known = (tuple(each for each in group if each.known_elsewhere) for group in several)
-        groups = tuple(group for group in known if len({each.named for each in group}) > 1)
-        lasts = _READING if motion.rate is None else 1.0 / motion.rate
-        return cls(groups, motion.static, lasts * len(motion.q))
-
-    def holds(self, group: Sequence[FittedHypothesis]) -> bool:
-        """Return whether a plan may separate some causes."""
-        return any(each in group for kept in self.groups for each in kept)
-
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Return its part of findings.json."""
-        return {
-            "joints": list(joints),
-            "poses": self.poses,
-            "lasted": self.lasted,
-            "groups": [[each.to_dict() for each in group] for group in self.groups],
-        }

@@ -98,7 +98,9 @@ def fault_finding(fault: Fault) -> Finding:
         place=fault.place,
         parameters={"factor": fault.factor} if fault.factor else {},
         gain=Gain(*fault.removed, fault.p_value),
-        alternatives=(Alternative(*fault.alternative),) if fault.alternative else (),
+        alternatives=tuple(
+            Alternative(effect, joints, why=why) for effect, joints, why in fault.alternatives
+        ),
         rejected=(),
         sentence=fault.sentence,
         picture=None,
@@ -134,7 +136,7 @@ def reading_finding(wrong: WrongReading, before: Array, after: Array, held_out: 
             Alternative(
                 other.reading.effect.NAME,
                 tuple(names[joint] for joint in other.reading.joints),
-                sentences.alternative(other.gain, wrong.score.gain, other.reading.words),
+                why=sentences.alternative(other.gain, wrong.score.gain, other.reading.words),
             )
             for other in wrong.alternatives
         ),
