@@ -275,7 +275,7 @@ def test_a_model_without_inertia_does_not_tell_a_clock_from_velocities():
     (first,) = put_right([stamped(0.503, duration=18.0)], weight, None, {}).faults
 
     assert first.effect == "time_scale"
-    assert first.alternative[0] == "velocity_scale"
+    assert first.alternatives[0][0] == "velocity_scale"
 
 
 # What a filter or a friction that is late makes of efforts is no delay of theirs.
