@@ -19,11 +19,11 @@ Exit status 1 if a pooled coverage is not within 93 to 97 %, of MuJoCo's arms 90
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -48,6 +48,7 @@ from dvrk_gravity.identification import (
 )
 from dvrk_gravity.intake import read_motions
 from dvrk_gravity.model import Columns, starts
+from testing.jobs import run_all
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import NAMES, MujocoWorld
 from testing.world import World
@@ -324,16 +325,19 @@ def main() -> int:
         arms = arguments.arms.split(",")
         names = [arms[seed % len(arms)] for seed in seeds]
         run = partial(of_arm, duration=arguments.duration)
-        given: tuple[Sequence[Any], ...] = (names, seeds)
+        given: list[tuple[Any, ...]] = list(zip(names, seeds, strict=True))
     else:
         run = partial(repeated, duration=arguments.duration, titles=tuple(counts))
-        given = (seeds,)
-    with ProcessPoolExecutor(arguments.jobs) as pool:
-        for repetition, results in enumerate(pool.map(run, *given)):
-            for count, (parameters, truth) in zip(counts.values(), results, strict=True):
-                count.add(parameters, truth)
-            if (repetition + 1) % 20 == 0:
-                progress(repetition + 1, time.perf_counter() - start, counts)
+        given = [(seed,) for seed in seeds]
+    repetition = itertools.count(1)
+
+    def take(results: Sequence[Any]) -> None:
+        for count, (parameters, truth) in zip(counts.values(), results, strict=True):
+            count.add(parameters, truth)
+        if (number := next(repetition)) % 20 == 0:
+            progress(number, time.perf_counter() - start, counts)
+
+    run_all(run, given, arguments.jobs, take)
     for title, count in counts.items():
         report(title, count)
     if arguments.json:

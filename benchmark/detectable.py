@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.files import text_file
 from dvrk_gravity.identification import identify
+from testing.jobs import run_all
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 
@@ -72,8 +72,7 @@ def main() -> int:
     parser.add_argument("--json")
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.arms)
-    with ProcessPoolExecutor(args.jobs) as pool:
-        results = list(pool.map(trial, seeds))
+    results = run_all(trial, [(seed,) for seed in seeds], args.jobs)
     if args.json:
         text_file.write(args.json, json.dumps(results, indent=1) + "\n")
     whole, half = (sum(each[str(part)] for each in results) for part in PARTS)

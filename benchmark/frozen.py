@@ -17,7 +17,6 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -32,6 +31,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing import hide, lab_effects
 from testing.hidden_parts import Hidden
+from testing.jobs import run_all
 from testing.lab_outside import OUTSIDE
 from testing.score import Outcome, run_trial
 from testing.session import Laboratory
@@ -129,8 +129,8 @@ def judged(folder: Path) -> dict[str, Any]:
 def judge(folder: Path, out: Path, jobs: int, arms: list[str] | None) -> None:
     """Judge every arm's recordings."""
     found = [own for own in sorted(folder.iterdir()) if not arms or own.name in arms]
-    with ProcessPoolExecutor(jobs) as pool:
-        answers = dict(zip([own.name for own in found], pool.map(judged, found), strict=True))
+    results = run_all(judged, [(own,) for own in found], jobs)
+    answers = dict(zip([own.name for own in found], results, strict=True))
     out.write_text(json.dumps(answers, indent=1, default=float))
 
 

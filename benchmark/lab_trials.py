@@ -25,11 +25,12 @@ from dvrk_gravity.recording import Recording
 from testing import hide as ours
 from testing import lab_effects
 from testing.hidden_parts import Hidden
+from testing.jobs import run_all
 from testing.lab_effects import left_by
 from testing.lab_motion import draw_calibration, draw_other
 from testing.lab_outside import OUTSIDE
 from testing.mujoco_world import MujocoWorld
-from testing.session import Laboratory, Session, Trial, hold, hold_all, save, table
+from testing.session import Laboratory, Session, Trial, hold, save, table
 from testing.trial_arguments import parsed, trial_parser
 from testing.world import World
 
@@ -138,7 +139,7 @@ def main() -> int:
             effects = ["nothing"] * args.clean + hidden
             arm = "mtmr" if engine == "ours" else arms[seed % len(arms)]
             todo.append((engine, arm, seed, effects, tuple(args.sizes), args.through_file))
-    sessions = hold_all(run, todo, args.jobs)
+    sessions = run_all(run, todo, args.jobs)
     if args.json:
         save(sessions, args.json)
     for engine in ENGINES:

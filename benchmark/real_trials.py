@@ -31,9 +31,10 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing import lab_effects
 from testing.hidden_parts import Hidden
+from testing.jobs import run_all
 from testing.lab_effects import Hiding, Setting, left_by
 from testing.lab_physics import Truth
-from testing.session import Laboratory, Session, Trial, hold, hold_all, tell
+from testing.session import Laboratory, Session, Trial, hold, tell
 
 DATA = Path(
     os.environ.get("DVRK_GRAVITY_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")
@@ -280,7 +281,7 @@ def main() -> int:
     known = [effect for effect in lab_effects.HIDERS if effect != "nothing"]
     effects = [effect for effect in known if args.effects is None or effect in args.effects]
     todo = [(case, effects, args.places) for case in args.cases]
-    tell("real recordings", hold_all(run, todo, args.jobs), args.json)
+    tell("real recordings", run_all(run, todo, args.jobs), args.json)
     return 0
 
 

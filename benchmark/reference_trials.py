@@ -18,10 +18,11 @@ import numpy as np
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass, Recording
 from testing import lab_effects
+from testing.jobs import run_all
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 from testing.score import Outcome, run_trial
-from testing.session import Session, hold_all, tell
+from testing.session import Session, tell
 from testing.trial_arguments import parsed, trial_parser
 
 # Zeros, the tilt and masses of links cannot be told from a difference (docs/diagnosis.md).
@@ -69,7 +70,7 @@ def main() -> int:
     todo = [
         (arms[seed % len(arms)], seed, effects, tuple(args.sizes)) for seed in range(*args.seeds)
     ]
-    tell("beside a reference", hold_all(run, todo, args.jobs), args.json)
+    tell("beside a reference", run_all(run, todo, args.jobs), args.json)
     return 0
 
 

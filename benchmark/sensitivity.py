@@ -18,7 +18,6 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
@@ -53,6 +52,7 @@ from dvrk_gravity.recording import (
     TimingSettings,
     prepare,
 )
+from testing.jobs import run_all
 from testing.lab_effects import hide
 from testing.lab_motion import draw_calibration, draw_other, fourier
 from testing.mujoco_world import MujocoWorld
@@ -377,26 +377,23 @@ def main() -> int:
         known = ", ".join(dict.fromkeys(settings.__name__ for settings, _ in CLASSES))
         parser.error(f"--settings {' '.join(given.settings)}: expected some of {known}")
     table, silent = [], []
-    with ProcessPoolExecutor(given.jobs, initializer=Lab.set_up) as pool:
-        groups = {CLASSES[number][1]: number for number, _ in wanted}
-        plain = {group: pool.submit(solve, number, None, 1.0) for group, number in groups.items()}
-        runs = [
-            (number, name, [pool.submit(solve, number, name, factor) for factor in (0.5, 2.0)])
-            for number, name in wanted
-        ]
-        for number, name, halves in runs:
-            settings, problems = CLASSES[number]
-            _, before = plain[problems].result()
-            where = f"{settings.__module__.split('.', 1)[1]}.{settings.__name__}.{name}"
-            anything = False
-            for half in halves:
-                value, after = half.result()
-                differs = moved(before, after)
-                anything |= bool(differs)
-                table.append({"threshold": where, "value": value, "moved": differs})
-                print(f"{where} = {value}: {'; '.join(differs) or 'nothing moves'}", flush=True)
-            if not anything:
-                silent.append(where)
+    groups = {CLASSES[number][1]: number for number, _ in wanted}
+    todo: list[tuple[int, str | None, float]] = [(n, None, 1.0) for n in groups.values()]
+    todo += [(number, name, factor) for number, name in wanted for factor in (0.5, 2.0)]
+    solved = dict(zip(todo, run_all(solve, todo, given.jobs), strict=True))
+    for number, name in wanted:
+        settings, problems = CLASSES[number]
+        _, before = solved[groups[problems], None, 1.0]
+        where = f"{settings.__module__.split('.', 1)[1]}.{settings.__name__}.{name}"
+        anything = False
+        for factor in (0.5, 2.0):
+            value, after = solved[number, name, factor]
+            differs = moved(before, after)
+            anything |= bool(differs)
+            table.append({"threshold": where, "value": value, "moved": differs})
+            print(f"{where} = {value}: {'; '.join(differs) or 'nothing moves'}", flush=True)
+        if not anything:
+            silent.append(where)
     print(f"\nnothing reacts to: {', '.join(silent) or 'none'}")
     if given.json:
         given.json.write_text(json.dumps({"table": table, "silent": silent}, indent=1), "utf-8")

@@ -10,19 +10,20 @@ arm without what was hidden.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
 import time
 import traceback
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
 from testing.hide import HIDERS, STREAMS, Hidden, hide
+from testing.jobs import run_all
 from testing.world import World
 
 PAIRS = (
@@ -264,12 +265,12 @@ def main() -> int:
         todo = [job for job in todo if set(job[1]) & set(args.effects)]
     if args.static:
         todo = [job for job in todo if job[2]]
-    outcomes = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        running = [pool.submit(trial, *job) for job in todo]
-        for number, done in enumerate(as_completed(running), start=1):
-            outcomes.append(done.result())
-            print(f"\r{number}/{len(todo)}", end="", file=sys.stderr, flush=True)
+    done = itertools.count(1)
+
+    def count(outcome: Outcome) -> None:
+        print(f"\r{next(done)}/{len(todo)}", end="", file=sys.stderr, flush=True)
+
+    outcomes = run_all(trial, todo, args.jobs, count)
     print(file=sys.stderr)
     outcomes.sort(key=lambda o: (o.static, o.effects, o.seed))
     if args.json:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
+from testing.jobs import run_all
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import NAMES, MujocoWorld
 
@@ -56,5 +56,5 @@ def of_each_arm(
     args = parser.parse_args(given)
     drawn, seeds = args.arms.split(","), range(*args.seeds)
     names = [drawn[seed % len(drawn)] for seed in seeds]
-    with ProcessPoolExecutor(args.jobs) as pool:
-        yield from zip(names, seeds, pool.map(run, names, seeds), strict=True)
+    results = run_all(run, list(zip(names, seeds, strict=True)), args.jobs)
+    yield from zip(names, seeds, results, strict=True)

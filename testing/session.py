@@ -7,7 +7,6 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -86,20 +85,6 @@ def hold(session: Session, prepare: Callable[[], Laboratory]) -> Session:
         session.failure = f"{session.engine} {session.arm} {session.seed}: left out: {why}"
         _say(session.failure)
     return session
-
-
-def hold_all(run: Callable[..., Session], todo: Sequence[tuple], jobs: int) -> list[Session]:
-    """Return the sessions that a function holds of some arguments.
-
-    Args:
-        run: Holds one.
-        todo: Its arguments.
-        jobs: Processes.
-    """
-    if jobs == 1:
-        return [run(*arguments) for arguments in todo]
-    with ProcessPoolExecutor(jobs) as pool:
-        return list(pool.map(run, *zip(*todo, strict=True)))
 
 
 def save(sessions: Sequence[Session], path: str) -> None:
