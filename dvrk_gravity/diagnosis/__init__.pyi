@@ -22,6 +22,7 @@ from .inference.held_out import Gain as Gain
 from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
+from .inference.hypotheses import hypotheses as hypotheses
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer
 from .inference.load_posterior import Fitted as Fitted
@@ -29,10 +30,6 @@ from .inference.load_posterior import LoadPosterior as LoadPosterior
 from .inference.nonlinear import refined as refined
 from .inference.nonlinear import relinearised as relinearised
 from .inference.nonlinear import tangents as tangents
-from .inference.reading_search import effort_scales as effort_scales
-from .inference.reading_search import try_readings as try_readings
-from .inference.readings import correct_readings as correct_readings
-from .inference.readings import hypotheses as hypotheses
 from .inference.recurring_misfit import AtCalibration as AtCalibration
 from .inference.recurring_misfit import Expected as Expected
 from .inference.regression import estimates as estimates
@@ -41,6 +38,9 @@ from .inference.selection import SelectionSettings as SelectionSettings
 from .inference.significance import Multiplicity as Multiplicity
 from .inference.significance import Significance as Significance
 from .inference.significance import SignificanceSettings as SignificanceSettings
+from .readings.correction import correct_readings as correct_readings
+from .readings.search import effort_scales as effort_scales
+from .readings.search import try_readings as try_readings
 from .results.assembly import report as report
 from .results.diagnosis import Diagnosis as Diagnosis
 from .results.diagnosis import Files as Files

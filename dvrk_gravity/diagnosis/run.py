@@ -11,13 +11,20 @@ from dvrk_gravity.diagnosis.data.faults import Fault, put_right
 from dvrk_gravity.diagnosis.data.fit_to_judge import require_gravity, require_predictable
 from dvrk_gravity.diagnosis.data.loading import Loaded, load
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
-from dvrk_gravity.diagnosis.inference.infer import infer, silent, with_load_elsewhere
+from dvrk_gravity.diagnosis.inference.infer import (
+    empty_posterior,
+    infer,
+    silent,
+    with_load_elsewhere,
+)
+from dvrk_gravity.diagnosis.readings.correction import correct_readings
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.effects import ReadingErrors, place_of, require_visible_load
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.intake import (
     check_mass,
+    contradiction,
     in_their_unit,
     known_still,
     require_newtons,
@@ -96,11 +103,16 @@ def diagnose(
     say = progress or silent
     say("reading")
     problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
-    as_stated = infer(problem.loaded, say)
-    elsewhere = with_load_elsewhere(as_stated, problem.loaded, say)
-    posterior = elsewhere or as_stated
+    read = correct_readings(problem.loaded, say)
+    if contradiction(read.loaded.warnings) and not read.wrong:
+        as_stated, elsewhere = empty_posterior(read.loaded, read.hypotheses), None
+    else:
+        as_stated = infer(read.loaded, read.hypotheses, say)
+        elsewhere = with_load_elsewhere(as_stated, say)
     say("measuring gains on held-out blocks")
-    diagnosis = report(posterior, problem.faults, known_payload, problem.errors)
+    diagnosis = report(
+        elsewhere or as_stated, problem.faults, read.wrong, known_payload, problem.errors
+    )
     if elsewhere is not None:
         diagnosis = replace(diagnosis, misplaced=str(payload_at))
     return diagnosis

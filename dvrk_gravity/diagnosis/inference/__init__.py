@@ -1,1 +1,1 @@
-"""Which readings and which effects explain the residual."""
+"""Which effects explain the residual."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.effects import AbsorbedByModel, Hypothesis, RequiresParts
 from dvrk_gravity.estimation import NORMAL_95, evidence
@@ -99,6 +100,11 @@ class HeldOut:
         self._block = data.block[self._held]
         self._time = data.time[self._held]
         self._usable = data.usable[self._held]
+
+    @property
+    def motion(self) -> MeasuredMotion:
+        """The motion that was diagnosed."""
+        return self._validation.data.motion
 
     @property
     def joint_names(self) -> tuple[str, ...]:

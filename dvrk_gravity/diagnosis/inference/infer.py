@@ -1,4 +1,4 @@
-"""Which readings and effects explain a recording: selection, comparison, confirmation."""
+"""Which effects explain a recording: selection, comparison, confirmation."""
 
 from __future__ import annotations
 
@@ -22,11 +22,8 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable, detectable
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
+from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, baseline
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
-from dvrk_gravity.diagnosis.inference.readings import (
-    WrongReading,
-    correct_readings,
-)
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.remaining import (
     minor_effects,
@@ -36,7 +33,6 @@ from dvrk_gravity.diagnosis.inference.remaining import (
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
 from dvrk_gravity.effects import Kind
-from dvrk_gravity.intake import contradiction
 
 _DOUBTFUL = 1.5  # times the noise: then the masses of a model without uncertainty are free. Chosen
 _OTHER_ARM = "effects were not looked for: no effect of one arm explains a recording of the other"
@@ -49,7 +45,6 @@ class Posterior:
 
     Attributes:
         loaded: The motion as it was finally read.
-        wrong: Wrong readings, in the order in which they were corrected.
         validation: The samples, linearised at the fit.
         selected: Effects.
         unexplained: Structure that no effect explains.
@@ -65,7 +60,6 @@ class Posterior:
     """
 
     loaded: Loaded
-    wrong: tuple[WrongReading, ...]
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
     unexplained: tuple[EffectTrial, ...]
@@ -85,7 +79,9 @@ def silent(line: str) -> None:
     del line
 
 
-def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
+def infer(
+    loaded: Loaded, hypotheses: Hypotheses | None = None, say: Callable[[str], None] = silent
+) -> Posterior:
     """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
 
     Beside a reference, friction and springs are first taken to vary from day to day. Where the fit
@@ -93,15 +89,17 @@ def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
 
     Args:
         loaded: The motion, beside the model or the reference.
+        hypotheses: About the motion, where they are known.
         say: Called with one line at every step.
     """
-    search = _search(loaded, say)
+    search = _search(loaded, hypotheses or Hypotheses.of(baseline(loaded.motion)), say)
     friction, springs = search.changed_joints()
     while friction or springs:
         search.validation.data.release()
         say("comparing hypotheses with changed friction and springs")
         motion = replace(loaded.motion, changed_friction=friction, changed_springs=springs)
-        posterior = _confirmed(_search(replace(loaded, motion=motion), say))
+        hypotheses = Hypotheses.of(baseline(motion))
+        posterior = _confirmed(_search(replace(loaded, motion=motion), hypotheses, say))
         found = {
             joint
             for effect in posterior.selected
@@ -115,8 +113,21 @@ def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
     return _confirmed(search)
 
 
+def empty_posterior(loaded: Loaded, hypotheses: Hypotheses) -> Posterior:
+    """Return a posterior without effects, of a recording of the other arm: no effect explains it.
+
+    Args:
+        loaded: The motion.
+        hypotheses: About it.
+    """
+    loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
+    counted = Multiplicity.of(hypotheses.pool)
+    validation = hypotheses.context.validation
+    return _confirmed(_Search(loaded, validation, [], [], [], [], [], None, counted))
+
+
 def with_load_elsewhere(
-    posterior: Posterior, loaded: Loaded, say: Callable[[str], None] = silent
+    posterior: Posterior, say: Callable[[str], None] = silent
 ) -> Posterior | None:
     """Return what explains a motion whose load is not where it is stated to be.
 
@@ -125,16 +136,17 @@ def with_load_elsewhere(
 
     Args:
         posterior: What explains it with a load at that place.
-        loaded: The motion.
         say: Called with one line at every step.
 
     Returns:
         ``None`` where no place is stated, or the stated one explains it as well.
     """
+    loaded = posterior.loaded
     if loaded.motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    anywhere = infer(replace(loaded, motion=replace(loaded.motion, payload_at=None)), say)
+    free = replace(loaded, motion=replace(loaded.motion, payload_at=None))
+    anywhere = infer(free, say=say)
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None
@@ -149,7 +161,6 @@ class _Search:
     """What was selected, before it is linearised at the fit."""
 
     loaded: Loaded
-    wrong: tuple[WrongReading, ...]
     validation: CrossValidation
     selected: list[SelectedEffect]
     unexplained: list[EffectTrial]
@@ -179,19 +190,15 @@ class _Search:
         return friction, changed_springs(motion, mean, covariance, causes)
 
 
-def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
-    """Return readings, effects and unexplained structure that the samples of selection show."""
-    read = correct_readings(loaded, say)
-    loaded, validation, pool = read.loaded, read.context.validation, read.pool
+def _search(loaded: Loaded, about: Hypotheses, say: Callable[[str], None]) -> _Search:
+    """Return effects and unexplained structure that the samples of selection show."""
+    validation, pool = about.context.validation, about.pool
     data = validation.data
-    if contradiction(loaded.warnings) and not read.wrong:
-        loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
-        return _Search(loaded, (), validation, [], [], [], [], [], None, Multiplicity.of(pool))
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
     selection = Selection(
-        validation, sparse, say, expected=read.context.candidates, at_calibration=at_calibration
+        validation, sparse, say, expected=about.context.candidates, at_calibration=at_calibration
     )
     say("comparing hypotheses")
     chosen = selection.run()
@@ -215,7 +222,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     loaded.motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
-        loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse,
+        loaded, validation, selected, unexplained, unconfirmed, pool, sparse,
         at_calibration, selection.multiplicity,
     )  # fmt: skip
 
@@ -241,7 +248,7 @@ def _confirmed(search: _Search) -> Posterior:
     seen = detectable(FitContext(validation, tuple(named)), search.pool, search.multiplicity)
     validation.data.release()
     return Posterior(
-        search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
+        search.loaded, validation, tuple(selected), tuple(search.unexplained),
         joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
         tuple(search.pool), search.at_calibration, floor, seen,
     )  # fmt: skip

@@ -14,16 +14,17 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
 from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
+from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
 from dvrk_gravity.diagnosis.inference.infer import Posterior
 from dvrk_gravity.diagnosis.inference.load_posterior import Fitted, LoadPosterior
 from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
-from dvrk_gravity.diagnosis.inference.readings import (
-    error_as_read,
-    error_beside_baseline,
-    poorly_stated,
-)
 from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.remaining import proven_error
+from dvrk_gravity.diagnosis.readings.correction import (
+    WrongReading,
+    error_as_read,
+    error_beside_baseline,
+)
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.results.effect_findings import (
@@ -60,6 +61,7 @@ from dvrk_gravity.model import NO_VERDICT, TorqueModel
 def report(
     posterior: Posterior,
     faults: Sequence[Fault] = (),
+    wrong: Sequence[WrongReading] = (),
     known_payload: float | None = None,
     errors: ReadingErrors | None = None,
 ) -> Diagnosis:
@@ -68,23 +70,24 @@ def report(
     Args:
         posterior: What explains the recordings.
         faults: Of the recordings themselves, which were corrected.
+        wrong: Wrong readings, in the order in which they were corrected.
         known_payload: Mass that a link carries, kg: the payload found is compared with it.
         errors: Errors of readings that the recordings were corrected for; ``None``: none.
     """
-    loaded, wrong, validation = posterior.loaded, posterior.wrong, posterior.validation
+    loaded, validation = posterior.loaded, posterior.validation
     held_out, data = HeldOut(validation), validation.data
     motion, names = data.motion, data.motion.arm.joint_names
     named = [effect.trial.candidate for effect in posterior.selected]
     theta, covariance, spreads = _fit(validation, named)
     differences = _differences(validation, named, loaded.sources)
-    model, left_out, conflicts = _extended(posterior, held_out, named, theta, differences)
+    model, left_out, conflicts = _extended(posterior, wrong, held_out, named, theta, differences)
     if errors is not None:
         model = replace(model, reading_errors=errors.after(model.reading_errors))
     findings = [fault_finding(fault) for fault in faults]
     first = held_out.as_read()
     if wrong:
         first = error_as_read(wrong[0].motion, data, held_out)
-        findings += _reading_findings(posterior, held_out, named, first)
+        findings += _reading_findings(wrong, held_out, named, first)
     effect_findings = []
     floor, proven = posterior.floor, proven_error(data)
     likely = np.fmax(floor, proven)
@@ -218,6 +221,7 @@ def _differences(
 
 def _extended(
     posterior: Posterior,
+    misread: Sequence[WrongReading],
     held_out: HeldOut,
     named: Sequence[Candidate],
     theta: Array,
@@ -246,17 +250,17 @@ def _extended(
         model, left_out = extended(motion, found, conflicts)
     if found:
         # Samples that are kept would be as they were read.
-        as_read = posterior.wrong or any(each.EFFECT.READS_WRONGLY for each, _ in found)
+        as_read = misread or any(each.EFFECT.READS_WRONGLY for each, _ in found)
         whole = not any(left_out) and not as_read
         model = updated(model, posterior.validation, named, held_out, conflicts, whole)
     right = ReadingErrors.none(motion.arm.n)
-    wrong = [errors for each in posterior.wrong if (errors := each.score.reading.errors)]
+    wrong = [errors for each in misread if (errors := each.score.reading.errors)]
     errors = reduce(ReadingErrors.after, [*wrong, model.reading_errors], right)
     return replace(model, reading_errors=errors), left_out, conflicts
 
 
 def _reading_findings(
-    posterior: Posterior, held_out: HeldOut, named: Sequence[Candidate], first: Array
+    misread: Sequence[WrongReading], held_out: HeldOut, named: Sequence[Candidate], first: Array
 ) -> list[Finding]:
     """Return wrong readings, all by the gain of their corrections together.
 
@@ -264,11 +268,11 @@ def _reading_findings(
     """
     before, after = first, held_out.as_read()
     # What friction hides does not separate readings.
-    if baseline := poorly_stated(posterior.validation.data.motion):
+    if baseline := poorly_stated(held_out.motion):
         of_file = [candidate for candidate in named if candidate.hypothesis.effect in baseline]
-        before = error_beside_baseline(posterior.wrong[0].motion)
+        before = error_beside_baseline(misread[0].motion)
         after = held_out.error(of_file)
-    return [reading_finding(wrong, before, after, held_out) for wrong in posterior.wrong]
+    return [reading_finding(wrong, before, after, held_out) for wrong in misread]
 
 
 def _scale_error(arm: Arm) -> float:

@@ -15,10 +15,10 @@ from dvrk_gravity.diagnosis.data.model_error import part_of_friction
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext, variation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
-from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.remaining import ABOVE, expected_error, proven_error
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
+from dvrk_gravity.diagnosis.readings.correction import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.effect_findings import picture_of
 from dvrk_gravity.diagnosis.results.findings import (

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
-from dvrk_gravity.diagnosis.inference.nonlinear import begun
-from dvrk_gravity.diagnosis.inference.reading_search import (
+from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, baseline
+from dvrk_gravity.diagnosis.inference.selection import Selection
+from dvrk_gravity.diagnosis.readings.search import (
     ALPHA,
     ReadingScore,
     read_as,
     try_readings,
 )
-from dvrk_gravity.diagnosis.inference.selection import Selection
-from dvrk_gravity.effects import Hypothesis, Reading
+from dvrk_gravity.effects import Reading
 from dvrk_gravity.estimation import bonferroni, likelihood_ratio
 
 _SHARE = 0.7  # of the best effect's gain that a reading must reach, which explains most. Chosen
@@ -55,14 +52,12 @@ class CorrectedReading:
     Attributes:
         loaded: The motion.
         wrong: Wrong readings, in the order in which they were corrected.
-        context: The samples, ready for comparisons, with the baseline effects.
-        pool: Hypotheses that need no search.
+        hypotheses: About the motion, as it is to be read.
     """
 
     loaded: Loaded
     wrong: tuple[WrongReading, ...]
-    context: FitContext
-    pool: list[Candidate]
+    hypotheses: Hypotheses
 
 
 def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedReading:
@@ -76,15 +71,15 @@ def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedRea
         tested = motion.reference is None and len(wrong) < _MOST
         found = _better_reading(context) if tested else None
         say("building hypotheses")
-        pool = _pool(context)
-        selection = Selection(context.validation, pool, say)
+        about = Hypotheses.of(context)
+        selection = Selection(context.validation, about.pool, say)
         if found is None or found.score.gain <= _SHARE * _best_gain(selection, context):
-            return CorrectedReading(loaded, tuple(wrong), context, pool)
+            return CorrectedReading(loaded, tuple(wrong), about)
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
         loaded = _corrected(loaded, found.score.reading)
         motion.release()
-        del context, pool, selection  # a long recording leaves no room for two
+        del context, about, selection  # a long recording leaves no room for two
 
 
 def _best_gain(selection: Selection, context: FitContext) -> float:
@@ -173,55 +168,3 @@ def _gain(reading: Reading, read: FitContext, present: FitContext) -> float:
     validation = read.validation
     scaled = float((validation.samples * (validation.weight > 0.0)) @ reading.density)
     return read.score.likelihood - present.score.likelihood - scaled
-
-
-def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
-    """Yield every hypothesis that needs no search in the residual."""
-    for effect in effects.effects():
-        yield from effect.hypotheses(motion)
-
-
-def _pool(context: FitContext) -> list[Candidate]:
-    """Return these hypotheses with their columns."""
-    validation = context.validation
-    pool = _acting(validation, hypotheses(validation.data.motion))
-    return [begun(validation, candidate, context.candidates) for candidate in pool]
-
-
-def _acting(validation: CrossValidation, claims: Iterable[Hypothesis]) -> list[Candidate]:
-    """Return hypotheses with their columns, but for those that do nothing in a motion."""
-    return [each for each in validation.data.candidates(claims) if each.acts.any()]
-
-
-def baseline(motion: MeasuredMotion) -> FitContext:
-    """Return the filtered data of a motion, ready for comparisons, with the baseline effects.
-
-    These are the effects that any joint has and an arm's own file states poorly, of plausible
-    size. Where an identified model is tested, only a load that is stated.
-    """
-    validation = CrossValidation.of(FilteredData.of(motion))
-    names = {term.NAME for term in effects.terms() if term.EVERYWHERE} & poorly_stated(motion)
-    claims = (each for each in hypotheses(motion) if each.STATED or each.effect in names)
-    found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
-    for candidate in _acting(validation, claims):
-        hypothesis = candidate.hypothesis
-        if hypothesis.STATED or candidate.size == 1:
-            found.setdefault((hypothesis.effect, hypothesis.joints), candidate)
-    expected = list(found.values())
-    while expected:
-        fitted = split(expected, validation.parameters(expected))
-        kept = [each for each, theta in fitted if each.hypothesis.plausible(theta)]
-        if len(kept) == len(expected):
-            break
-        expected = kept
-    return FitContext(validation, tuple(expected))
-
-
-def poorly_stated(motion: MeasuredMotion) -> set[str]:
-    """Return the effects that an arm's own file states poorly: friction, rotors.
-
-    Its values are often placeholders, such as one damping for all joints.
-    """
-    if not motion.model.of_file or motion.reference is not None:
-        return set()
-    return {term.NAME for term in effects.terms() if term.EVERYWHERE or term.FRICTION}
