@@ -136,7 +136,7 @@ def sampled(motion: FourierMotion) -> tuple[Array, Array, Array]:
 
 def errors(prior: Knowledge, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the standard errors of the parameters expected after a motion."""
-    return prior.errors(prior.inverse_covariance(State(q, qd, qdd), instants()[1]))
+    return prior.errors(prior.gram(State(q, qd, qdd), instants()[1]))
 
 
 def identified(seed: int, settings: SolverSettings) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from supervisor_loop import BASE
 
-from dvrk_gravity.compensate import Settings, prepare_sum
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import State
 
 # All of the friction is compensated: the torque to apply is the model's.
@@ -49,7 +49,7 @@ def test_one_sample_has_the_model_s_torque():
 
 
 def test_answers_do_not_share_memory_with_one_another():
-    evaluate = prepare_sum(Settings.from_parameters(MODELS["everything"]).model.terms)
+    evaluate = Settings.from_parameters(MODELS["everything"]).torque
     q, qd = np.full(7, 0.1), np.full(7, 0.3)
     first = evaluate(q, qd)
     kept = first.copy()

@@ -106,7 +106,8 @@ def test_the_gradient_of_the_information_is_its_slope_by_every_part_of_the_state
     value, gradient = prior.gradient(State(*states), weight)
 
     def information(*at):
-        return np.linalg.slogdet(prior.inverse_covariance(State(*at), weight))[1]
+        gram = prior.gram(State(*at), weight)
+        return np.linalg.slogdet(np.eye(len(gram)) + gram)[1]
 
     assert value == pytest.approx(information(*states))
     for part in range(3):
@@ -154,9 +155,9 @@ def test_what_a_model_knows_is_not_measured_again(ecm):
     moving[:, 1] = 0.5
     weight = np.full(10, 1.0)
     q = np.tile(0.5 * (limits.lower + limits.upper), (10, 1))
-    at_rest = posterior.inverse_covariance(State(q, still, still), weight)
-    learnt = posterior.inverse_covariance(State(q, moving, still), weight)
-    np.testing.assert_allclose(at_rest, 1.0)
+    at_rest = posterior.gram(State(q, still, still), weight)
+    learnt = posterior.gram(State(q, moving, still), weight)
+    np.testing.assert_allclose(at_rest, 0.0)
     # 10 s of a torque with 0.1 N·m of noise that is correlated for 0.1 s: 100 independent samples.
     np.testing.assert_allclose(posterior.errors(learnt), 0.01 / np.sqrt(1.0 + 0.0025), rtol=2e-3)
 

@@ -34,6 +34,9 @@ from .mtm.gravity import beta_from_links as beta_from_links
 from .mtm.gravity import beta_from_pinocchio as beta_from_pinocchio
 from .mtm.gravity import regressor as regressor
 from .mtm.gravity import torque as torque
+from .mtm.platform import PLATFORM as PLATFORM
+from .mtm.platform import PLATFORM_BETA as PLATFORM_BETA
+from .mtm.platform import platform_fault as platform_fault
 from .rigid_body import OF_WEIGHT as OF_WEIGHT
 from .rigid_body import PER_LINK as PER_LINK
 from .rigid_body import weight_regressor as weight_regressor

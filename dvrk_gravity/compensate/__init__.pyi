@@ -19,7 +19,6 @@ from .sample import DroppedSampleError as DroppedSampleError
 from .sample import Sample as Sample
 from .sample import SampleReader as SampleReader
 from .settings import Settings as Settings
-from .settings import prepare_sum as prepare_sum
 from .simulation_check import in_simulation as in_simulation
 from .simulation_check import let_go as let_go
 from .simulation_check import with_simulation as with_simulation

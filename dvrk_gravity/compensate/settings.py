@@ -310,11 +310,6 @@ def prepare_parts(terms: Iterable[Term], part: Array) -> Parts:
     return evaluate
 
 
-def prepare_sum(terms: Iterable[Term]) -> Evaluator:
-    """Return the evaluator of a sum of terms; of none, it returns zeros."""
-    return _sum([term.prepare() for term in terms])
-
-
 def _sum(evaluators: list[Evaluator]) -> Evaluator:
     return reduce(_add, evaluators) if evaluators else _zeros
 

@@ -111,7 +111,7 @@ def design_motion(
     search = MotionSearch(basis, limits, wanted, model, seed, settings)
     motion = search.best(report)
     gram = search.gram(motion)
-    errors = knowledge.errors(np.eye(len(gram)) + gram)
+    errors = knowledge.errors(gram)
     parameters = zip(
         knowledge.names, knowledge.units, knowledge.before.tolist(), errors.tolist(), strict=True
     )

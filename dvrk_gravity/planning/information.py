@@ -147,13 +147,9 @@ class Knowledge(Objective):
         slope = np.asarray(np.linalg.inv(inverse), dtype=float)
         return 2.0 * float(np.log(np.diag(factor)).sum()), slope
 
-    def inverse_covariance(self, state: State, weight: Array) -> Array:
-        """Return (p, p) A for (N, n) states that stand for (N,) seconds each."""
-        gram = self.gram(state, weight)
-        return np.eye(len(gram)) + gram
-
-    def errors(self, inverse: Array) -> Array:
-        """Return (m,) standard errors of the parameters for (p, p) A."""
+    def errors(self, gram: Array) -> Array:
+        """Return (m,) standard errors of the parameters after a motion of (p, p) G."""
+        inverse = np.eye(len(gram)) + gram
         return np.sqrt(np.einsum("ij,ji->i", self.rows, np.linalg.solve(inverse, self.rows.T)))
 
     @property

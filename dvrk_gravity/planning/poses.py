@@ -89,7 +89,7 @@ def design_poses(
     up, down = (knowledge.gram(stands(ordered, direction), weight) for direction in (1.0, -1.0))
     parameters = zip(
         knowledge.names, knowledge.units, knowledge.before.tolist(),
-        knowledge.errors(np.eye(len(up)) + up + down).tolist(), strict=True,
+        knowledge.errors(up + down).tolist(), strict=True,
     )  # fmt: skip
     # Of inertia, and of friction that grows with speed, poses say nothing.
     learnt = tuple(each for each in parameters if each[3] < of.learnt * each[2])

@@ -76,8 +76,8 @@ def test_a_plan_teaches_more_than_the_best_of_eight_random_motions(ecm, planned)
     weight, h = np.full(150, DURATION / 150), 1e-4
 
     def variance(q, qd, qdd) -> float:
-        inverse = prior.inverse_covariance(State(q, qd, qdd), weight)
-        return float(np.exp(2.0 * np.mean(np.log(prior.errors(inverse)))))
+        gram = prior.gram(State(q, qd, qdd), weight)
+        return float(np.exp(2.0 * np.mean(np.log(prior.errors(gram)))))
 
     random = []
     for seed in range(8):
@@ -133,7 +133,7 @@ def test_chosen_poses_teach_more_than_as_many_random_ones(ecm, poses):
         rest, total = np.zeros_like(some), np.eye(prior.rows.shape[1])
         for direction in (1.0, -1.0):
             state = State(some, rest, rest, np.full(some.shape, direction))
-            total += prior.inverse_covariance(state, np.full(len(some), 0.5)) - np.eye(len(total))
+            total += prior.gram(state, np.full(len(some), 0.5))
         return float(np.linalg.slogdet(total)[1])
 
     count, others = len(path.poses), []

@@ -15,8 +15,11 @@ from dvrk_gravity.arms import (
     ANY_UNIT,
     EFFORT_UNITS,
     PLANTS,
+    PLATFORM,
+    PLATFORM_BETA,
     SCALES,
     Arm,
+    platform_fault,
     plausible_plant,
     rigid_body,
 )
@@ -63,14 +66,6 @@ EXCHANGED = 0.25
 # .47).
 LOAD = 0.5
 REACH = 0.5  # m, from its link's frame to its centre. Chosen: a long tool
-# The platform's moment across the arm, N·m, on right arms, and about its opposite on left ones
-# (sixteen console files of real arms; all but one, which carries the other side's sign).
-PLATFORM = {"mtmr": 0.196, "mtml": -0.196}
-PLATFORM_NAME = "pitch_y"
-PLATFORM_CLEAR = 0.5  # part of it from which on the other sign is no accident. Chosen
-# Factor by which it is off where efforts are in another unit. Chosen as ``effort_unit.OFF``; of the
-# sixteen files it is off by a twentieth.
-PLATFORM_OFF = 4.0
 
 
 def held_weights(
@@ -335,36 +330,20 @@ def _unit(each: HeldWeight, arm: Arm) -> str:
 
 def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWarning]:
     """Return a warning if the platform's moment clearly has another size or the other sign."""
-    expected = PLATFORM.get(arm.name)
-    found = [
-        parameter
-        for parameter in parameters
-        if parameter.name.startswith("beta") and PLATFORM_NAME in parameter.name
-    ]
-    if expected is None or not found:
+    index, name = PLATFORM_BETA, BETA_NAMES[PLATFORM_BETA]
+    found = next((p for p in parameters if p.name.startswith("beta") and name in p.name), None)
+    fault = "" if found is None else platform_fault(arm.name, found.value, *found.ci95)
+    if found is None or not fault:
         return []
-    value, (low, high) = found[0].value, found[0].ci95
-    name = f"beta{1 + BETA_NAMES.index(PLATFORM_NAME)}"
-    least = PLATFORM_CLEAR * abs(expected)
-    size, off = np.abs([low, high]) / abs(expected), PLATFORM_OFF
-    if size.max() < 1.0 / off or (low * high > 0.0 and size.min() > off):
-        return [
-            DataWarning(
-                "effort_unit",
-                None,
-                {"beta6_Nm": value},
-                f"{name} is {value:+.2g} N·m, about {expected:+.2g} on any {arm.name}: efforts in "
-                "another unit than N·m?",
-            )
-        ]
-    if value * expected > 0.0 or abs(value) < least or low * high < 0.0:
-        return []
-    return [
-        DataWarning(
-            OTHER_ARM,
-            None,
-            {"beta6_Nm": value},
-            f"looks like a recording of {OTHER_SIDE[arm.name]}, not {arm.name}: {name} is "
-            f"{value:+.2f} N·m, about {expected:+.2f} on {arm.name}",
+    beta, expected, numbers = f"beta{1 + index}", PLATFORM[arm.name], {"beta6_Nm": found.value}
+    if fault == "unit":
+        text = (
+            f"{beta} is {found.value:+.2g} N·m, about {expected:+.2g} on any {arm.name}: efforts "
+            "in another unit than N·m?"
         )
-    ]
+        return [DataWarning("effort_unit", None, numbers, text)]
+    text = (
+        f"looks like a recording of {OTHER_SIDE[arm.name]}, not {arm.name}: {beta} is "
+        f"{found.value:+.2f} N·m, about {expected:+.2f} on {arm.name}"
+    )
+    return [DataWarning(OTHER_ARM, None, numbers, text)]
