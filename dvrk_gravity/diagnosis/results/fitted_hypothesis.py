@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 import numpy as np
 
+from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.results.hypothesis_file import (
-    as_read,
-    given,
-    is_plain,
-    kind_of,
-    written,
-)
 from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site
 from dvrk_gravity.errors import ConfigError
 
@@ -82,7 +76,7 @@ class FittedHypothesis:
     def known_elsewhere(self) -> bool:
         """Whether its torque is known in other motions, and its record holds all of it."""
         sized = np.isfinite(self.theta).all() and np.isfinite(self.covariance).all()
-        plain = all(is_plain(value) for _, value in given(self.hypothesis))
+        plain = all(_is_plain(value) for _, value in _given(self.hypothesis))
         return bool(sized and plain and not self.hypothesis.refits_model)
 
     def columns(self, motion: Motion) -> Array:
@@ -102,7 +96,7 @@ class FittedHypothesis:
             "joints": list(self.hypothesis.names),
             "hypothesis": type(self.hypothesis).__name__,
             "site": {"kind": site.kind.value, "index": site.index},
-            "given": {name: written(value) for name, value in given(self.hypothesis)},
+            "given": {name: _written(value) for name, value in _given(self.hypothesis)},
             "theta": self.theta.tolist(),
             "covariance": self.covariance.tolist(),
             "evidence": self.evidence,
@@ -117,12 +111,12 @@ class FittedHypothesis:
             ConfigError: Naming the entry.
         """
         try:
-            kind = kind_of(entry["effect"], entry["hypothesis"])
+            kind = _kind_of(entry["effect"], entry["hypothesis"])
             site = Site(Kind(entry["site"]["kind"]), int(entry["site"]["index"]))
             # Traits of its class that files of an earlier version state as well.
             known = {each.name for each in fields(kind)}
             given = {
-                name: as_read(value) for name, value in entry["given"].items() if name in known
+                name: _as_read(value) for name, value in entry["given"].items() if name in known
             }
             theta, covariance = (np.array(entry[name], float) for name in ("theta", "covariance"))
             if theta.ndim != 1 or covariance.shape != (len(theta),) * 2:
@@ -138,3 +132,67 @@ class FittedHypothesis:
             return found
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise ConfigError(where, str(error), UNREADABLE_CAUSE) from error
+
+
+def _given(hypothesis: Hypothesis) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of what differs from a hypothesis' defaults, but for arm and site."""
+    for each in fields(hypothesis):
+        value = getattr(hypothesis, each.name)
+        made = each.default_factory
+        default = each.default if made is MISSING else made()
+        array = isinstance(value, np.ndarray)
+        if each.name not in ("arm", "site") and (array or value != default):
+            yield each.name, value
+
+
+def _is_plain(value: Any) -> bool:
+    """Return whether a file can hold a value."""
+    if isinstance(value, Mapping):
+        return all(isinstance(name, str) and _is_plain(each) for name, each in value.items())
+    if isinstance(value, tuple | list):
+        return all(map(_is_plain, value))
+    return value is None or isinstance(value, str | bool | int | float | np.generic | np.ndarray)
+
+
+def _written(value: Any) -> Any:
+    """Return a plain value as JSON holds it."""
+    if isinstance(value, np.ndarray):
+        return {"array": value.tolist()}
+    if isinstance(value, Mapping):
+        return {"mapping": {name: _written(each) for name, each in value.items()}}
+    if isinstance(value, tuple | list):
+        return [_written(each) for each in value]
+    plain = value.item() if isinstance(value, np.generic) else value
+    # JSON has no infinity, which is the standard deviation of a parameter without a prior.
+    infinite = isinstance(plain, float) and not np.isfinite(plain)
+    return {"number": str(plain)} if infinite else plain
+
+
+def _as_read(value: Any) -> Any:
+    """Return the value that JSON holds."""
+    if isinstance(value, list):
+        return tuple(map(_as_read, value))
+    if isinstance(value, dict):
+        ((kind, content),) = value.items()
+        if kind == "array":
+            return np.array(content, dtype=float)
+        if kind == "number":
+            return float(content)
+        return {name: _as_read(each) for name, each in content.items()}
+    return value
+
+
+def _kind_of(effect: str, name: str) -> type[Hypothesis]:
+    """Return the class of an effect's hypotheses with a name.
+
+    Raises:
+        ValueError: There is none.
+    """
+    of = effects.named(effect)  # an installed one is loaded by that
+    pending: list[type[Hypothesis]] = Hypothesis.__subclasses__()
+    while pending:
+        kind = pending.pop()
+        pending += kind.__subclasses__()
+        if kind.__name__ == name and getattr(kind, "EFFECT", None) is of:
+            return kind
+    raise ValueError(f"{name} of {effect}")
