@@ -67,7 +67,7 @@ def test_an_error_of_the_system_is_printable():
 
 
 def test_pages_are_printable():
-    assert not obeyed(html.escape(HOSTILE) + html.listed([HOSTILE]).replace("\n", ""))
+    assert not obeyed(html.escape(HOSTILE) + html.item_list([HOSTILE]).replace("\n", ""))
     assert not obeyed(html.table([HOSTILE], [[HOSTILE]]).replace("\n", ""))
 
 

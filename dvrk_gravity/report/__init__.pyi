@@ -20,9 +20,9 @@ from .history import history_csv as history_csv
 from .history import history_json as history_json
 from .history import history_page as history_page
 from .history import history_text as history_text
-from .html import folded as folded
+from .html import collapsible as collapsible
 from .html import inline as inline
-from .html import listed as listed
+from .html import item_list as item_list
 from .html import picture as picture
 from .html import table as table
 from .identification import identification_page as identification_page
@@ -33,7 +33,7 @@ from .plan_in_terminal import separation_text as separation_text
 from .plan_picture import plan_picture as plan_picture
 from .terminal import MOST_WARNINGS as MOST_WARNINGS
 from .terminal import columns as columns
-from .terminal import laid_out as laid_out
 from .terminal import warning_lines as warning_lines
+from .terminal import wrap as wrap
 from .units import effort_in_table as effort_in_table
 from .units import shown_position as shown_position

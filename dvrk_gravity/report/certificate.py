@@ -51,15 +51,15 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
     yield "<h2>By joint</h2>"
     yield _by_joint(certificate, arm)
     yield "<h2>What stays unknown</h2>"
-    yield html.listed(_some(certificate.unknown), "nothing that was looked for")
+    yield html.item_list(_some(certificate.unknown), "nothing that was looked for")
     yield "<h2>What the diagnosis found beside the first model</h2>"
-    yield html.listed(_some(certificate.findings), "nothing")
+    yield html.item_list(_some(certificate.findings), "nothing")
     yield "<h2>Motion and limits</h2>"
     yield f"<p>{escape(_of_motion(certificate.motion))}</p>"
-    yield html.folded(
+    yield html.collapsible(
         "Files (SHA-256) and versions",
         html.table((), list(certificate.files.items())),
-        html.listed(f"{name} {version}" for name, version in certificate.versions.items()),
+        html.item_list(f"{name} {version}" for name, version in certificate.versions.items()),
     )
 
 

@@ -89,7 +89,7 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.caveat:
         yield f'<p class="small">{escape(diagnosis.caveat)}</p>'
     if diagnosis.findings and diagnosis.cannot_judge:
-        yield f"<p>{escape(BLIND)}</p>" + html.listed(diagnosis.cannot_judge)
+        yield f"<p>{escape(BLIND)}</p>" + html.item_list(diagnosis.cannot_judge)
     yield drawn_arm(arm, _remarks(diagnosis.findings))
     if diagnosis.findings:
         yield "<h2>Findings</h2>"
@@ -106,13 +106,13 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.detectable:
         note = f'<p class="small">{escape(DETECTABLE)}</p>'
         table = html.table(*detectable_table(diagnosis.detectable))
-        yield html.folded("What would have been found", note, table)
+        yield html.collapsible("What would have been found", note, table)
     if diagnosis.ambiguities:
         yield _ambiguities(diagnosis.ambiguities)
         yield _separating(next(filter(None, map(diagnosis.separating, diagnosis.ambiguities)), ""))
     warnings = [str(warning) for warning in diagnosis.warnings]
-    yield html.folded("Data", html.listed(warnings, "no warnings"))
-    yield html.folded("How it was judged", html.listed(diagnosis.notes))
+    yield html.collapsible("Data", html.item_list(warnings, "no warnings"))
+    yield html.collapsible("How it was judged", html.item_list(diagnosis.notes))
 
 
 def _remarks(findings: Sequence[Finding]) -> list[Remark]:
@@ -151,14 +151,14 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
     rows.append(("form", finding.place))
     carried = f"no: {finding.left_out}" if finding.left_out else "yes"
     rows.append(("in the extended model", carried))
-    yield html.folded("Parameters", html.table((), rows))
+    yield html.collapsible("Parameters", html.table((), rows))
     if finding.alternatives:
         rejoined = [
             (effect_title(a.effect), ", ".join(a.joints) or "the arm", a.why)
             for a in finding.alternatives
         ]
         causes = "cause" if len(rejoined) == 1 else "causes"
-        yield html.folded(
+        yield html.collapsible(
             f"These data cannot separate it from {len(rejoined)} other possible {causes}",
             html.table(("effect", "joint", "numbers"), rejoined),
         )
@@ -169,7 +169,7 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
              f"{r.behind:.0f}")
             for r in finding.rejected
         ]  # fmt: skip
-        yield html.folded(
+        yield html.collapsible(
             f"Tried in its place, but worse on unseen blocks ({len(tried)})",
             html.table(("effect", "joint", "form", "log-likelihood gain", "behind"), tried),
         )
@@ -189,7 +189,7 @@ def _known(known: Sequence[Known], against_reference: bool) -> str:
     within = BETWEEN if against_reference else KNOWN
     return (
         f'<h2>Expected, not reported as findings</h2><p class="small">{within}:</p>'
-        + html.listed(said)
+        + html.item_list(said)
     )
 
 
@@ -220,7 +220,7 @@ def _errors(diagnosis: Diagnosis) -> str:
         "friction variation.</p>"
     )
     compared = f'<p class="small">Errors {diagnosis.compared}.</p>'
-    return html.folded(f"Held-out error, {unit} RMS", compared, html.table(head, rows), legend)
+    return html.collapsible(f"Held-out error, {unit} RMS", compared, html.table(head, rows), legend)
 
 
 def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
@@ -242,10 +242,10 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
         "cause", "joint", "fitted alone", "both fitted", "log-likelihood gain", "held-out error",
     )  # fmt: skip
     suspected = any(ambiguity.suspected for ambiguity in ambiguities)
-    return html.folded(
+    return html.collapsible(
         f"Causes that this recording cannot separate ({len(ambiguities)})",
         "" if suspected else "<p>There is no sign of any.</p>",
-        html.listed(ambiguity.sentence for ambiguity in ambiguities),
+        html.item_list(ambiguity.sentence for ambiguity in ambiguities),
         html.table(head, rows),
     )
 

@@ -22,7 +22,7 @@ from dvrk_gravity.report.findings import (
     model_verdict,
     size_of,
 )
-from dvrk_gravity.report.terminal import laid_out, painted, warning_lines
+from dvrk_gravity.report.terminal import painted, warning_lines, wrap
 from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
 
 
@@ -39,49 +39,49 @@ def diagnosis_text(
     findings = diagnosis.findings
     why = contradiction(diagnosis.warnings)
     if why:
-        yield laid_out(why, width)
+        yield wrap(why, width)
     if diagnosis.misplaced:
-        yield laid_out(misplaced_load(diagnosis.misplaced), width)
+        yield wrap(misplaced_load(diagnosis.misplaced), width)
     if diagnosis.exact:
-        yield laid_out(exact_model(diagnosis.exact), width)
+        yield wrap(exact_model(diagnosis.exact), width)
     if diagnosis.model_verdict:
-        yield laid_out(model_verdict(diagnosis.model_verdict), width)
+        yield wrap(model_verdict(diagnosis.model_verdict), width)
     verdict = painted(diagnosis.verdict.replace("_", " "), diagnosis.verdict, width)
     if not findings:
-        yield laid_out(diagnosis.sentence, width, f"{verdict}: ")
+        yield wrap(diagnosis.sentence, width, f"{verdict}: ")
         if diagnosis.detectable:
             line = detectable_line(diagnosis.detectable)
-            yield laid_out(f"would have been found (95 %): {line}", width)
+            yield wrap(f"would have been found (95 %): {line}", width)
     else:
         of_what = _ambiguous(findings) if diagnosis.verdict == "ambiguous" else ""
-        yield laid_out(f"{_counted(findings)}{of_what}", width, f"{verdict}: ")
+        yield wrap(f"{_counted(findings)}{of_what}", width, f"{verdict}: ")
         yield from finding_table(findings, diagnosis.model.arm.n, width)
         for reason in diagnosis.cannot_judge:
-            yield laid_out(f"others may be there unseen: {reason}", width)
-        yield laid_out(_how_good(diagnosis), width)
+            yield wrap(f"others may be there unseen: {reason}", width)
+        yield wrap(_how_good(diagnosis), width)
         if not why:
-            yield laid_out(f"next: {_largest(diagnosis).remedy or 'see the report'}", width)
+            yield wrap(f"next: {_largest(diagnosis).remedy or 'see the report'}", width)
         if any(diagnosis.separating(finding) for finding in findings):
             yield f"{SEPARATE}: {diagnosis.separated_by}"
     if diagnosis.caveat:
-        yield laid_out(f"note: {diagnosis.caveat}", width)
+        yield wrap(f"note: {diagnosis.caveat}", width)
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
     for ambiguity in suspected:
-        yield laid_out(f"cannot be separated: {ambiguity.sentence}", width)
+        yield wrap(f"cannot be separated: {ambiguity.sentence}", width)
         if command := diagnosis.separating(ambiguity):
             yield f"{SEPARATE}: {command}"
     for entry in diagnosis.known:
         if entry.stated:
-            yield laid_out(f"stated: {entry.sentence}", width)
+            yield wrap(f"stated: {entry.sentence}", width)
     if diagnosis.payload_check is not None:
-        yield laid_out(f"known payload: {diagnosis.payload_check.sentence}", width)
+        yield wrap(f"known payload: {diagnosis.payload_check.sentence}", width)
     if diagnosis.outside and not verbose:
         more = f"; {len(diagnosis.outside) - 1} more" if len(diagnosis.outside) > 1 else ""
-        yield laid_out(f"extrapolated: {diagnosis.outside[0]}{more}", width)
+        yield wrap(f"extrapolated: {diagnosis.outside[0]}{more}", width)
     for line in warning_lines(diagnosis.warnings, diagnosis.notes, verbose):
-        yield laid_out(line, width)
+        yield wrap(line, width)
     if verbose:
-        yield from (laid_out(line, width) for line in _details(diagnosis))
+        yield from (wrap(line, width) for line in _details(diagnosis))
 
 
 def finding_table(findings: Sequence[Finding], n: int, width: int | None = None) -> Iterator[str]:
@@ -100,11 +100,9 @@ def finding_table(findings: Sequence[Finding], n: int, width: int | None = None)
         gain = f"{100 * finding.gain.relative:.0f} %" if finding.gain.relative else ""
         sure = "yes" if finding.certain else "no"
         head = f"{number:>2}  {finding.effect:<{broad}}{place:<{wide}}{gain:>7}  {sure:<9}"
-        yield laid_out(size_of(finding), width, head)
+        yield wrap(size_of(finding), width, head)
         for other in finding.alternatives:
-            yield laid_out(
-                f"    or {other.effect} at {', '.join(other.joints) or 'the arm'}", width
-            )
+            yield wrap(f"    or {other.effect} at {', '.join(other.joints) or 'the arm'}", width)
 
 
 def _counted(findings: Sequence[Finding]) -> str:

@@ -52,23 +52,23 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
             name: f"{factor * band.low:.{decimals}f} to {factor * band.high:.{decimals}f}"
             for name, band in result.expected.items()
         }
-        yield html.folded(
+        yield html.collapsible(
             "Error by joint",
             error_rows(
                 result.joints, arm, verdicts, {"expected RMSE": expected} if expected else None
             ),
-            html.listed((result.metric, expectation(result, model), f"rule: {RULE}")),
+            html.item_list((result.metric, expectation(result, model), f"rule: {RULE}")),
         )
         if len(result.recordings) > 1:
             rows = [
                 (label, *(f"{joints[name].nrmse:.3f}" for name in result.joints))
                 for label, joints in result.recordings.items()
             ]
-            yield html.folded("|e|/|τ| by recording", html.table(("", *result.joints), rows))
+            yield html.collapsible("|e|/|τ| by recording", html.table(("", *result.joints), rows))
         if result.outside:
-            yield html.folded("Outside the identified range", html.listed(result.outside))
-        yield html.folded(
-            "Data", html.listed(result.warnings, "no warnings"), html.listed(result.handling)
+            yield html.collapsible("Outside the identified range", html.item_list(result.outside))
+        yield html.collapsible(
+            "Data", html.item_list(result.warnings, "no warnings"), html.item_list(result.handling)
         )
 
     return page(

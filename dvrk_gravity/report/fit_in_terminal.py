@@ -28,7 +28,7 @@ from dvrk_gravity.identification import (
 from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
 from dvrk_gravity.recording import Coordinates
-from dvrk_gravity.report.terminal import laid_out, painted, warning_lines
+from dvrk_gravity.report.terminal import painted, warning_lines, wrap
 from dvrk_gravity.units import quantity
 
 FAR_ABOVE_NOISE = 3.0
@@ -78,7 +78,7 @@ def error_table(
         )
         plain = verdict.level == GOOD == level_of(joint, error.nrmse)
         why = f"as {said[verdict]}" if verdict.reason and verdict in said else verdict.reason
-        yield row if plain or not why else laid_out(why, width, f"{row}: ")
+        yield row if plain or not why else wrap(why, width, f"{row}: ")
         said.setdefault(verdict, joint.name)
 
 
@@ -131,23 +131,23 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
     """
     verdict = fit.verdict
     for line in verdict.findings:
-        yield laid_out(line, width)
+        yield wrap(line, width)
     named = [name for name, joint in verdict.joints.items() if joint.level == verdict.level]
     of_joints = "" if verdict.level == GOOD or not named else f" ({', '.join(named)})"
     why = contradiction(fit.warnings)
     found = f": {why}" if why else of_joints
-    yield laid_out(found, width, f"verdict: {painted(verdict.words, verdict.level, width)}")
+    yield wrap(found, width, f"verdict: {painted(verdict.words, verdict.level, width)}")
     yield from error_table(fit.held_out, fit.model.arm, verdict.joints, width)
     beyond_noise = unmodelled(fit.held_out, verdict.joints, verbose)
     said = (beyond_noise, *constant_lines(fit, verbose), weight_line(fit))
-    yield from (laid_out(line, width) for line in said if line)
+    yield from (wrap(line, width) for line in said if line)
     if verdict.record:
-        yield laid_out(f"record instead: {verdict.record}", width)
+        yield wrap(f"record instead: {verdict.record}", width)
     warnings = [each for each in fit.warnings if str(each) not in verdict.findings]
     for line in warning_lines(warnings, fit.handling, verbose):
-        yield laid_out(line, width)
+        yield wrap(line, width)
     if verbose:
-        yield from (laid_out(line, width) for line in _details(fit))
+        yield from (wrap(line, width) for line in _details(fit))
 
 
 def constant_lines(fit: Fit, everywhere: bool = True) -> Iterator[str]:
@@ -226,26 +226,26 @@ def evaluation_text(
     """
     why = contradiction(result.warnings)
     if why:
-        yield laid_out(why, width)
+        yield wrap(why, width)
     verdicts = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
     yield from error_table(
         result.joints, model.arm, verdicts, width, result.expected if result.expected else None
     )
     said = compared(model, result.joints, result.coordinates, result.with_friction)
-    yield laid_out(said, width)
+    yield wrap(said, width)
     if next_step := _next_step(result, verdicts, verbose):
-        yield laid_out(next_step, width)
+        yield wrap(next_step, width)
     if result.outside and not verbose:
         more = len(result.outside) - 1
-        yield laid_out(
+        yield wrap(
             "outside its range errors say little of a model: identify from recordings there, too "
             f"({result.outside[0]}{f'; {more} more' if more else ''})",
             width,
         )
     for line in warning_lines(result.warnings, result.handling, verbose):
-        yield laid_out(line, width)
+        yield wrap(line, width)
     if verbose:
-        yield from (laid_out(line, width) for line in _about_errors(result, model))
+        yield from (wrap(line, width) for line in _about_errors(result, model))
 
 
 def _next_step(result: Evaluation, verdicts: Mapping[str, JointVerdict], verbose: bool) -> str:

@@ -46,13 +46,13 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return '<div class="table"><table>\n' + "\n".join(lines) + "\n</table></div>"
 
 
-def listed(items: Iterable[object], nothing: str = "") -> str:
+def item_list(items: Iterable[object], nothing: str = "") -> str:
     """Return a list, every item escaped; of none what stands for it, if anything."""
     texts = [str(item) for item in items] or ([nothing] if nothing else [])
     return "<ul>" + "".join(f"<li>{escape(text)}</li>" for text in texts) + "</ul>"
 
 
-def folded(title: str, *parts: str) -> str:
+def collapsible(title: str, *parts: str) -> str:
     """Return parts that a click on their title shows."""
     inside = "\n".join(parts)
     return f"<details><summary>{escape(title)}</summary>\n{inside}\n</details>"

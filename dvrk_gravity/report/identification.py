@@ -64,19 +64,19 @@ def _parts(fit: Fit) -> Iterator[str]:
     yield from pictures_by_joint(fit.traces, arm)
     yield "<h2>Tables</h2>"
     fitted = {name: f"{error.nrmse:.3f}" for name, error in fit.training.items()}
-    yield html.folded(
+    yield html.collapsible(
         "Held-out error by joint",
         error_rows(fit.held_out, arm, fit.verdict.joints, {"|e|/|τ| on the data fitted": fitted}),
         f'<p class="small">{escape(RULE)}. A joint\'s verdict is the worst of that of its error, '
         "of what is not known of its gravity torque, and of how far it moved.</p>",
     )
-    yield html.folded("Terms", *_terms(fit.choices))
-    yield html.folded("What these data do not determine", *_open(fit))
-    yield html.folded(f"Parameters ({len(fit.parameters)})", *_parameters(fit))
-    yield html.folded(
+    yield html.collapsible("Terms", *_terms(fit.choices))
+    yield html.collapsible("What these data do not determine", *_open(fit))
+    yield html.collapsible(f"Parameters ({len(fit.parameters)})", *_parameters(fit))
+    yield html.collapsible(
         "Data",
-        html.listed(fit.warnings, "no warnings"),
-        html.listed(fit.handling),
+        html.item_list(fit.warnings, "no warnings"),
+        html.item_list(fit.handling),
     )
 
 
@@ -98,7 +98,7 @@ def _terms(choices: Iterable[Choice]) -> Iterator[str]:
 def _open(fit: Fit) -> Iterator[str]:
     found = fit.identifiability
     yield f"<p>{escape(found.sentence.capitalize())}.</p>"
-    yield html.listed(found.statements, "nothing that was asked for")
+    yield html.item_list(found.statements, "nothing that was asked for")
     if fit.physical:
         each = ", ".join(f"{link} {value:.2g}" for link, value in fit.physical.items())
         yield (

@@ -64,7 +64,7 @@ def columns() -> int | None:
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
-def laid_out(text: str, width: int | None, head: str = "") -> str:
+def wrap(text: str, width: int | None, head: str = "") -> str:
     """Return a line, wrapped to a width; what follows the head goes on below its beginning.
 
     Where the head leaves little room, and the text needs more, the text has lines of its own.
