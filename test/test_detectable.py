@@ -98,8 +98,7 @@ def test_twice_what_would_have_been_found_is_found_and_a_third_of_it_is_not():
     assert names == [[("coulomb_friction", (arm()[0].arm.joint_names[WORN],))], []]
 
 
-@pytest.mark.parametrize("spoil", [inflated, unfit])
-@pytest.mark.parametrize("times", [0.0, 2.0])
+@pytest.mark.parametrize(("spoil", "times"), [(inflated, 0.0), (unfit, 2.0)])
 def test_a_model_that_hides_everything_gives_no_clean_answer(spoil, times):
     answer = found(spoil, times * float(stated(found(good))[WORN]))
 

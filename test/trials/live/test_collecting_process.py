@@ -7,18 +7,16 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
 from arm_side import TIMEOUT
 from driven_arm import POSE, DrivenArm
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, load_limits
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.ros import PRIVATE, private_domain
+from dvrk_gravity.ros import PRIVATE
 
 PERIOD = 0.02  # s; a late set point is no further along a motion than one in time
 # As `python -m dvrk_gravity`, but that a busy machine may suspend it for a while.
@@ -29,12 +27,6 @@ mover.ASLEEP = 2.0
 from dvrk_gravity.__main__ import main
 sys.exit(main())
 """
-
-
-@pytest.fixture
-def driven() -> Iterator[DrivenArm]:
-    with private_domain(), DrivenArm() as arm:
-        yield arm
 
 
 class Collector:
