@@ -98,7 +98,7 @@ def test_rates_that_differ_come_to_the_lowest():
 
 
 def test_coordinates_that_are_given_wrongly_are_warned_of_and_each_may_have_its_own():
-    motor, joint = motor_side(truth(2, 12.0, 50.0)), truth(1, 12.0, 50.0)
+    motor, joint = motor_side(truth(2, 9.0, 50.0)), truth(1, 9.0, 50.0)
     warnings = identify([motor], ARM, "joint", FEW, physical=False).warnings
     (warning,) = [each for each in warnings if each.kind == "coordinates"]
     assert "run.csv" in str(warning)

@@ -85,16 +85,6 @@ def test_a_load_that_stiction_holds_is_found_and_predicted():
     assert worst(fit.model, held, between()) < NOISE
 
 
-def test_a_few_poses_where_the_arm_was_stuck_do_no_harm():
-    recordings = record(truth(), grid(4))
-    stuck = recordings[0].effort.copy()
-    stuck[100:110, 4] = -0.26
-    fit = fit_static([replace(recordings[0], effort=stuck), recordings[1]], ARM)
-    assert worst(fit.model, truth(), between()) < NOISE
-    assert any("wrist_pitch: 10 of 2048 poses" in line for line in fit.handling)
-    assert fit.model.torque(between())[:, 4].min() > -0.2
-
-
 def test_actuator_coordinates_are_read_as_the_same_poses():
     joint = record(truth(), grid(3))
     motors = [
@@ -115,12 +105,6 @@ def test_one_direction_gives_no_friction():
     q = between(100)
     up, down = (one.model.torque(q, direction=np.full(q.shape, way)) for way in (1.0, -1.0))
     np.testing.assert_allclose(up, down, atol=1e-12)
-
-
-def test_directions_that_are_exchanged_are_warned_of():
-    exchanged = [replace(each, direction=-each.direction) for each in record(truth(), grid(3))]
-    warnings = fit_static(exchanged, ARM).warnings
-    assert "shoulder_pitch" in [each.joint for each in warnings if each.kind == "effort_sign"]
 
 
 def test_poses_of_no_effort_or_too_few_are_refused():

@@ -191,12 +191,6 @@ def test_the_compensator_refuses_a_poor_model_unless_it_is_allowed(poor):
     assert allowed.model.verdict == POOR
 
 
-def test_recordings_kept_out_of_the_fit_judge_it():
-    effects, other = ["coulomb_friction"], wandering(truth(2, 12.0))
-    fit = identify([truth(1, 12.0)], ARM, "joint", effects, validate=[other], physical=False)
-    assert fit.model.verdict == fit.verdict.joints["outer_yaw"].level == POOR
-
-
 def test_poses_that_never_moved_the_shoulder_leave_its_gravity_open():
     q = grid(3)
     q[:, 1] = 0.3

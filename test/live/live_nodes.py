@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from arm_side import PATIENT, FakeArm
+from arm_side import PATIENT, TIMEOUT, FakeArm
 from driven_arm import DrivenArm
+from released import ARM, NAMESPACE
 from running import MODEL
 from support import MODEL_FILE, REPOSITORY
 
-from dvrk_gravity.ros import ENVIRONMENT, NodeProcess, private_domain
+from dvrk_gravity.ros import ENVIRONMENT, NodeProcess, RosRig, private_domain
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -67,3 +68,17 @@ def start(arm: FakeArm) -> Iterator[Callable[..., NodeProcess]]:
 def driven(domain: int) -> Iterator[DrivenArm]:
     with DrivenArm() as arm:
         yield arm
+
+
+@pytest.fixture
+def rig(domain: int) -> Iterator[RosRig]:
+    """Return a simulated endoscope arm behind topics."""
+    words = ("-p", "arm:=ecm", "-p", "rate:=200.0", "-r", "__node:=renamed")
+    with NodeProcess("simulator", *words, namespace=NAMESPACE):
+        yield RosRig(ARM, NAMESPACE, TIMEOUT)
+
+
+@pytest.fixture
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a busy machine suspend what moves the arm for a while."""
+    monkeypatch.setattr("dvrk_gravity.ros.mover.ASLEEP", 2.0)

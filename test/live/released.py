@@ -1,0 +1,16 @@
+"""A simulated endoscope arm that is released through ROS."""
+
+from __future__ import annotations
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.ros import PRIVATE
+from dvrk_gravity.simulate import PlantFile
+
+ARM = Arm.load("ecm")
+MODEL = PlantFile.of(ARM).model
+NAMESPACE = f"{PRIVATE}/ECM"
+
+
+def stalled(error: str) -> bool:
+    """Return whether this machine stood still for a second: then the arm is held, rightly."""
+    return any(words in error for words in ("hold", "was heard", "no valid", "to command"))
