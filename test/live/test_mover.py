@@ -196,7 +196,7 @@ def test_whatever_signal_asks_for_the_end_the_arm_is_held(domain: int) -> None:
 @pytest.fixture
 def plan(tmp_path: Path) -> Plan:
     """Return a slow motion, also as a file."""
-    made = plan_of("mtmr", size=0.3)
+    made = plan_of("mtmr", duration=2.4, size=0.3)
     made.save(tmp_path / "plan.yaml")
     return made
 
