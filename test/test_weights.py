@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from fitted import ur5_motion
+from quick_fits import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, placeholder, poor
 from robots import PANDA, UR5
-from weighed import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, placeholder, poor
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification import HeldWeight, identify, missing_weights

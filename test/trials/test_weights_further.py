@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import fitted
 from fitted import ur5_motion
+from quick_fits import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, placeholder, poor
 from robots import PANDA, UR5
-from weighed import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, placeholder, poor
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.model import stated_weight
