@@ -43,6 +43,7 @@ def test_what_is_not_there_is_left_out(fit):
 def test_what_poses_leave_open_is_counted_and_the_joint_that_was_not_moved_is_named(fit):
     assert any("outer_yaw" in each for each in fit.identifiability.statements)
     assert fit.identifiability.rank < fit.identifiability.columns
+    assert fit.verdict.joints["shoulder_pitch"].level != "do_not_compensate"
 
 
 def test_parameters_of_gravity_lie_in_their_intervals(fit):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-import fitted
 import numpy as np
 import pytest
 from known_mtm import ARM, truth
@@ -196,4 +195,3 @@ def test_poses_that_never_moved_the_shoulder_leave_its_gravity_open():
     q[:, 1] = 0.3
     stood = identify(record(posed(), q), ARM).verdict.joints["shoulder_pitch"]
     assert stood.level == POOR
-    assert fitted.mtm_poses().verdict.joints["shoulder_pitch"].level != POOR
