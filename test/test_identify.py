@@ -18,17 +18,6 @@ from dvrk_gravity.identification import Fit, estimate, evaluate, identify, pose
 from dvrk_gravity.intake import decide_coordinates, read_motions, stands
 from dvrk_gravity.model import start_columns
 from dvrk_gravity.recording import Recording, clipped_efforts
-from testing.lab_motion import draw_calibration
-from testing.mujoco_world import MujocoWorld
-
-
-def moved_less(recording: Recording, joint: int, part: float) -> Recording:
-    """Return a recording one of whose joints goes through a part of the way."""
-    middle = recording.position.mean(axis=0)
-    parts = np.where(np.arange(7) == joint, part, 1.0)
-    position = middle + parts * (recording.position - middle)
-    return replace(recording, position=position, velocity=parts * recording.velocity)
-
 
 # --- all that there is -------------------------------------------------------------------
 
@@ -82,16 +71,6 @@ def test_elastic_torque_is_held_at_the_edge_of_the_data(fit):
 
 
 # --- what data leave open ----------------------------------------------------------------
-
-
-def test_a_short_range_cannot_separate_gravity_from_a_spring():
-    """The shoulder within a few degrees: sin q2 and q2 are the same line."""
-    effects = ["coulomb_friction", "elastic_cable"]
-    found = identify([moved_less(truth(4), 1, 0.1)], ARM, "joint", effects, physical=False)
-    assert any("shoulder_pitch" in each for each in found.identifiability.statements)
-    assert found.identifiability.rank < found.identifiability.columns
-    open_ = {each.name for each in found.parameters if not each.identifiable}
-    assert {"beta[0] (arm_x)", "beta[1] (arm_y)", "elastic_cable.shoulder_pitch[0]"} <= open_
 
 
 def test_friction_that_presliding_shares_is_not_called_identifiable():
@@ -176,19 +155,6 @@ def test_clipped_efforts_are_found_and_the_rest_makes_a_model_that_holds_the_arm
 
 
 # --- coordinates -------------------------------------------------------------------------
-
-
-def test_coordinates_are_recognised_by_errors_of_what_was_recorded():
-    """A PSM's errors at its joints are correlated."""
-    world = MujocoWorld.draw("psm", 3031)
-    arm = world.arm
-    joint = world.record(world.truth(draw_calibration(arm, 3031), 20.0), 3031)
-    actuator = replace(
-        joint, position=arm.actuator_position(joint.position), velocity=None,
-        effort=arm.actuator_effort(joint.effort),
-    )  # fmt: skip
-    assert decide_coordinates(joint, arm, None).coordinates == "joint"
-    assert decide_coordinates(actuator, arm, None).coordinates == "actuator"
 
 
 def test_an_arm_without_transmission_has_one_kind_of_coordinates():

@@ -24,7 +24,6 @@ from dvrk_gravity.effects import (
     point_mass_directions,
 )
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.report import diagnosis_text
 
 PSM = Arm.load("psm")
 LINK2 = PSM.body_names.index("link2")
@@ -191,14 +190,3 @@ def test_a_stated_load_is_a_finding_only_where_the_recording_shows_it(mass):
     assert weighed.low - 0.03 <= mass <= weighed.high + 0.03
     assert weighed.value == pytest.approx(mass, abs=0.05)
     assert (found.verdict == "nothing_to_explain") == (mass == 0.0)
-
-
-def test_a_load_that_is_elsewhere_than_stated_is_found_there_and_that_is_said_first():
-    recording = known_ecm.recorded(5, 10.0, carried("link2", 0.5, (0.03, 0.15, 0.0)))
-    found = diagnose(recording, known_ecm.model(), payload_at="link2:0.0,-0.3,0.0")
-    assert found.misplaced == "link2:0.0,-0.3,0.0"
-    assert found.findings[0].effect == "payload"
-    weighed = found.findings[0].parameters["mass"]
-    assert weighed.low < 0.5 < weighed.high
-    assert weighed.value == pytest.approx(0.5, rel=0.4)  # of a load anywhere, its moment is known
-    assert found.misplaced in next(iter(diagnosis_text(found)))

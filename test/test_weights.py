@@ -8,13 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from fitted import ur5_motion
-from quick_fits import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, placeholder, poor
+from quick_fits import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, poor
 from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.identification import HeldWeight, identify, missing_weights
+from dvrk_gravity.identification import HeldWeight, missing_weights
 from dvrk_gravity.model import stated_weight
-from testing.posed_arms import ur5
 
 HAND = f"{PANDA}#panda_hand"
 
@@ -95,13 +94,6 @@ def test_a_wrong_clock_is_named_before_all_else_and_no_such_model_is_used():
     assert "clock" in fit.verdict.record
 
 
-def test_neither_no_masses_nor_a_stated_unit_contradict_a_model(tmp_path):
-    massless = fitted_to(arm=placeholder(tmp_path, 0.0))
-    currents = fitted_to(0.08 * ur5_motion().effort, arm=Arm.load(UR5).with_effort_unit("A"))
-    for verdict in (massless.verdict, currents.verdict):
-        assert (verdict.level, verdict.findings) == ("good", ())
-
-
 @pytest.mark.parametrize(
     ("gone", "sure"),
     [(("shoulder_pitch",), True), (("wrist_pitch",), False), (("wrist_pitch", "wrist_yaw"), False)],
@@ -117,18 +109,3 @@ def test_plausible_masses_forbid_a_model_where_most_of_the_weight_is_missing(gon
     (found,) = missing_weights(weights, arm)
     assert found.joints == gone
     assert (found.level == POOR) == sure
-
-
-def test_poses_are_judged_by_the_masses_as_motions_are():
-    posed = ur5()
-    recording = posed.record(1, 120)
-    effort = recording.effort.copy()
-    assert identify(recording, posed.arm).verdict.findings == ()
-    effort[:, recording.joints.index("elbow_joint")] *= 0.3
-    (line,) = identify(replace(recording, effort=effort), posed.arm).verdict.findings
-    assert line.startswith("efforts of elbow_joint ")
-    assert factor_in(line) == pytest.approx(0.3, rel=0.1)
-    noise = np.random.default_rng(0).normal(size=effort.shape)
-    judged = identify(replace(recording, effort=noise), posed.arm)
-    assert poor(judged) == set(recording.joints)
-    assert "noise" in judged.verdict.findings[0]

@@ -132,7 +132,7 @@ BAD_CHANGES = [
 ]
 NAN, INF = float("nan"), float("inf")
 NONSENSE = [NAN, -INF, 1e300, -(2**63), "x" * 5000, [NAN] * 7, [-1.0] * 7, ["a"] * 7]
-NAMES = ["effort_limit", "timeout", "beta", "enabled"]
+NAMES = ["effort_limit", "enabled"]
 
 
 def test_a_bad_change_is_refused_whole_and_nonsense_changes_nothing(arm, start):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import known_ecm
 import numpy as np
 import pytest
 from compared import again, bare, changed
@@ -28,7 +29,9 @@ from diagnosed import (
 )
 
 from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.report import diagnosis_text
 from testing import lab_effects
 from testing.hide import hide
 from testing.lab_motion import draw_other
@@ -119,3 +122,22 @@ def test_two_joints_whose_efforts_alone_are_exchanged_are_told():
     found = only(diagnose(replace(recorded(), effort=recorded().effort[:, order]), model()))
 
     assert found.place == "the efforts of yaw and pitch are exchanged"
+
+
+# Loads.
+def test_a_load_that_is_elsewhere_than_stated_is_found_there_and_that_is_said_first():
+    kilogram = Payload(
+        known_ecm.ARM, "link2", 1.0, np.array([0.03, 0.15, 0.0]), known_ecm.ARM.gravity
+    )
+
+    def load(q, qd, qdd):
+        return 0.5 * kilogram.torque(State(q, qd, qdd))
+
+    recording = known_ecm.recorded(5, 10.0, load)
+    found = diagnose(recording, known_ecm.model(), payload_at="link2:0.0,-0.3,0.0")
+    assert found.misplaced == "link2:0.0,-0.3,0.0"
+    assert found.findings[0].effect == "payload"
+    weighed = found.findings[0].parameters["mass"]
+    assert weighed.low < 0.5 < weighed.high
+    assert weighed.value == pytest.approx(0.5, rel=0.4)  # of a load anywhere, its moment is known
+    assert found.misplaced in next(iter(diagnosis_text(found)))

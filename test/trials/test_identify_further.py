@@ -10,9 +10,11 @@ from known_mtm import ARM, parameter, truth
 from known_poses import NOISE, between, grid, record, worst
 
 from dvrk_gravity.identification import estimate, fit_static, identify, pose
-from dvrk_gravity.intake import read_motions
+from dvrk_gravity.intake import decide_coordinates, read_motions
 from dvrk_gravity.model import start_columns
 from dvrk_gravity.recording import Recording
+from testing.lab_motion import draw_calibration
+from testing.mujoco_world import MujocoWorld
 
 POOR = "do_not_compensate"
 
@@ -60,3 +62,34 @@ def test_a_burst_of_wrong_efforts_hardly_moves_the_parameters():
         half = 0.5 * (before.ci95[1] - before.ci95[0])
         assert abs(after.value - before.value) < half, name
         assert 0.5 * (after.ci95[1] - after.ci95[0]) < 1.5 * half, name
+
+
+def moved_less(recording: Recording, joint: int, part: float) -> Recording:
+    """Return a recording one of whose joints goes through a part of the way."""
+    middle = recording.position.mean(axis=0)
+    parts = np.where(np.arange(7) == joint, part, 1.0)
+    position = middle + parts * (recording.position - middle)
+    return replace(recording, position=position, velocity=parts * recording.velocity)
+
+
+def test_a_short_range_cannot_separate_gravity_from_a_spring():
+    """The shoulder within a few degrees: sin q2 and q2 are the same line."""
+    effects = ["coulomb_friction", "elastic_cable"]
+    found = identify([moved_less(truth(4), 1, 0.1)], ARM, "joint", effects, physical=False)
+    assert any("shoulder_pitch" in each for each in found.identifiability.statements)
+    assert found.identifiability.rank < found.identifiability.columns
+    open_ = {each.name for each in found.parameters if not each.identifiable}
+    assert {"beta[0] (arm_x)", "beta[1] (arm_y)", "elastic_cable.shoulder_pitch[0]"} <= open_
+
+
+def test_coordinates_are_recognised_by_errors_of_what_was_recorded():
+    """A PSM's errors at its joints are correlated."""
+    world = MujocoWorld.draw("psm", 3031)
+    arm = world.arm
+    joint = world.record(world.truth(draw_calibration(arm, 3031), 20.0), 3031)
+    actuator = replace(
+        joint, position=arm.actuator_position(joint.position), velocity=None,
+        effort=arm.actuator_effort(joint.effort),
+    )  # fmt: skip
+    assert decide_coordinates(joint, arm, None).coordinates == "joint"
+    assert decide_coordinates(actuator, arm, None).coordinates == "actuator"

@@ -1,4 +1,4 @@
-"""An arm that was released, and whose compensator, watchdog or release is struck."""
+"""An arm that is released for its time, or whose compensator, watchdog or release is struck."""
 
 from __future__ import annotations
 
@@ -7,11 +7,20 @@ import signal
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
-from released import MODEL, NAMESPACE, stalled
+from released import ARM, MODEL, NAMESPACE, patiently, stalled
 
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.ros import Client
+
+
+def test_an_arm_that_its_model_holds_hardly_drifts(rig, tmp_path):
+    MODEL.save(tmp_path / "model.yaml")
+    with rig.driver() as driver:
+        pose = driver.connect()
+    drift = patiently(lambda: rig.release(tmp_path / "model.yaml", pose, 1.0))
+    assert (drift < np.radians(0.5) * ARM.scale).all()
 
 
 def child(verb: str) -> int | None:
