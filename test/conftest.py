@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 from pathlib import Path
@@ -15,12 +14,6 @@ settings.register_profile(
     "repeatable", derandomize=True, deadline=None, database=None, max_examples=examples(50)
 )
 settings.load_profile("repeatable")
-
-
-def pytest_collection_finish() -> None:
-    """Spare all later collections of garbage what was imported: an eighth of the computing."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

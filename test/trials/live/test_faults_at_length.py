@@ -5,7 +5,9 @@ from __future__ import annotations
 import signal
 
 from arm_side import ALONE, AWAITING, PATIENT, TIMEOUT
+from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
+from rosgraph_msgs.msg import Clock
 from running import WATCHED, assert_silent, calm, commanding, held, watched
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
@@ -130,3 +132,17 @@ def test_all_options_for_a_busy_computer_are_named_at_once_where_the_arm_is_a_si
         client.wait(lambda: client.state("compensator").startswith(began[1]), "a fault")
         for option in ("timeout", "max_stamp_age:=0.0", "resume:=automatic", "watchdog_timeout"):
             assert option in client.state("compensator")
+
+
+def test_a_simulated_clock_is_waited_for_and_its_steps_neither_hide_nor_fake_a_silence(arm, start):
+    clock = arm.client.node.create_publisher(Clock, "/clock", 10)
+    node = start("compensator", "-p", "use_sim_time:=true")
+    arm.run_until(lambda: "(no_clock)" in node.output, "the cause")
+    assert not arm.commands
+    assert arm.client.set_parameters({"max_stamp_age": 0.0})[0]
+    commanding(arm)
+    for second in (100, 5000, 3, 100_000):
+        clock.publish(Clock(clock=Time(sec=second)))
+        commanding(arm)
+    assert not arm.holds
+    arm.client.wait(lambda: bool(arm.holds), "the hold, while that clock stands still")
