@@ -59,16 +59,18 @@ calibrate-demo: install/.done
 	  --time 10 --no-rehearsal
 
 # What computes first, on all cores; then nodes over DDS, one test at a time, on a machine that is idle.
-# Both, whatever the first says.
+# Both, whatever the first says. Compiled modules are kept, whatever the environment says: each of the
+# nodes is a process, which would compile some 200 anew.
+TESTED := $(IN_WORKSPACE) PYTHONDONTWRITEBYTECODE=
 test: install/.done
-	@$(IN_WORKSPACE) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile; computed=$$?; \
-	$(IN_WORKSPACE) $(BIN)/python -m pytest test/live && exit $$computed
+	@$(TESTED) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile; computed=$$?; \
+	$(TESTED) $(BIN)/python -m pytest test/live && exit $$computed
 WORKERS ?= 2
 
 # Properties, sweeps over all arms, what pages say, packaging, a browser; then nodes as above.
 test-long: install/.done
-	@$(IN_WORKSPACE) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile test/trials --ignore test/trials/live; computed=$$?; \
-	$(IN_WORKSPACE) $(BIN)/python -m pytest test/trials/live && exit $$computed
+	@$(TESTED) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile test/trials --ignore test/trials/live; computed=$$?; \
+	$(TESTED) $(BIN)/python -m pytest test/trials/live && exit $$computed
 EXAMPLES ?= 1
 
 lint: $(VENV)/.done

@@ -40,17 +40,17 @@ def pushed(recording: Recording, torque: float = BIAS) -> Recording:
 
 @pytest.fixture(scope="module")
 def recording():
-    return pushed(truth(1, 24.0))
+    return pushed(truth(1, 24.0, 50.0))
 
 
 @pytest.fixture(scope="module")
 def fit(recording):
-    return identify([recording], ARM, "joint", TERMS)
+    return identify([recording], ARM, "joint", TERMS, physical=False)
 
 
 @pytest.fixture(scope="module")
 def clean():
-    return identify([truth(1, 24.0)], ARM, "joint", TERMS)
+    return identify([truth(1, 24.0, 50.0)], ARM, "joint", TERMS, physical=False)
 
 
 def test_a_constant_in_the_efforts_caps_the_verdict_and_is_said_with_its_size(fit):
@@ -120,7 +120,7 @@ def test_a_torque_that_is_stated_is_compensated_and_not_in_doubt(recording, tmp_
     recording.save(tmp_path / "run.csv")
     out, read = tmp_path / "model.yaml", tmp_path / "fit.json"
     arguments = [str(tmp_path / "run.csv"), "--arm", "mtmr", "--out", str(out), "--json", str(read),
-                 "--terms", ",".join(TERMS)]  # fmt: skip
+                 "--terms", ",".join(TERMS), "--no-physical"]  # fmt: skip
     assert command_line.run("dvrk_gravity.cli.identify", [*arguments, "--bias-is", "torque"]) == 0
     model = TorqueModel.load(out)
     assert not model.constant.any()
@@ -165,8 +165,10 @@ def test_a_release_on_both_sides_settles_a_constant(side, drift, settled):
 
 
 def test_the_scale_of_a_recording_stays_on_the_verdict_where_no_masses_are_known(clean):
-    whole = truth(1, 24.0)
-    small = identify([replace(whole, effort=0.45 * whole.effort)], ARM, "joint", TERMS)
+    whole = truth(1, 24.0, 50.0)
+    small = identify(
+        [replace(whole, effort=0.45 * whole.effort)], ARM, "joint", TERMS, physical=False
+    )
     for fit in (clean, small):
         assert "weigh something" in fit.verdict.reason
         assert "weigh something" in fit.model.reason

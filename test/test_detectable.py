@@ -9,37 +9,23 @@ from functools import cache
 
 import numpy as np
 import pytest
+from diagnosed import another, eye, identified, lab, seen
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.command_line import run
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import diagnosis_page, diagnosis_text
-from testing.lab_motion import draw_calibration, draw_other
-from testing.mujoco_world import MujocoWorld
 
-SEED, WORN = 20, 1  # of the arm; the joint that rubs more
+WORN, MOTION = 1, 4  # the joint that rubs more; of the arm in the laboratory
 WHY = "its second joint was not moved"
 
 
-@cache
-def arm() -> tuple[MujocoWorld, TorqueModel]:
-    """Return a small arm with physics of its own, and its identified model."""
-    world = MujocoWorld.draw("chain", SEED)
-    recording = world.record(world.truth(draw_calibration(world.arm, SEED)), SEED)
-    return world, identify(recording, world.arm).model
-
-
-@cache
 def recording(friction: float = 0.0) -> Recording:
     """Return another motion of it, with more dry friction at a joint, N·m."""
-    world, _ = arm()
-    truth = world.truth(draw_other(world.arm, SEED, draw_calibration(world.arm, SEED)), 16.0)
-    effort = truth.effort.copy()
-    effort[:, WORN] += friction * np.sign(truth.qd[:, WORN])
-    return world.record(replace(truth, effort=effort), SEED + 1)
+    sign = np.sign(another(MOTION).qd[:, WORN])
+    return seen(another(MOTION), MOTION, friction * np.outer(sign, eye(WORN)))
 
 
 def good(model: TorqueModel) -> TorqueModel:
@@ -64,7 +50,7 @@ def unfit(model: TorqueModel) -> TorqueModel:
 
 @cache
 def found(spoil: Callable[[TorqueModel], TorqueModel], friction: float = 0.0) -> Diagnosis:
-    return diagnose(recording(friction), spoil(arm()[1]))
+    return diagnose(recording(friction), spoil(identified().model))
 
 
 def stated(diagnosis: Diagnosis) -> Array:
@@ -85,7 +71,7 @@ def test_a_clean_recording_says_what_would_have_been_found():
     assert sizes["yaw"]["joint_offset"] is None  # about the vertical: no torque shows its zero
     assert 0.01 < sizes["payload"] < 1.0
     assert 0.002 < sizes["base_tilt"] < 0.2
-    assert clean.model_verdict == arm()[1].verdict != "unknown"
+    assert clean.model_verdict == identified().model.verdict != "unknown"
 
 
 def test_twice_what_would_have_been_found_is_found_and_a_third_of_it_is_not():
@@ -95,11 +81,10 @@ def test_twice_what_would_have_been_found_is_found_and_a_third_of_it_is_not():
         for part in (2.0, 1.0 / 3.0)
     ]
 
-    assert names == [[("coulomb_friction", (arm()[0].arm.joint_names[WORN],))], []]
+    assert names == [[("coulomb_friction", (lab().arm.joint_names[WORN],))], []]
 
 
-@pytest.mark.parametrize("spoil", [inflated, unfit])
-@pytest.mark.parametrize("times", [0.0, 2.0])
+@pytest.mark.parametrize(("spoil", "times"), [(inflated, 0.0), (unfit, 2.0)])
 def test_a_model_that_hides_everything_gives_no_clean_answer(spoil, times):
     answer = found(spoil, times * float(stated(found(good))[WORN]))
 
@@ -109,7 +94,7 @@ def test_a_model_that_hides_everything_gives_no_clean_answer(spoil, times):
     shown = "\n".join(diagnosis_text(answer)), diagnosis_page(answer, ["motion.csv"])
     for text in shown:
         assert spoil is inflated or WHY in text
-        assert ("do not compensate" if spoil is unfit else arm()[1].verdict) in text
+        assert ("do not compensate" if spoil is unfit else identified().model.verdict) in text
 
 
 def test_the_less_certain_a_model_the_more_it_would_miss():
@@ -120,7 +105,7 @@ def test_the_less_certain_a_model_the_more_it_would_miss():
 
 def test_no_answer_is_status_1(tmp_path, capsys):
     recording().save(tmp_path / "motion.csv")
-    unfit(arm()[1]).save(tmp_path / "model.yaml")
+    unfit(identified().model).save(tmp_path / "model.yaml")
     words = [str(tmp_path / "motion.csv"), "--model", str(tmp_path / "model.yaml")]
 
     status = run("dvrk_gravity.cli.diagnose", [*words, "--out", str(tmp_path / "out")])

@@ -8,13 +8,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from compared import DURATION, again, bare, changed, motion
 from diagnosed import (
     ARM,
     COULOMB,
     PITCH,
     ROLL,
     YAW,
-    Motion,
     eye,
     holds,
     loaded,
@@ -25,7 +25,7 @@ from support import REPOSITORY
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.diagnosis import Diagnosis, diagnose
+from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation import Track, same_motion
 from dvrk_gravity.model import TorqueModel
@@ -34,31 +34,11 @@ from dvrk_gravity.recording import Recording
 CHAIN = REPOSITORY / "testing" / "chain.yaml"
 MASS, COM = 0.5, (0.03, -0.02, 0.05)
 LAST = ARM.body_names[-1]
-DURATION = 14.0  # s
-
-
-def motion() -> Motion:
-    return moving(0, DURATION)
-
-
-@cache
-def bare() -> Recording:
-    return motion().read(motion().torque(), 11)
-
-
-def again(extra: np.ndarray | float = 0.0) -> Recording:
-    """Record the same motion on a clock that began later, with extra torques."""
-    cut = motion().read(motion().torque() + extra, 13).between(1.7, np.inf)
-    return replace(cut, time=cut.time - cut.time[0])
 
 
 @cache
 def carrying() -> Recording:
     return again(motion().torque(loaded(MASS, COM)) - motion().torque())
-
-
-def changed(recording: Recording, **more) -> Diagnosis:
-    return diagnose(recording, arm=ARM, reference=bare(), **more)
 
 
 def rubs(part: float) -> np.ndarray:
@@ -130,38 +110,6 @@ def test_a_spring_is_told_whole_though_it_is_at_rest_far_from_the_way():
 
     assert (found.effect, found.joints) == ("elastic_cable", ("yaw",))
     assert found.parameters["stiffness"].value == pytest.approx(1.0, rel=0.1)
-
-
-def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it():
-    found = only(changed(replace(again(), effort=1.5 * again().effort)))
-
-    scale = found.parameters["factor"]
-    assert (found.effect, found.joints) == ("torque_scale", ARM.joint_names)
-    assert scale.value == pytest.approx(1.5, rel=0.02)
-    assert scale.low < 1.5 < scale.high
-
-
-def test_efforts_that_come_earlier_than_a_reference_s_are_told_by_how_much():
-    recording, delay = again(), -0.04
-    late = [np.interp(recording.time - delay, recording.time, e) for e in recording.effort.T]
-
-    found = only(changed(replace(recording, effort=np.column_stack(late))))
-
-    assert found.effect == "time_delay"
-    assert holds(found, "delay", delay)
-
-
-def test_what_is_wrong_with_both_recordings_is_said_once():
-    def frozen(recording: Recording, first: int) -> Recording:
-        position = recording.position.copy()
-        position[first : first + 12, PITCH] = position[first, PITCH]
-        return replace(recording, position=position)
-
-    diagnosis = diagnose(frozen(again(), 500), arm=ARM, reference=frozen(bare(), 900))
-
-    said = [(warning.kind, warning.joint) for warning in diagnosis.warnings]
-    assert said
-    assert len(said) == len(set(said))
 
 
 def test_the_same_motion_is_found_at_its_time_in_the_other_recording():
@@ -258,3 +206,22 @@ def test_the_command_writes_what_a_diagnosis_by_a_model_does(files, tmp_path, ca
     assert content["known_payload"]["mass"] == MASS
     assert (tmp_path / "report.html").exists()
     assert TorqueModel.load(tmp_path / "extended_model.yaml").verdict == "do_not_compensate"
+
+
+def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it():
+    found = only(changed(replace(again(), effort=1.5 * again().effort)))
+
+    scale = found.parameters["factor"]
+    assert (found.effect, found.joints) == ("torque_scale", ARM.joint_names)
+    assert scale.value == pytest.approx(1.5, rel=0.02)
+    assert scale.low < 1.5 < scale.high
+
+
+def test_efforts_that_come_earlier_than_a_reference_s_are_told_by_how_much():
+    recording, delay = again(), -0.04
+    late = [np.interp(recording.time - delay, recording.time, e) for e in recording.effort.T]
+
+    found = only(changed(replace(recording, effort=np.column_stack(late))))
+
+    assert found.effect == "time_delay"
+    assert holds(found, "delay", delay)

@@ -16,9 +16,9 @@ import pinocchio as pin
 import pytest
 import sympy
 from known_ecm import INSERTION, PITCH, ROLL
-from rival_causes import passed
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
+from unresolved_causes import passed
 
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm

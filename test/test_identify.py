@@ -12,29 +12,12 @@ from fitted import FEW
 from known_mtm import ARM, COULOMB, NOISE, SPRING, parameter, truth
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import Fit, build_problem, estimate, evaluate, identify
 from dvrk_gravity.intake import decide_coordinates, read_motions, stands
 from dvrk_gravity.model import start_columns
 from dvrk_gravity.recording import Recording, clipped_efforts
-from testing.lab_motion import draw_calibration
-from testing.mujoco_world import MujocoWorld
-
-
-def moved_less(recording: Recording, joint: int, part: float) -> Recording:
-    """Return a recording one of whose joints goes through a part of the way."""
-    middle = recording.position.mean(axis=0)
-    parts = np.where(np.arange(7) == joint, part, 1.0)
-    position = middle + parts * (recording.position - middle)
-    return replace(recording, position=position, velocity=parts * recording.velocity)
-
-
-def plain_estimate(recording: Recording, arm: Arm = ARM):
-    """Return a fit of the columns that every model begins with."""
-    problem = build_problem(read_motions([recording], arm, "joint").parts, arm)
-    return estimate(problem, start_columns(problem.design.columns))
-
 
 # --- all that there is -------------------------------------------------------------------
 
@@ -88,16 +71,6 @@ def test_elastic_torque_is_held_at_the_edge_of_the_data(fit):
 
 
 # --- what data leave open ----------------------------------------------------------------
-
-
-def test_a_short_range_cannot_separate_gravity_from_a_spring():
-    """The shoulder within a few degrees: sin q2 and q2 are the same line."""
-    effects = ["coulomb_friction", "elastic_cable"]
-    found = identify([moved_less(truth(4), 1, 0.1)], ARM, "joint", effects, physical=False)
-    assert any("shoulder_pitch" in each for each in found.identifiability.statements)
-    assert found.identifiability.rank < found.identifiability.columns
-    open_ = {each.name for each in found.parameters if not each.identifiable}
-    assert {"beta[0] (arm_x)", "beta[1] (arm_y)", "elastic_cable.shoulder_pitch[0]"} <= open_
 
 
 def test_friction_that_presliding_shares_is_not_called_identifiable():
@@ -181,32 +154,7 @@ def test_clipped_efforts_are_found_and_the_rest_makes_a_model_that_holds_the_arm
     assert np.abs(part - whole).max() < 0.05 * np.abs(whole).max()
 
 
-def test_a_burst_of_wrong_efforts_hardly_moves_the_parameters():
-    recording = truth(1, 16.0)
-    effort = recording.effort.copy()
-    effort[600:612, 3] += 1.0  # fifty times the joint's Coulomb friction
-    clean, hit = (plain_estimate(case) for case in (recording, replace(recording, effort=effort)))
-    for name in ("coulomb_friction.joint[wrist_platform]", "beta[3]"):
-        before, after = parameter(clean, name), parameter(hit, name)
-        half = 0.5 * (before.ci95[1] - before.ci95[0])
-        assert abs(after.value - before.value) < half, name
-        assert 0.5 * (after.ci95[1] - after.ci95[0]) < 1.5 * half, name
-
-
 # --- coordinates -------------------------------------------------------------------------
-
-
-def test_coordinates_are_recognised_by_errors_of_what_was_recorded():
-    """A PSM's errors at its joints are correlated."""
-    world = MujocoWorld.draw("psm", 3031)
-    arm = world.arm
-    joint = world.record(world.truth(draw_calibration(arm, 3031), 20.0), 3031)
-    actuator = replace(
-        joint, position=arm.actuator_position(joint.position), velocity=None,
-        effort=arm.actuator_effort(joint.effort),
-    )  # fmt: skip
-    assert decide_coordinates(joint, arm, None).coordinates == "joint"
-    assert decide_coordinates(actuator, arm, None).coordinates == "actuator"
 
 
 def test_an_arm_without_transmission_has_one_kind_of_coordinates():

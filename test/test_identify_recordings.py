@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import fitted
 import numpy as np
 import pytest
 from fitted import FEW
 from known_mtm import ARM, truth
+from support import MODEL_FILE
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.intake import motors_measured, read_motions
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording, RecordingFile, read_trajectory
 
 WRIST = 3
@@ -58,7 +59,7 @@ def frozen(recording: Recording, moving: int) -> tuple[Recording, dict[str, floa
 def test_a_file_is_read_as_the_recording_in_memory(tmp_path):
     recording = truth(2, 8.0)
     recording.save(tmp_path / "run.csv")
-    model, file = fitted.mtm().model, RecordingFile(tmp_path / "run.csv")
+    model, file = TorqueModel.load(MODEL_FILE), RecordingFile(tmp_path / "run.csv")
     assert evaluate(model, [recording]).joints == evaluate(model, [file]).joints
 
 
@@ -98,7 +99,7 @@ def test_rates_that_differ_come_to_the_lowest():
 
 
 def test_coordinates_that_are_given_wrongly_are_warned_of_and_each_may_have_its_own():
-    motor, joint = motor_side(truth(2, 12.0, 50.0)), truth(1, 12.0, 50.0)
+    motor, joint = motor_side(truth(2, 9.0, 50.0)), truth(1, 9.0, 50.0)
     warnings = identify([motor], ARM, "joint", FEW, physical=False).warnings
     (warning,) = [each for each in warnings if each.kind == "coordinates"]
     assert "run.csv" in str(warning)

@@ -11,9 +11,9 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+from imported import PACKAGE, face, modules, names
 from support import REPOSITORY, syntax
 
-PACKAGE = REPOSITORY / "dvrk_gravity"
 # Each room imports only those before it (CONTRIBUTING.md says what they hold).
 ROOMS = (
     "faces", "arrays", "errors", "tabular", "validation", "units", "files", "parameters", "arms",
@@ -28,15 +28,6 @@ DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.z
 OPTIONAL = {
     "crtk_msgs", "control_msgs", "xacrodoc", "pandas", "dask", "distributed", "fsspec", "pyarrow",
 }  # fmt: skip
-
-
-def modules(package: Path) -> dict[str, Path]:
-    """Return the files of a package by the modules' names."""
-    found = {}
-    for path in package.rglob("*.py"):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
 
 
 def everywhere(path: Path) -> Iterable[ast.AST]:
@@ -54,30 +45,6 @@ def at_module_level(tree: ast.AST) -> Iterator[ast.AST]:
         for_types = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
         if not for_types and not isinstance(node, ast.FunctionDef | ast.Lambda):
             yield from at_module_level(node)
-
-
-def names(nodes: Iterable[ast.AST]) -> Iterator[tuple[str, str]]:
-    """Yield (module, name or nothing) of every import statement."""
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            yield from ((alias.name, "") for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert not node.level, "relative imports are not used here"
-            yield from ((node.module or "", alias.name) for alias in node.names)
-
-
-@cache
-def face(package: str) -> dict[str, str]:
-    """Return which module has each public name of a package, as its stub says."""
-    stub = PACKAGE.parent.joinpath(*package.split("."), "__init__.pyi")
-    if not stub.exists():
-        return {}
-    return {
-        alias.name: f"{package}.{node.module}" if node.module else f"{package}.{alias.name}"
-        for node in syntax(stub)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
 
 
 @cache
@@ -168,23 +135,3 @@ def test_a_layer_of_diagnosis_imports_only_layers_below():
                 assert not [
                     name for name in imported if name.startswith(tuple(layers[below + 1 :]))
                 ]
-
-
-def test_others_import_a_room_s_names_from_its_face():
-    """A module as such may be deeper: to patch it, or to call its functions by its name."""
-    known = modules(PACKAGE)
-    users = [
-        path
-        for folder in ("test", "testing", "benchmark", "docs", "dvrk_gravity")
-        for path in (REPOSITORY / folder).rglob("*.py")
-    ]
-    deep = []
-    for path in users:
-        own = path.relative_to(REPOSITORY).parts[:2] if PACKAGE in path.parents else ()
-        for source, name in names(syntax(path)):
-            parts = source.split(".")
-            room = PACKAGE / parts[1] if len(parts) > 1 else PACKAGE
-            inside = tuple(parts[:2]) == own or not (room / "__init__.pyi").exists()
-            if len(parts) > 2 and parts[0] == PACKAGE.name and not inside:
-                deep += [(path.name, source, name)] * (f"{source}.{name}" not in known)
-    assert deep == []

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fitted import ur5_motion
-from robots import PANDA, UR5
+from robots import PANDA
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.cli import options
@@ -61,21 +61,6 @@ def test_positions_that_were_declared_in_degrees_and_are_none_are_refused_too():
 def test_velocities_of_the_joints_show_the_gears():
     recording = replace(ur5_motion(file=HAND), arm=None)
     assert "gears of 30, " in refused(replace(recording, position=RATIOS * recording.position))
-
-
-def test_the_right_unit_is_believed_with_rough_masses_and_a_load():
-    for masses, load in (((0.6, 1.4), 0.0), ((1.0, 1.0), 3.0)):
-        assert in_their_unit(ARM, [ur5_motion(masses, load, HAND)])[1] == ()
-
-
-def test_a_large_rotor_is_no_unit():
-    """Wrists weigh next to nothing: of efforts that follow accelerations, no unit is known."""
-    file = str(UR5).replace("ur5", "ur10")
-    recording = ur5_motion(file=file)
-    dt = float(np.median(np.diff(recording.time)))
-    rotor = np.gradient(recording.velocity, dt, axis=0)
-    large = replace(recording, effort=recording.effort + rotor)
-    assert in_their_unit(Arm.load(file), [large])[1] == ()
 
 
 def with_sign_bit(load: np.ndarray) -> np.ndarray:

@@ -194,7 +194,8 @@ def test_a_stated_load_is_a_finding_only_where_the_recording_shows_it(mass):
 
 
 def test_a_load_that_is_elsewhere_than_stated_is_found_there_and_that_is_said_first():
-    recording = known_ecm.recorded(5, 10.0, carried("link2", 0.5, (0.03, 0.15, 0.0)))
+    torque = carried("link2", 0.5, (0.03, 0.15, 0.0))
+    recording = known_ecm.recorded(5, 10.0, torque)
     found = diagnose(recording, known_ecm.model(), payload_at="link2:0.0,-0.3,0.0")
     assert found.misplaced == "link2:0.0,-0.3,0.0"
     assert found.findings[0].effect == "payload"

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import io
-import subprocess
-import sys
 import unicodedata
 from contextlib import redirect_stdout
-from pathlib import Path
 
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_samples import joint_state, wave, write_messages
-from support import CONFIG, examples
+from recording_samples import joint_state, write_messages
+from support import examples
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.command_line import CLEAR_LINE, PrintableStream, one_line
@@ -116,18 +113,3 @@ def test_an_arm_has_printable_names(tmp_path):
     with pytest.raises(ConfigError, match="printed") as caught:
         Arm.load(str(path))
     assert not obeyed(str(caught.value))
-
-
-@pytest.mark.parametrize("name", [f"x{CLEAR}.csv", "x\nwarning: y.csv", f"{TURN}.csv"])
-def test_a_verb_prints_the_names_of_files_and_columns_printably(tmp_path, name):
-    path = tmp_path / name
-    wave(200).save(tmp_path / "bag")
-    path.write_text(f"time,outer_yaw{CLEAR}.position\n0,1\n")
-    ran = subprocess.run(
-        [sys.executable, "-m", "dvrk_gravity", "identify", path, "--arm", "mtmr",
-         "--out", tmp_path / "m.yaml"],
-        cwd=Path(CONFIG).parent, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert ran.returncode == 2
-    assert set(obeyed(ran.stdout + ran.stderr)) == {"\n"}
-    assert ran.stderr.count("\n") == 1

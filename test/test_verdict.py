@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-import fitted
 import numpy as np
 import pytest
 from known_mtm import ARM, truth
@@ -191,15 +190,8 @@ def test_the_compensator_refuses_a_poor_model_unless_it_is_allowed(poor):
     assert allowed.model.verdict == POOR
 
 
-def test_recordings_kept_out_of_the_fit_judge_it():
-    effects, other = ["coulomb_friction"], wandering(truth(2, 12.0))
-    fit = identify([truth(1, 12.0)], ARM, "joint", effects, validate=[other], physical=False)
-    assert fit.model.verdict == fit.verdict.joints["outer_yaw"].level == POOR
-
-
 def test_poses_that_never_moved_the_shoulder_leave_its_gravity_open():
     q = grid(3)
     q[:, 1] = 0.3
     stood = identify(record(posed(), q), ARM).verdict.joints["shoulder_pitch"]
     assert stood.level == POOR
-    assert fitted.mtm_poses().verdict.joints["shoulder_pitch"].level != POOR

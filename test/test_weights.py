@@ -2,43 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
-import fitted
 import numpy as np
 import pinocchio as pin
 import pytest
-from fitted import FEW, ur5_motion
+from fitted import ur5_motion
+from quick_fits import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, poor
 from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.identification import Fit, HeldWeight, identify, missing_weights
+from dvrk_gravity.identification import HeldWeight, missing_weights
 from dvrk_gravity.model import stated_weight
-from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate import PlantFile
-from testing.posed_arms import ur5
 
 HAND = f"{PANDA}#panda_hand"
-LIFT, ELBOW = 1, 2  # of the UR5
-BOTH = {"shoulder_lift_joint", "elbow_joint"}
-POOR = "do_not_compensate"
-
-
-def fitted_to(effort=None, recording: Recording | None = None, arm: Arm | str = UR5) -> Fit:
-    recording = ur5_motion() if recording is None else recording
-    recording = replace(recording, effort=recording.effort if effort is None else effort)
-    return identify(recording, arm, effects=FEW, physical=False)
-
-
-def poor(fit: Fit) -> set[str]:
-    return {name for name, verdict in fit.verdict.joints.items() if verdict.level == POOR}
-
-
-def factor_in(line: str) -> float:
-    """Return the factor that a finding states."""
-    return float(re.search(r"(-?[\d.]+) times", line)[1])
 
 
 def test_the_weight_that_a_file_states_is_what_pinocchio_makes_of_it():
@@ -49,11 +26,8 @@ def test_the_weight_that_a_file_states_is_what_pinocchio_makes_of_it():
         np.testing.assert_allclose(stated_weight(arm, q), expected[: arm.n], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("masses", "load", "file"), [((0.6, 1.4), 0.0, str(UR5)), ((1.0, 1.0), 3.0, HAND)]
-)
-def test_masses_that_are_rough_and_a_load_keep_a_good_model(masses, load, file):
-    verdict = fitted_to(None, ur5_motion(masses, load, file), file).verdict
+def test_masses_that_are_rough_keep_a_good_model():
+    verdict = fitted_to(None, ur5_motion((0.6, 1.4))).verdict
     assert (verdict.level, verdict.findings) == ("good", ())
 
 
@@ -90,15 +64,6 @@ def test_a_reversed_axis_takes_the_blame_of_all_joints():
     assert not [line for line in fit.handling if "mounting" in line or "opposite" in line]
 
 
-def test_efforts_that_are_exchanged_are_named():
-    effort = ur5_motion().effort.copy()
-    effort[:, [LIFT, ELBOW]] = effort[:, [ELBOW, LIFT]]
-    fit = fitted_to(effort)
-    assert poor(fit) >= BOTH
-    (line,) = fit.verdict.findings
-    assert "shoulder_lift_joint and elbow_joint look exchanged" in line
-
-
 def test_efforts_without_gravity_are_named_joint_by_joint():
     recording = ur5_motion()
     weight = stated_weight(Arm.load(UR5), recording.position)
@@ -129,46 +94,6 @@ def test_a_wrong_clock_is_named_before_all_else_and_no_such_model_is_used():
     assert "clock" in fit.verdict.record
 
 
-def placeholder(folder: Path, mass: float) -> str:
-    text = re.sub(r'<mass value="[^"]*"', f'<mass value="{mass}"', Path(UR5).read_text())
-    (folder / "robot.urdf").write_text(text)
-    return str(folder / "robot.urdf")
-
-
-def test_masses_that_stand_in_for_some_do_not_veto_what_is_stated_to_be_in_newton_metres(tmp_path):
-    file = placeholder(tmp_path, 0.1)
-    doubted = fitted_to(arm=file)
-    assert doubted.verdict.level == POOR
-    assert all("--effort-unit N·m" in line for line in doubted.verdict.findings)
-    believed = fitted_to(arm=Arm.load(file).with_effort_unit("N·m"))
-    assert (believed.verdict.level, believed.verdict.findings) == ("good", ())
-
-
-def test_gravity_that_is_not_there_is_noticed_whatever_the_masses_are(tmp_path):
-    arm = Arm.load(placeholder(tmp_path, 1.0)).with_effort_unit("N·m")
-    weight = stated_weight(Arm.load(UR5), ur5_motion().position)
-    fit = fitted_to(ur5_motion().effort - weight, arm=arm)
-    assert fit.verdict.level != "good"
-    assert "gravity is not in the efforts" in fit.verdict.findings[0]
-
-
-def test_neither_no_masses_nor_a_stated_unit_contradict_a_model(tmp_path):
-    massless = fitted_to(arm=placeholder(tmp_path, 0.0))
-    currents = fitted_to(0.08 * ur5_motion().effort, arm=Arm.load(UR5).with_effort_unit("A"))
-    for verdict in (massless.verdict, currents.verdict):
-        assert (verdict.level, verdict.findings) == ("good", ())
-
-
-def test_plausible_masses_of_a_shipped_arm_show_that_gravity_is_not_there():
-    plant = PlantFile.load("ecm")
-    recording = fitted.move(plant, 1, 12.0)
-    assert fitted_to(recording=recording, arm=plant.model.arm).verdict.findings == ()
-    effort = recording.effort - plant.model.torque(recording.position)
-    fit = fitted_to(effort, recording, plant.model.arm)
-    assert fit.verdict.level == POOR
-    assert "gravity is not in the efforts" in fit.verdict.findings[0]
-
-
 @pytest.mark.parametrize(
     ("gone", "sure"),
     [(("shoulder_pitch",), True), (("wrist_pitch",), False), (("wrist_pitch", "wrist_yaw"), False)],
@@ -184,27 +109,3 @@ def test_plausible_masses_forbid_a_model_where_most_of_the_weight_is_missing(gon
     (found,) = missing_weights(weights, arm)
     assert found.joints == gone
     assert (found.level == POOR) == sure
-
-
-def test_poses_are_judged_by_the_masses_as_motions_are():
-    posed = ur5()
-    recording = posed.record(1, 120)
-    effort = recording.effort.copy()
-    assert identify(recording, posed.arm).verdict.findings == ()
-    effort[:, recording.joints.index("elbow_joint")] *= 0.3
-    (line,) = identify(replace(recording, effort=effort), posed.arm).verdict.findings
-    assert line.startswith("efforts of elbow_joint ")
-    assert factor_in(line) == pytest.approx(0.3, rel=0.1)
-    noise = np.random.default_rng(0).normal(size=effort.shape)
-    judged = identify(replace(recording, effort=noise), posed.arm)
-    assert poor(judged) == set(recording.joints)
-    assert "noise" in judged.verdict.findings[0]
-
-
-def test_a_load_that_no_such_arm_lifts_explains_no_factor():
-    """The same sizes as a load's, of a wrong scale: three times all efforts, and not of a load."""
-    recording = ur5_motion(file=HAND)
-    fit = fitted_to(3.0 * recording.effort, recording, HAND)
-    assert fit.verdict.level == POOR
-    (line,) = fit.verdict.findings
-    assert factor_in(line) == 3.0

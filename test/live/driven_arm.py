@@ -8,12 +8,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+import pytest
 from arm_side import TIMEOUT
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.planning import Move, careful
 from dvrk_gravity.ros import Client, Mover
 
@@ -134,3 +136,16 @@ def to(goal: np.ndarray, duration: float = 1.0):
     """Return a way from POSE to a goal in some s."""
     move = Move(POSE, goal, *careful(Arm.load("mtmr")))
     return lambda time: move.at(time * move.duration / duration)
+
+
+def hold_for(arm: DrivenArm, fault: Callable[[DrivenArm], None], says: str) -> None:
+    """Require that a motion on whose way a fault happens ends in a hold, and says so."""
+    arm.soon(lambda: fault(arm))
+    with mover() as moving:
+        moving.connect()
+        with pytest.raises(MotionError, match=rf"{says}.*; sent hold"):
+            moving.follow(to(POSE + 0.1, 5.0), 5.0)
+        assert arm.held()
+    told = np.array(arm.told)
+    assert (np.abs(told - POSE).max(axis=1) < 0.1).all()
+    assert np.abs(np.diff(told, axis=0)).max() < np.radians(2.0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from arm_side import FakeArm, stamp_of
+from arm_side import TIMEOUT, FakeArm, stamp_of
 from support import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 
 MODEL = TorqueModel.load(MODEL_FILE)
 AT_ONCE = ("-p", "ramp_time:=0.0", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
+WATCHED = ("-p", f"watchdog_timeout:={TIMEOUT}")
 
 
 def expected(arm: FakeArm) -> np.ndarray:
@@ -65,3 +66,9 @@ def faulty(arm: FakeArm, *tokens: str) -> None:
         lambda: arm.state.startswith("fault") and all(token in arm.state for token in tokens),
         f"a fault with {tokens}",
     )
+
+
+def watched(arm: FakeArm, times: int = 1) -> None:
+    """Publish until the watchdog has seen commands begin so often."""
+    said = arm.client.states["watchdog"]
+    arm.run_until(lambda: said.count("the arm is commanded") >= times, "the watchdog's notice")

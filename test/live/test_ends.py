@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from rclpy.duration import Duration
-from running import calm, commanding
+from running import commanding
 from std_msgs.msg import Empty
 from support import MODEL_FILE
 
@@ -36,17 +36,14 @@ def until(condition, what: str) -> None:
 
 def test_a_signal_ends_a_compensator_with_a_hold_and_status_0(arm, start):
     """It comes twice: the second while the first is handled."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        arm.client.states["compensator"].clear()
-        node = start("compensator")
-        commanding(arm)
-        assert not arm.holds
-        for _ in range(2):
-            node.signal(number)
-        arm.client.wait(lambda: bool(arm.holds), "the hold")
-        assert node.wait(20.0) == 0
-        assert arm.commands[-1][0] < arm.holds[-1]
-        calm(arm)
+    node = start("compensator")
+    commanding(arm)
+    assert not arm.holds
+    for _ in range(2):
+        node.signal(signal.SIGTERM)
+    arm.client.wait(lambda: bool(arm.holds), "the hold")
+    assert node.wait(20.0) == 0
+    assert arm.commands[-1][0] < arm.holds[-1]
 
 
 def test_ctrl_c_while_it_loads_sets_up_or_waits_ends_it_without_a_word(arm, start):

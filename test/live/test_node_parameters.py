@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import signal
-
-from arm_side import ALONE
 from support import MODEL_FILE
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.ros import PRIVATE, Client, NodeProcess
+from dvrk_gravity.ros import PRIVATE, NodeProcess
 
 SPACE = f"{PRIVATE}/lab"
 NODE = f"{SPACE}/compensator"
@@ -38,21 +35,3 @@ def test_parameters_of_a_running_node_are_read_and_set(domain, capsys):
             assert status == 2
             assert named in said
             assert said.count("\n") == 0
-
-
-def test_all_options_for_a_busy_computer_are_named_at_once_where_the_arm_is_a_simulator(domain):
-    model = ("--params-file", str(MODEL_FILE))
-    with (
-        Client(SPACE) as client,
-        NodeProcess(
-            "simulator", "-p", "builtin_gravity_compensation:=false", namespace=SPACE
-        ) as simulator,
-        NodeProcess("compensator", *model, *ALONE, "-p", "ramp_time:=0.0", namespace=SPACE),
-    ):
-        client.watch_state("compensator")
-        began = ("commanding", "fault: no valid measured_js")  # where this computer is that busy
-        client.wait(lambda: client.state("compensator").startswith(began), "commands", 60.0)
-        simulator.signal(signal.SIGSTOP)
-        client.wait(lambda: client.state("compensator").startswith(began[1]), "a fault")
-        for option in ("timeout", "max_stamp_age:=0.0", "resume:=automatic", "watchdog_timeout"):
-            assert option in client.state("compensator")

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from recording_samples import wave
 from support import REPOSITORY
 
 
@@ -54,3 +55,20 @@ def test_a_command_computes_in_one_thread_unless_told_otherwise(given, monkeypat
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[0] == (given or "1")
+
+
+@pytest.mark.parametrize(
+    "name", ["x\x1b[2J\x1b[H.csv", "x\nwarning: y.csv", "\u202eevil\u2066.csv"]
+)
+def test_a_verb_prints_the_names_of_files_and_columns_printably(tmp_path, name):
+    path = tmp_path / name
+    wave(200).save(tmp_path / "bag")
+    path.write_text("time,outer_yaw\x1b[2J.position\n0,1\n")
+    ran = subprocess.run(
+        [sys.executable, "-m", "dvrk_gravity", "identify", path, "--arm", "mtmr",
+         "--out", tmp_path / "m.yaml"],
+        cwd=REPOSITORY, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 2
+    assert (ran.stdout + ran.stderr).replace("\n", "").isprintable()
+    assert ran.stderr.count("\n") == 1

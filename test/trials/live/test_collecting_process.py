@@ -7,18 +7,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
 from arm_side import TIMEOUT
 from driven_arm import POSE, DrivenArm
+from path_driver import plan_of
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, load_limits
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.ros import PRIVATE, private_domain
+from dvrk_gravity.ros import PRIVATE
 
 PERIOD = 0.02  # s; a late set point is no further along a motion than one in time
 # As `python -m dvrk_gravity`, but that a busy machine may suspend it for a while.
@@ -29,12 +28,6 @@ mover.ASLEEP = 2.0
 from dvrk_gravity.__main__ import main
 sys.exit(main())
 """
-
-
-@pytest.fixture
-def driven() -> Iterator[DrivenArm]:
-    with private_domain(), DrivenArm() as arm:
-        yield arm
 
 
 class Collector:
@@ -114,6 +107,26 @@ def test_a_motion_whose_arm_vanished_and_whose_process_was_killed_is_resumed_and
     away = np.abs(recording.position[:, None] - path[None]).max(axis=2)
     assert away.min(axis=0).max() < np.radians(0.7)
     assert not (tmp_path / "bag.unfinished").exists()
+
+
+def test_a_process_whose_output_nobody_reads_any_more_holds_the_arm(
+    driven: DrivenArm, tmp_path: Path
+) -> None:
+    """A `| head -1` ends when the next part is announced."""
+    plan = plan_of("mtmr", size=0.3)
+    plan.save(tmp_path / "plan.yaml")
+    driven.position = plan.at(0.0)[0] + 0.05
+    with Collector(tmp_path) as collector:
+        collector.until("approach")
+        process = collector.process
+        process.stdout.close()
+        assert driven.wait_for(lambda: process.poll() is not None, 60.0)
+    assert driven.held()
+    assert process.returncode == 128 + signal.SIGPIPE, collector.errors.read_text()
+    assert driven.told
+    told = len(driven.told)
+    driven.wait_for(lambda: len(driven.told) > told, 0.3)
+    assert len(driven.told) == told  # nothing moves it any more
 
 
 def test_a_person_s_corners_are_taught_through_ros_until_ctrl_c(

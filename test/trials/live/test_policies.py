@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 
-import pytest
-from arm_side import PATIENT, FakeArm
+from arm_side import PATIENT
 from std_msgs.msg import Float64MultiArray
 from support import CONFIG, MODEL_FILE
 
-from dvrk_gravity.ros import PRIVATE, UNHEARD, Client, NodeProcess, OperatingState, private_domain
+from dvrk_gravity.ros import PRIVATE, UNHEARD, Client, NodeProcess, OperatingState
 
 ACCESS = {"topics": ("publish", "subscribe"), "services": ("reply", "request")}
 NODES = {
@@ -38,12 +36,6 @@ def allowed(policy: str, node: str) -> dict[str, set[str]]:
             full = text if text.startswith("/") else f"{namespace}/{text}"
             names.setdefault(access, set()).add(full.replace("/~/", f"/{node}/"))
     return names
-
-
-@pytest.fixture
-def arm() -> Iterator[FakeArm]:
-    with private_domain(), FakeArm() as fake:
-        yield fake
 
 
 def test_the_policies_allow_exactly_what_the_nodes_do(arm):

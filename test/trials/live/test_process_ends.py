@@ -9,6 +9,7 @@ import sys
 import threading
 
 import pytest
+from running import commanding
 
 from dvrk_gravity.ros import kept_awake, private_domain
 
@@ -75,3 +76,14 @@ def test_an_executor_that_waits_is_woken_again_and_again():
 
     with kept_awake(Executor()):
         assert all(woken.acquire(timeout=15.0) for _ in range(3))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTSTP])
+def test_any_signal_ends_a_compensator_with_a_hold_and_status_0(arm, start, number):
+    """SIGTERM is in test/live."""
+    node = start("compensator")
+    commanding(arm)
+    node.signal(number)
+    arm.client.wait(lambda: bool(arm.holds), "the hold")
+    assert node.wait(20.0) == 0
+    assert arm.commands[-1][0] < arm.holds[-1]

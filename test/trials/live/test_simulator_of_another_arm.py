@@ -8,17 +8,15 @@ from simulator_user import User, simulator
 from std_msgs.msg import Float64MultiArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.ros import private_domain
 from dvrk_gravity.simulate import PlantFile
 
 
-def test_another_arm_obeys_an_array_and_reads_its_efforts_in_amperes(tmp_path):
+def test_another_arm_obeys_an_array_and_reads_its_efforts_in_amperes(domain, tmp_path):
     gains = np.array([2.0, 4.0, 5.0, 10.0])
     path = write(tmp_path, {"drive_gains": gains.tolist()})
     start = [0.1, 0.2, 0.1, 0.3]
     given = (f"arm:={path}", "output:=array", f"initial_position:={start}")
     with (
-        private_domain(),
         simulator(*given, "builtin_gravity_compensation:=false"),
         User(commands=Float64MultiArray) as user,
     ):
