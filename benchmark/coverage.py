@@ -207,7 +207,7 @@ def record(seed: int, duration: float) -> tuple[World, Problem]:
     """Return an arm and the least-squares problem of a recording of it."""
     world = World.draw(seed)
     recording = world.record(motion=seed, noise=seed, duration=duration)
-    motions = read_motions([recording], world.arm, "joint")
+    motions = read_motions([recording], world.arm)
     return world, pose(motions.parts, world.arm)
 
 

@@ -32,7 +32,7 @@ from dvrk_gravity.identification import identify
 from dvrk_gravity.intake import build_design, read, read_motions
 from dvrk_gravity.model import Columns, TorqueModel
 from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import Recording, RecordingFile, save_recording
+from dvrk_gravity.recording import Recording, load_excerpt, save_recording
 from testing.world import World
 
 TEN = 10.0  # minutes at 1 kHz that the target is about
@@ -97,9 +97,9 @@ def shares(path: Path) -> dict[str, float]:
     arm = drawn()[0]
     times = {}
     start = time.perf_counter()
-    trajectory = read(RecordingFile(path))
+    prepared = read(load_excerpt(path))
     times["reading, checks, filters"] = time.perf_counter() - start
-    motions = read_motions([trajectory], arm, "joint")
+    motions = read_motions([prepared], arm)
     q = motions.parts[0].state.q
     start = time.perf_counter()
     base_directions.__wrapped__(arm)
@@ -194,7 +194,7 @@ def main() -> int:
     parser.add_argument("--zero", type=float, default=0.0, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.child is not None:
-        fit = identify([RecordingFile(arguments.child)], drawn()[0])
+        fit = identify(arguments.child, drawn()[0])
         # A model that does not fit would be no use, however quickly found.
         poor = max(error.nrmse for error in fit.training.values()) > 0.2
         return int(poor or abs(fit.model.joint_offset[JOINT] - arguments.zero) > 1e-2)

@@ -140,7 +140,7 @@ def swing(arm: Arm, still=(), rate=100.0, seconds=12.0) -> Recording:
 
 def test_a_motion_is_read_at_the_joints_and_its_torque_at_the_motors():
     motion = swing(MTM)
-    (part,) = read_motions([motion], MTM, "joint").parts
+    (part,) = read_motions([motion], MTM).parts
     inner = slice(part.filter.edge, -part.filter.edge)
     rows = np.searchsorted(motion.time, part.time[inner] - 1e-6)
     np.testing.assert_allclose(part.state.q[inner], motion.position[rows], atol=4e-3)
@@ -151,14 +151,15 @@ def test_a_motion_is_read_at_the_joints_and_its_torque_at_the_motors():
         position=MTM.actuator_position(motion.position),
         velocity=MTM.actuator_position(motion.velocity),
         effort=MTM.actuator_effort(motion.effort),
+        coordinates="actuator",
     )
-    (same,) = read_motions([motors], MTM, "actuator").parts
+    (same,) = read_motions([motors], MTM).parts
     np.testing.assert_allclose(same.state.q, part.state.q, atol=1e-9)
     np.testing.assert_allclose(same.effort, part.effort, atol=1e-9)
 
 
 def test_recordings_of_several_rates_are_read_at_the_lowest():
-    slow, fast = read_motions([swing(MTM, rate=50.0), swing(MTM, rate=80.0)], MTM, "joint").parts
+    slow, fast = read_motions([swing(MTM, rate=50.0), swing(MTM, rate=80.0)], MTM).parts
     assert slow.filter.rate == fast.filter.rate == pytest.approx(50.0, rel=1e-3)
     np.testing.assert_allclose(np.diff(fast.time), 0.02, rtol=1e-3)
     both = slice(40, 400)
@@ -167,7 +168,7 @@ def test_recordings_of_several_rates_are_read_at_the_lowest():
 
 def test_a_joint_that_stands_and_the_motors_that_hold_it_are_not_fitted_to():
     motion = swing(MTM, still=("elbow_pitch",))
-    parts, names = without_standing(read_motions([motion], MTM, "joint").parts, MTM)
+    parts, names = without_standing(read_motions([motion], MTM).parts, MTM)
     assert names == ("elbow_pitch",)
     loaded = MTM.actuator_to_joint[2] != 0.0
     assert parts[0].informative.any(axis=0).tolist() == (~loaded).tolist()

@@ -78,7 +78,7 @@ def test_every_verb_warns_once():
     q = anywhere(RIGHT)
     poses = Recording(JOINT_NAMES, None, q, effort=np.full(q.shape, 0.01))
     for warnings in (
-        read_motions([recording], LEFT, "joint").warnings,
+        read_motions([recording], LEFT).warnings,
         evaluate(model, [recording], "joint").warnings,
         load([recording], model).warnings,
         evaluate(model, [poses], "joint").warnings,
@@ -86,7 +86,7 @@ def test_every_verb_warns_once():
         kinds = [warning.kind for warning in warnings]
         assert kinds.count("other_hand") == 1
         assert "arm_limits" not in kinds
-    right = read_motions([recording], RIGHT, "joint").warnings
+    right = read_motions([recording], RIGHT).warnings
     assert "other_hand" not in {warning.kind for warning in right}
 
 

@@ -46,14 +46,14 @@ def test_every_verb_reads_a_recording_in_the_same_coordinates(recording, truth):
     assert decision.coordinates == truth
     assert evaluate(WEIGHT, recording()).coordinates == truth
     right = put_right([recording()], WEIGHT, None, {})
-    assert right.recordings[0].head.coordinates == truth
+    assert right.recordings[0].coordinates == truth
     assert [finding.effect for finding in right.faults] == (
         [] if truth == "joint" else ["wrong_coordinates"]
     )
     # What `identify` has found and corrected before is no news to a diagnosis.
     as_before = put_right([recording()], replace(WEIGHT, found_in="actuator"), None, {})
     assert (as_before.faults, as_before.warnings) == ((), ())
-    assert as_before.recordings[0].head.coordinates == truth
+    assert as_before.recordings[0].coordinates == truth
 
 
 def poses(recording: Recording) -> Recording:
@@ -80,11 +80,11 @@ def test_where_no_plain_model_can_be_fitted_the_model_at_hand_decides_in_every_v
     if shown is poses:
         assert evaluate(model, seen).coordinates == truth
     right = put_right([seen], model, None, still)
-    assert right.recordings[0].head.coordinates == truth
+    assert right.recordings[0].coordinates == truth
     assert right.faults == ()
     assert len(right.warnings) == (truth == "actuator")
     # What was said of them is not decided again.
-    assert put_right([seen], model, "joint", still).recordings[0].head.coordinates == "joint"
+    assert put_right([seen], model, "joint", still).recordings[0].coordinates == "joint"
 
 
 def test_what_was_said_of_coordinates_is_doubted_by_every_verb_alike():

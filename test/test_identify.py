@@ -32,7 +32,7 @@ def moved_less(recording: Recording, joint: int, part: float) -> Recording:
 
 def plain_estimate(recording: Recording, arm: Arm = ARM):
     """Return a fit of the columns that every model begins with."""
-    problem = pose(read_motions([recording], arm, "joint").parts, arm)
+    problem = pose(read_motions([recording], arm).parts, arm)
     return estimate(problem, start_columns(problem.design.columns))
 
 
@@ -101,7 +101,7 @@ def test_a_short_range_cannot_separate_gravity_from_a_spring():
 
 
 def test_friction_that_presliding_shares_is_not_called_identifiable():
-    problem = pose(read_motions([truth(1)], ARM, "joint").parts, ARM)
+    problem = pose(read_motions([truth(1)], ARM).parts, ARM)
     element = problem.design.columns.select(
         effect="presliding_hysteresis", site_kind="joint", joint=4, index=0
     )

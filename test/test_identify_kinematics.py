@@ -109,7 +109,7 @@ def test_zeros_that_torque_hardly_shows_are_named(fits):
 
 def test_slopes_between_knots_are_those_at_every_sample():
     """Of 200 Hz every third sample is enough for a motion that went through the low-pass."""
-    motion = read_motions([truth(3, 4.0, 1000.0)], ARM, "joint").parts[0]
+    motion = read_motions([truth(3, 4.0, 1000.0)], ARM).parts[0]
     assert motion.filter.rate == pytest.approx(200.0)
     links = Columns(ARM, ARM.lower, ARM.upper).base.sum(axis=1)
     columns = Columns(ARM, ARM.lower, ARM.upper, KinematicCalibration(links=links))

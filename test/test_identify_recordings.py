@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import fitted
 import numpy as np
 import pytest
 from fitted import FEW
@@ -15,7 +14,7 @@ from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.intake import motors_measured, read_motions
-from dvrk_gravity.recording import Recording, RecordingFile, read_trajectory
+from dvrk_gravity.recording import Recording
 
 WRIST = 3
 
@@ -55,21 +54,15 @@ def frozen(recording: Recording, moving: int) -> tuple[Recording, dict[str, floa
     return held, dict(zip(JOINT_NAMES, still.tolist(), strict=True))
 
 
-def test_a_file_is_read_as_the_recording_in_memory(tmp_path):
-    recording = truth(2, 8.0)
-    recording.save(tmp_path / "run.csv")
-    model, file = fitted.mtm().model, RecordingFile(tmp_path / "run.csv")
-    assert evaluate(model, [recording]).joints == evaluate(model, [file]).joints
-
-
 @pytest.mark.parametrize(("coordinates", "joint"), [("joint", 2), ("actuator", 2), ("actuator", 3)])
 def test_a_recording_of_one_joint_is_that_joints_part_of_the_whole(coordinates, joint):
     """In actuator coordinates motors of joints that stand still turn: they are completed."""
     held, still = frozen(truth(3, 6.0), joint)
     read = held if coordinates == "joint" else motor_side(held)
-    part = replace(read_trajectory([only(read, [joint])]), coordinates=coordinates, still=still)
-    full = read_motions([read], ARM, coordinates).parts[0]
-    ours = read_motions([part], ARM, coordinates).parts[0]
+    read = replace(read, coordinates=coordinates)
+    part = replace(only(read, [joint]), coordinates=coordinates)
+    full = read_motions([read], ARM).parts[0]
+    ours = read_motions([part], ARM, fixed_positions=still).parts[0]
     for name in ("q", "qd", "qdd"):
         np.testing.assert_allclose(getattr(ours.state, name), getattr(full.state, name), atol=2e-3)
     assert ours.measured[joint] or (coordinates == "joint" and joint == 2)
@@ -89,11 +82,11 @@ def test_a_motor_is_measured_if_all_joints_are_that_it_adds_to():
 
 def test_rates_that_differ_come_to_the_lowest():
     slow, fast = truth(1, 12.0, 50.0), truth(2, 12.0, 200.0)
-    motions = read_motions([slow, fast], ARM, "joint")
+    motions = read_motions([slow, fast], ARM)
     assert {part.filter.rate for part in motions.parts} == {motions.parts[0].filter.rate}
     assert any("50 Hz" in line for line in motions.handling)
     np.testing.assert_allclose(np.diff(motions.parts[1].time), 0.02, atol=1e-9)
-    alone = read_motions([fast], ARM, "joint").parts[0]
+    alone = read_motions([fast], ARM).parts[0]
     np.testing.assert_allclose(motions.parts[1].state.q, alone.state.q[::4], atol=1e-6)
 
 

@@ -137,7 +137,7 @@ def test_everything_goes_through_one_filter():
     prepared = prepare(CLEAN, cutoff=10.0)
     (segment,) = prepared.segments
     assert prepared.warnings == ()
-    assert len(prepared.handling) == 1
+    assert len(prepared.processing_log) == 1
     core = segment.core
     assert len(CLEAN.position[core]) == 6000 - 2 * segment.edge
     omega = 2 * np.pi * np.linspace(0.3, 0.9, 7)
@@ -169,7 +169,7 @@ def test_the_velocity_is_derived_only_where_the_column_is_worse():
 def test_stale_samples_are_replaced():
     rows = np.random.default_rng(0).choice(np.arange(10, 5990), 800, replace=False)
     prepared = prepare(held(CLEAN, np.sort(rows)), cutoff=20.0)
-    assert any(line.startswith("800 stale samples") for line in prepared.handling)
+    assert any(line.startswith("800 stale samples") for line in prepared.processing_log)
     (segment,) = prepared.segments
     clean = prepare(CLEAN, cutoff=20.0).segments[0]
     error = np.abs(segment.recording.position - clean.recording.position)[clean.core]
@@ -184,7 +184,7 @@ def test_a_trajectory_is_split_at_gaps_and_loses_what_is_too_short():
     time[2040:] += 0.5
     prepared = prepare(replace(CLEAN, time=time), cutoff=10.0)
     assert [len(s.recording) for s in prepared.segments] == [2000, 3960]
-    assert any("2 parts, 40 samples" in line for line in prepared.handling)
+    assert any("2 parts, 40 samples" in line for line in prepared.processing_log)
     assert [s.recording.time[0] for s in prepared.segments] == [0.0, time[2040]]
 
 

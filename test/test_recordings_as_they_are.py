@@ -16,7 +16,6 @@ from dvrk_gravity.recording import (
     Recording,
     check,
     prepare,
-    read_trajectory,
 )
 
 CLEAN = wave(1200)
@@ -48,10 +47,6 @@ def test_a_joint_s_missing_velocity_is_differentiated_and_the_others_are_kept(tm
     (segment,) = prepare(found).segments
     exact = prepare(CLEAN).segments[0].recording.velocity
     np.testing.assert_allclose(segment.recording.velocity, exact, atol=5e-3)
-    streamed, clean = (read_trajectory(given.parts(500)) for given in (found, CLEAN))
-    np.testing.assert_allclose(
-        streamed.stretches[0].velocity, clean.stretches[0].velocity, atol=2e-2
-    )
     found.save(tmp_path / "a.csv")
     same(found.of(ARM), Recording.load(tmp_path / "a.csv", arm=ARM))
 

@@ -31,13 +31,13 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,
     DataWarning,
-    Duplicates,
     Given,
     Recording,
-    RecordingFile,
     about_arm,
+    duplicate_samples,
     known_coordinates,
     opened,
+    spent,
 )
 
 
@@ -151,7 +151,7 @@ def build(
         )
         read = put_right(references, tested, coordinates, still)
         # The difference of two recordings that are misread in two ways would look like physics.
-        references, coordinates = read.recordings, read.recordings[0].head.coordinates
+        references, coordinates = read.recordings, read.recordings[0].coordinates
         warnings += read.of_reference
     read = put_right(whole, tested, coordinates, still)
     given = None if model is None else tested
@@ -167,7 +167,7 @@ def build(
         loaded = _beside_reference(loaded, prepared, references[0], tested, still)
     else:
         require_predictable(loaded.motion, prepared)
-        require_gravity(loaded.motion, prepared[0].head.source)
+        require_gravity(loaded.motion, prepared[0].source)
     if place is not None:
         loaded = replace(loaded, motion=replace(loaded.motion, payload_at=place))
         require_visible_load(loaded.motion, str(payload_at))
@@ -201,9 +201,9 @@ def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
 def _prepared(
     model: TorqueModel | None,
     arm: Arm,
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Sequence[Recording],
     still: Mapping[str, float],
-) -> tuple[TorqueModel, Sequence[Recording | RecordingFile], tuple[str, ...]]:
+) -> tuple[TorqueModel, Sequence[Recording], tuple[str, ...]]:
     """Return model and recordings in one unit of effort, and what was done for that.
 
     An arm without an identified model may lack joints that were held.
@@ -221,18 +221,16 @@ def _prepared(
 
 def _beside_reference(
     loaded: Loaded,
-    recordings: Sequence[Recording | RecordingFile],
-    reference: Recording | RecordingFile,
+    recordings: Sequence[Recording],
+    reference: Recording,
     model: TorqueModel,
     still: Mapping[str, float],
 ) -> Loaded:
     """Return what recordings and a reference both show."""
-    before, names = Duplicates(), [each.head.source for each in (recordings[0], reference)]
+    names = [each.source for each in (recordings[0], reference)]
     for recording in (*recordings, reference):
         require_moving(recording)
-    for recording in (*recordings, reference):
-        before.read(recording)
-    if before.skipped:  # the last of them
+    if spent(reference, duplicate_samples(reference, recordings)):
         raise RecordingError(names[1], "--reference is the recording being diagnosed")
     exact = replace(model, uncertainty=None)  # the model's error is in both recordings
     loaded = replace(loaded, motion=replace(loaded.motion, model=exact))

@@ -40,7 +40,6 @@ from dvrk_gravity.intake import (
     require_all,
     require_newtons,
     stated_coordinates,
-    whole,
     without_known_errors,
 )
 from dvrk_gravity.model import TorqueModel
@@ -49,8 +48,8 @@ from dvrk_gravity.recording import (
     Coordinates,
     DataWarning,
     Given,
+    Prepared,
     Recording,
-    Trajectory,
     about,
     about_arm,
     known_coordinates,
@@ -185,21 +184,19 @@ def evaluate(
     odd = require_newtons(model, recordings)
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
-        require_all(recording.head, model.arm, still or None)
+        require_all(recording, model.arm, still or None)
     warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
     if all_static(recordings):
-        poses = [whole(recording) for recording in recordings]
-        decision = coordinates_of(model, poses, coordinates, still)
-        evaluated = _evaluate_static(model, poses, still, decision)
+        decision = coordinates_of(model, recordings, coordinates, still)
+        evaluated = _evaluate_static(model, recordings, still, decision)
     else:
-        trajectories, decisions = list[Trajectory](), list[Decision]()
+        prepared, decisions = list[Prepared](), list[Decision]()
         for recording in recordings:
-            trajectory = replace(read(recording, cutoff), still=still)
-            decision = coordinates_of(model, [trajectory], coordinates, still)
-            trajectories.append(replace(trajectory, coordinates=decision.coordinates))
-            decisions.append(decision)
-            warnings += decision.warnings
-        evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
+            prepared.append(read(recording, cutoff))
+            decisions.append(coordinates_of(model, prepared[-1:], coordinates, still))
+            prepared[-1] = prepared[-1].read_as(decisions[-1].coordinates)
+            warnings += decisions[-1].warnings
+        evaluated = _evaluate_dynamic(model, prepared, decisions[0], still, cutoff)
     arm = model.arm
     units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
     return replace(
@@ -212,7 +209,7 @@ def evaluate(
 
 def coordinates_of(
     model: TorqueModel,
-    recordings: Sequence[Recording] | Sequence[Trajectory],
+    recordings: Sequence[Recording] | Sequence[Prepared],
     given: Coordinates | None,
     still: Mapping[str, float],
 ) -> Decision:
@@ -226,8 +223,8 @@ def coordinates_of(
         if poses:
             evaluation = _evaluate_static(model, poses, still, Decision(system))
         else:
-            alone = [replace(read(each), coordinates=None, still=still) for each in recordings]
-            evaluation = _evaluate_dynamic(model, alone, Decision(system), DEFAULT_CUTOFF, False)
+            alone = [read(each).read_as(system) for each in recordings]
+            evaluation = _evaluate_dynamic(model, alone, Decision(system), still, judged=False)
         return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
 
     return decide_coordinates(recordings[0], model.arm, given, misfit)
@@ -235,14 +232,16 @@ def coordinates_of(
 
 def _evaluate_dynamic(
     model: TorqueModel,
-    recordings: Sequence[Trajectory],
+    recordings: Sequence[Prepared],
     decision: Decision,
-    cutoff: float,
+    still: Mapping[str, float],
+    cutoff: float = DEFAULT_CUTOFF,
     judged: bool = True,
 ) -> Evaluation:
     """Return the errors on trajectories; ``judged``: what the model expects of them, too."""
     arm, coordinates = model.arm, decision.coordinates
-    motions = read_motions(recordings, arm, coordinates, cutoff)
+    motions = read_motions(recordings, arm, cutoff, still)
+    sources = [prepared.recording.source for prepared in recordings]
     traces, positions, velocities = [], [], []
     recorded = np.zeros(arm.n, dtype=bool)
     for motion in motions.parts:
@@ -260,7 +259,7 @@ def _evaluate_dynamic(
         else:
             measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
         # Of joints that were held nothing was measured.
-        seen = [name in recordings[motion.source].joints for name in arm.joint_names]
+        seen = [name in recordings[motion.source].recording.joints for name in arm.joint_names]
         recorded |= np.array(seen)
         position, velocity, effort, torque = (
             array[core][:, seen] for array in (q, qd, measured, predicted)
@@ -274,9 +273,8 @@ def _evaluate_dynamic(
         )  # fmt: skip
     if not any(len(trace.measured) for trace in traces):
         raise RecordingError(
-            recordings[0].source, "holds no time at which the efforts of all joints are readings"
+            sources[0], "holds no time at which the efforts of all joints are readings"
         )
-    sources = [recording.source for recording in recordings]
     q, qd = np.concatenate(positions), np.concatenate(velocities)
     resting = _idle(arm, q, coordinates, static=False)
     result = _result(traces, sources, decision, motions.warnings, motions.handling, resting)

@@ -1,4 +1,3 @@
-from .absent_joints import Source as Source
 from .absent_joints import all_static as all_static
 from .absent_joints import completed as completed
 from .absent_joints import held_beyond as held_beyond
@@ -30,13 +29,13 @@ from .effort_unit import their_unit as their_unit
 from .known_errors import stated_coordinates as stated_coordinates
 from .known_errors import without_known_errors as without_known_errors
 from .motion import CalibrationMotion as CalibrationMotion
+from .motion import Source as Source
 from .motion import noise_floor as noise_floor
 from .motion import read as read
 from .motion import read_motions as read_motions
-from .motion import read_once as read_once
+from .motion import recorded_as as recorded_as
 from .motion import require_measured as require_measured
 from .motion import stands as stands
-from .motion import whole as whole
 from .motion import without_standing as without_standing
 from .nominal import Mounting as Mounting
 from .nominal import NominalTorque as NominalTorque

@@ -24,9 +24,9 @@ from dvrk_gravity.effects import State, last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation import Scales, Track, same_motion, solve_scales
 from dvrk_gravity.intake.design import Design, build_design
-from dvrk_gravity.intake.motion import CalibrationMotion, read_motions
+from dvrk_gravity.intake.motion import CalibrationMotion, read, read_motions
 from dvrk_gravity.model import RIGID, Columns, starts
-from dvrk_gravity.recording import Coordinates, Recording, RecordingFile
+from dvrk_gravity.recording import Coordinates, Recording, without_duplicates
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -153,8 +153,8 @@ class DriveGains:
 
 
 def drive_gains(
-    bare: Sequence[Recording | RecordingFile],
-    loaded: Sequence[Recording | RecordingFile],
+    bare: Sequence[Recording],
+    loaded: Sequence[Recording],
     arm: Arm,
     load: KnownPayload,
     coordinates: Coordinates = "joint",
@@ -179,12 +179,13 @@ def drive_gains(
         )  # fmt: skip
     arm = replace(arm, drive_gains=None, drive_gain_error=None)
     body, _ = load.carrier(arm)
-    motions = read_motions([recording.of(arm) for recording in (*bare, *loaded)], arm, coordinates)
-    if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
+    recordings = [recording.of(arm) for recording in (*bare, *loaded)]
+    if None in without_duplicates(recordings)[0]:
         raise RecordingError(
-            loaded[-1].head.source,
+            loaded[-1].source,
             "or another one repeats an earlier recording: expected each recording once",
         )
+    motions = read_motions([read(each).read_as(coordinates) for each in recordings], arm)
     first = [part for part in motions.parts if part.source < len(bare)]
     second = [part for part in motions.parts if part.source >= len(bare)]
     known, unknown, sizes = _load_columns(arm, load, body)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, compress
+from itertools import compress
 
 import numpy as np
 
@@ -13,27 +13,38 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import band_noise
-from dvrk_gravity.intake.absent_joints import Source, completed, motors_measured, require_all
+from dvrk_gravity.intake.absent_joints import completed, motors_measured, require_all
 from dvrk_gravity.intake.arm_side import beyond_limits
 from dvrk_gravity.recording import (
     DEFAULT_CUTOFF,
     STILL,
-    Coordinates,
     DataWarning,
-    Duplicates,
+    FrozenSpan,
     LowPass,
+    Prepared,
     Recording,
-    RecordingFile,
-    Stretch,
-    Trajectory,
+    Segment,
     about,
-    read_trajectory,
+    clipped_efforts,
+    noise_density,
+    prepare,
+    unread_efforts,
 )
 
+# What can be fitted to: as recorded, or filtered already.
+Source = Recording | Prepared
+
+# The motion is filtered less than the torques: friction's sign and products of velocities put
+# power above the motion's own frequencies. The columns then go through the torques' filter.
+MOTION_BAND = 2.0
+# Samples kept for each period of the motion's cut-off: the rest of a fast recording is redundant.
+OVERSAMPLING = 16.0
+_ABOVE = 4.0  # cut-offs of the motion that a rate must have to show the noise above. Chosen
 _SAME_EFFORT = 1e-9  # relative: what filters make of one number
-# Relative difference of two clocks of one rate. Chosen: more than clocks differ by, less than any
-# two rates in use.
-_SAME_RATE = 1e-3
+# Ratio of two clocks of one rate. Chosen: they differ by more than clocks do, by less than any two
+# rates in use.
+_SAME_RATE = 1.001
+UNUSED = "efforts that are no readings, or clipped (see the warnings), left out"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,112 +91,80 @@ def noise_floor(noise: Sequence[Array], lengths: Sequence[int]) -> Array:
     return np.asarray(np.sqrt(np.average(np.square(noise), axis=0, weights=lengths)))
 
 
-def whole(recording: Recording | RecordingFile) -> Recording:
-    """Return a recording in memory."""
-    return recording.load() if isinstance(recording, RecordingFile) else recording
+def recorded_as(source: Source) -> Recording:
+    """Return what was recorded."""
+    return source.recording if isinstance(source, Prepared) else source
 
 
-def read(recording: Source, cutoff: float = DEFAULT_CUTOFF) -> Trajectory:
-    """Filter a trajectory, unless that has been done.
-
-    Raises:
-        RecordingError: Whatever ``read_trajectory`` refuses.
-    """
-    if isinstance(recording, Trajectory):
-        return recording
-    return read_trajectory(recording.parts(), cutoff)
-
-
-def read_once(
-    recordings: Iterable[Source], cutoff: float = DEFAULT_CUTOFF
-) -> tuple[list[Trajectory | None], tuple[str, ...], tuple[DataWarning, ...]]:
-    """Filter trajectories, each sample once, however often it is given.
+def read(recording: Source, cutoff: float = DEFAULT_CUTOFF) -> Prepared:
+    """Filter a trajectory for a fit, unless that has been done.
 
     Args:
-        recordings: Trajectories; prepared ones are passed on.
-        cutoff: Of the torques' low-pass, Hz.
-
-    Returns:
-        Trajectories (``None`` where nothing is left), what was left out, and warnings about it.
+        recording: With time.
+        cutoff: Of the efforts' low-pass, Hz; the motion's is ``MOTION_BAND`` times as high.
 
     Raises:
-        RecordingError: Whatever ``read_trajectory`` refuses.
+        RecordingError: Whatever ``prepare`` refuses.
     """
-    before = Duplicates()
-    found: list[Trajectory | None] = []
-    lines: list[str] = []
-    warnings: list[DataWarning] = []
-    for recording in recordings:
-        if isinstance(recording, Trajectory):
-            found.append(recording)
-            continue
-        fresh = before.fresh(recording.parts())
-        first = next(fresh, None)
-        trajectory = None
-        if first is not None:
-            try:
-                trajectory = read_trajectory(chain([first], fresh), cutoff)
-            except RecordingError:
-                if not before.skipped:
-                    raise
-        found.append(None if before.skipped else trajectory)
-        if (repeated := before.report()) is not None:
-            lines.append(repeated[0])
-            warnings += repeated[1]
-    return found, tuple(lines), tuple(warnings)
+    if isinstance(recording, Prepared):
+        return recording
+    if recording.time is None:
+        raise RecordingError(recording.source, "holds static poses, expected a trajectory")
+    motion = MOTION_BAND * cutoff
+    stride = max(1, int((recording.rate or 0.0) / (OVERSAMPLING * motion)))
+    return prepare(recording, cutoff, motion=motion, limit_acceleration=False, stride=stride)
 
 
 def read_motions(
     recordings: Iterable[Source],
     arm: Arm,
-    coordinates: Coordinates,
     cutoff: float = DEFAULT_CUTOFF,
+    fixed_positions: Mapping[str, float] | None = None,
 ) -> Motions:
     """Filter recordings and transform them to joint space.
 
     Args:
-        recordings: Trajectories with efforts, of all joints unless they carry where the others
-            stood.
+        recordings: Trajectories with efforts, of all joints but those that stood.
         arm: The arm, for its transmission.
-        coordinates: Of recordings that do not state theirs.
         cutoff: Of the torques' low-pass, Hz.
+        fixed_positions: Where joints stood that a recording lacks, rad.
 
     Raises:
-        RecordingError: No efforts, a joint missing, or whatever ``read_trajectory`` refuses.
+        RecordingError: No efforts, a joint missing, or whatever ``prepare`` refuses.
     """
     parts: list[CalibrationMotion] = []
-    once, left_out, repeated = read_once(recordings, cutoff)
-    warnings, handling = list(repeated), list(left_out)
-    trajectories = [trajectory for trajectory in once if trajectory is not None]
-    same = 1.0 + _SAME_RATE
-    rates = [stretch.filter.rate for trajectory in trajectories for stretch in trajectory.stretches]
-    sources = [trajectory.source for trajectory in trajectories]
-    for source, trajectory in enumerate(trajectories):
-        require_all(trajectory, arm, trajectory.still)
-        warnings += about(source, sources, trajectory.warnings)
-        for warning in trajectory.warnings:
+    each = [read(recording, cutoff) for recording in recordings]
+    warnings, log = list[DataWarning](), list[str]()
+    rates = [prepared.filter.rate for prepared in each if prepared.filter is not None]
+    sources = [prepared.recording.source for prepared in each]
+    for source, prepared in enumerate(each):
+        recording = prepared.recording
+        require_all(recording, arm, fixed_positions)
+        warnings += about(source, sources, prepared.warnings)
+        for warning in prepared.warnings:
             if warning.kind == "exchanged_joints":  # a diagnosis can say which, a fit cannot
-                raise RecordingError(trajectory.source, str(warning))
-        handling += [line for line in trajectory.handling if line not in handling]
-        for stretch in trajectory.stretches:
-            if stretch.filter.rate > same * min(rates):
-                stretch = _at_rate(stretch, min(rates))
-            parts.append(_motion(stretch, trajectory, arm, coordinates, source))
-        efforts = [s.effort for s in trajectory.stretches if s.effort is not None]
-        ways = np.ptp(np.concatenate([s.position for s in trajectory.stretches]), axis=0)
-        scale = arm.scale[[arm.joint_names.index(joint) for joint in trajectory.joints]]
-        moved = ways >= STILL * scale  # efforts of others are not fitted
-        require_measured(
-            trajectory.source, list(compress(trajectory.joints, moved)),
-            np.concatenate(efforts)[:, moved],
-        )  # fmt: skip
-        seen = np.concatenate(
-            [part.state.q[:: max(1, len(part) // 1000)] for part in parts if part.source == source]
-        )
+                raise RecordingError(recording.source, str(warning))
+        log += [line for line in prepared.processing_log if line not in log]
+        own = _motions(prepared, arm, fixed_positions or {}, min(rates), source)
+        if not all(part.informative.all() for part in own) and UNUSED not in log:
+            log.append(UNUSED)
+        parts += own
+        _require_measured_where_moved(prepared, arm)
+        seen = np.concatenate([part.state.q[:: max(1, len(part) // 1000)] for part in own])
         warnings += about(source, sources, beyond_limits(seen, arm))
-    if max(rates) > same * min(rates):
-        handling.append(f"recordings of several rates, resampled to {min(rates):.6g} Hz")
-    return Motions(tuple(parts), tuple(warnings), tuple(handling))
+    if max(rates) > _SAME_RATE * min(rates):
+        log.append(f"recordings of several rates, resampled to {min(rates):.6g} Hz")
+    return Motions(tuple(parts), tuple(warnings), tuple(log))
+
+
+def _require_measured_where_moved(prepared: Prepared, arm: Arm) -> None:
+    """Refuse constant efforts of joints that move; those of others are not fitted."""
+    recording = prepared.recording
+    efforts = [s.recording.effort for s in prepared.segments if s.recording.effort is not None]
+    ways = np.ptp(np.concatenate([s.recording.position for s in prepared.segments]), axis=0)
+    moved = ways >= STILL * arm.scale[[arm.joint_names.index(joint) for joint in recording.joints]]
+    joints = list(compress(recording.joints, moved))
+    require_measured(recording.source, joints, np.concatenate(efforts)[:, moved])
 
 
 def require_measured(source: str, joints: Sequence[str], effort: Array) -> None:
@@ -203,67 +182,80 @@ def require_measured(source: str, joints: Sequence[str], effort: Array) -> None:
         raise RecordingError(source, f"efforts of {named} are all {what}, expected measured ones")
 
 
-def _at_rate(stretch: Stretch, rate: float) -> Stretch:
-    """Return a stretch at a lower rate, by cubic splines through low-passed signals."""
+def _motions(
+    prepared: Prepared, arm: Arm, fixed_positions: Mapping[str, float], rate: float, source: int
+) -> list[CalibrationMotion]:
+    """Return the segments of a recording in joint space, at a rate that is not higher."""
+    recording, given = prepared.recording, prepared.filter
+    assert given is not None
+    low = replace(given, rate=rate) if given.rate > _SAME_RATE * rate else given
+    actuator = recording.coordinates == "actuator"
+    columns = [arm.joint_names.index(joint) for joint in recording.joints]
+    measured = motors_measured(columns, arm, recording.coordinates)
+    spans = [*unread_efforts(recording), *clipped_efforts(recording)]
+    noise = np.full(arm.n, np.nan)
+    noise[columns] = band_noise(_noise(recording, spans, MOTION_BAND * low.cutoff), low.cutoff)
+    stood = np.array([fixed_positions.get(joint, 0.0) for joint in arm.joint_names])
+    found = []
+    for segment in prepared.segments:
+        time, (q, qd, qdd, effort) = _signals(segment)
+        if low is not given:
+            time, (q, qd, qdd, effort) = _at_rate(time, (q, qd, qdd, effort), rate)
+        if len(columns) < arm.n:
+            q = completed(q, columns, stood, arm, recording.coordinates)
+            qd, qdd = (
+                completed(array, columns, np.zeros(arm.n), arm, recording.coordinates)
+                for array in (qd, qdd)
+            )
+            narrow, effort = effort, np.zeros(q.shape)
+            effort[:, columns] = narrow
+        if actuator:
+            q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
+        else:
+            effort = arm.actuator_effort(effort)
+        if not measured.all():
+            effort = np.where(measured, effort, 0.0)
+        unread = np.zeros(effort.shape, dtype=bool)
+        reach = low.edge / low.rate
+        for span in spans:
+            inside = (time > span.span[0] - reach) & (time < span.span[1] + reach)
+            unread[inside, columns[span.joint]] = True
+        usable = ~(unread if actuator else _motors_loaded(unread, arm))
+        found.append(
+            CalibrationMotion(time, State(q, qd, qdd), effort, measured, low, source, noise, usable)
+        )
+    return found
+
+
+def _signals(segment: Segment) -> tuple[Array, tuple[Array, ...]]:
+    """Return times, and positions, velocities, accelerations, efforts."""
+    own = segment.recording
+    assert own.time is not None
+    assert own.velocity is not None
+    assert segment.acceleration is not None
+    assert own.effort is not None
+    return own.time, (own.position, own.velocity, segment.acceleration, own.effort)
+
+
+def _noise(recording: Recording, spans: Sequence[FrozenSpan], above: float) -> Array:
+    """Return (n,) densities of the efforts' noise above the motion's cut-off, NaN: not known."""
+    rate, effort, time = recording.rate, recording.effort, recording.time
+    assert effort is not None
+    if rate is None or time is None or rate < _ABOVE * above:
+        return np.full(effort.shape[1], np.nan)
+    used = np.ones(effort.shape, dtype=bool)
+    for span in spans:
+        used[slice(*span.rows), span.joint] = False
+    return noise_density(time, effort, used, above, rate)
+
+
+def _at_rate(time: Array, signals: Sequence[Array], rate: float) -> tuple[Array, tuple[Array, ...]]:
+    """Return times and low-passed signals at a lower rate, by cubic splines."""
     from scipy.interpolate import CubicSpline
 
-    first, last = stretch.time[0], stretch.time[-1]
-    time = np.minimum(first + np.arange(int((last - first) * rate + 1e-6) + 1) / rate, last)
-
-    def onto(values: Array) -> Array:
-        return np.asarray(CubicSpline(stretch.time, values)(time))
-
-    return Stretch(
-        time,
-        onto(stretch.position),
-        onto(stretch.velocity),
-        onto(stretch.acceleration),
-        None if stretch.effort is None else onto(stretch.effort),
-        replace(stretch.filter, rate=rate),
-        stretch.noise,
-    )
-
-
-def _motion(
-    stretch: Stretch, trajectory: Trajectory, arm: Arm, coordinates: Coordinates, source: int
-) -> CalibrationMotion:
-    coordinates = trajectory.coordinates or coordinates
-    columns = [arm.joint_names.index(joint) for joint in trajectory.joints]
-    q, qd, qdd = stretch.position, stretch.velocity, stretch.acceleration
-    effort = stretch.effort
-    assert effort is not None
-    if len(columns) < arm.n:
-        still = np.array([trajectory.still.get(joint, 0.0) for joint in arm.joint_names])
-        q = completed(q, columns, still, arm, coordinates)
-        qd, qdd = (
-            completed(array, columns, np.zeros(arm.n), arm, coordinates) for array in (qd, qdd)
-        )
-        narrow, effort = effort, np.zeros(q.shape)
-        effort[:, columns] = narrow
-    measured = motors_measured(columns, arm, coordinates)
-    noise = np.full(arm.n, np.nan)
-    noise[columns] = band_noise(stretch.noise, stretch.filter.cutoff)
-    if coordinates == "actuator":
-        q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
-    else:
-        effort = arm.actuator_effort(effort)
-    if not measured.all():
-        effort = np.where(measured, effort, 0.0)
-    return CalibrationMotion(
-        stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source, noise,
-        ~_frozen(stretch, trajectory, arm, coordinates),
-    )  # fmt: skip
-
-
-def _frozen(stretch: Stretch, trajectory: Trajectory, arm: Arm, coordinates: Coordinates) -> Mask:
-    """Return (N, n) samples of motors whose low-passed torque contains a frozen reading."""
-    frozen = np.zeros((len(stretch.time), arm.n), dtype=bool)
-    reach = stretch.filter.edge / stretch.filter.rate
-    for span in trajectory.frozen:
-        first, last = span.span
-        inside = (stretch.time > first - reach) & (stretch.time < last + reach)
-        frozen[inside, arm.joint_names.index(trajectory.joints[span.joint])] = True
-    return frozen if coordinates == "actuator" else _motors_loaded(frozen, arm)
+    first, last = time[0], time[-1]
+    new = np.minimum(first + np.arange(int((last - first) * rate + 1e-6) + 1) / rate, last)
+    return new, tuple(np.asarray(CubicSpline(time, values)(new)) for values in signals)
 
 
 def _motors_loaded(joints: Mask, arm: Arm) -> Mask:

@@ -18,7 +18,6 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.intake.absent_joints import held_beyond
 from dvrk_gravity.recording import (
     Recording,
-    RecordingFile,
     Segment,
     prepare,
     without_friction,
@@ -61,7 +60,7 @@ class NominalTorque:
     effort: Array
 
     @classmethod
-    def of(cls, given: Recording | RecordingFile, arm: Arm) -> NominalTorque | None:
+    def of(cls, given: Recording, arm: Arm) -> NominalTorque | None:
         """Return it; ``None`` where masses, efforts, or joints are not known, or samples few."""
         recording = recorded(given, arm)
         assert recording.arm is not None
@@ -100,10 +99,10 @@ class NominalTorque:
         return np.asarray(rigid_body.torque(self.arm, parameters, self.q, qd, qdd, gravity))
 
 
-def recorded(given: Recording | RecordingFile, arm: Arm) -> Recording:
+def recorded(given: Recording, arm: Arm) -> Recording:
     """Return the first part of a recording, of the arm without joints beyond all recorded ones."""
     held, _ = held_beyond([given], arm, {})
-    return given.of(arm.holding(held)).head
+    return given.of(arm.holding(held))
 
 
 def _parts(recording: Recording) -> tuple[Segment, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +17,6 @@ from dvrk_gravity.recording import files, writing
 from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.joint_names import arm_names, note_on
 from dvrk_gravity.recording.samples import (
-    CHUNK,
     LARGEST,
     QUANTITIES,
     Coordinates,
@@ -214,11 +213,6 @@ class Recording(Samples):
         """
         return frame_of(writing.columns(self))
 
-    @property
-    def head(self) -> Recording:
-        """The part that has joints, quantities and kind of time: in memory, the whole."""
-        return self
-
     def joint(self, name: str) -> int:
         """Return the column of a joint; raise ``RecordingError`` if it was not recorded."""
         if name not in self.joints:
@@ -278,19 +272,6 @@ class Recording(Samples):
                     f"sample {row}: {name} is at {position[row]:.4g}, expected {at:.4g}, where the "
                     "model's arm holds it",
                 )
-
-    def without(self, left_out: Sequence[tuple[int, int]]) -> Recording:
-        """Return it without some spans of its rows, each [start, stop)."""
-        keep = np.ones(len(self), dtype=bool)
-        for start, stop in left_out:
-            keep[start:stop] = False
-        return self.rows(keep)
-
-    def parts(self, size: int = CHUNK) -> Iterator[Recording]:
-        """Yield consecutive parts; the reader's findings are counted with the first."""
-        for first in range(0, len(self), size):
-            part = self.rows(slice(first, first + size))
-            yield part.counted() if first else part
 
     def between(self, start: float, stop: float) -> Recording:
         """Return the samples with ``start <= time < stop``, s.

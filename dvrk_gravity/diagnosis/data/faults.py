@@ -7,9 +7,8 @@ may be too poor for that: it decides only whether a clock or all velocities are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from statistics import NormalDist
 
 import numpy as np
@@ -37,7 +36,7 @@ from dvrk_gravity.intake import (
     velocity_fault,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording, RecordingFile, join
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 
 _BEGINNING = 60.0  # s of a recording that are looked at. Chosen: a stretch of a long one
 # Standard errors by which the model fits one clock better than the other. Chosen: one chance in a
@@ -87,7 +86,7 @@ class PutRight:
         handling: What was done as at identification.
     """
 
-    recordings: list[Recording | RecordingFile]
+    recordings: list[Recording]
     faults: tuple[Fault, ...]
     warnings: tuple[DataWarning, ...]
     errors: ReadingErrors
@@ -109,7 +108,7 @@ class PutRight:
 
 
 def put_right(
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Sequence[Recording],
     model: TorqueModel,
     coordinates: Coordinates | None,
     still: Mapping[str, float],
@@ -142,13 +141,13 @@ def put_right(
         while found := velocity_fault(head):
             found, fault = _velocity_fault(found, head, model, still)
             note(fault, head, _errors(found, model.arm))
-            recording, head = _mended(recording, found.mend), found.mend(head)
+            recording, head = found.mend(recording), found.mend(head)
         stated = head.coordinates
         given = stated if stated == "actuator" else coordinates
         decision = _coordinates(head, model, given, still)
         warnings += decision.warnings
         if decision.coordinates != stated:
-            recording = _mended(recording, partial(replace, coordinates=decision.coordinates))
+            recording = replace(recording, coordinates=decision.coordinates)
             if given is None and decision.coordinates == model.found_in:
                 handling.append(f"{decision.reason}, as those that the model was identified from")
             elif given is None and decision.errors is not None:
@@ -181,25 +180,10 @@ def _errors(fault: VelocityFault, arm: Arm) -> ReadingErrors:
     return replace(right, velocity=np.where(wrong, fault.exact, 1.0))
 
 
-def beginning(recording: Recording | RecordingFile) -> Recording:
+def beginning(recording: Recording) -> Recording:
     """Return the part of a recording that is looked at."""
-    parts: list[Recording] = []
-    for part in recording.parts():
-        parts.append(part)
-        first = parts[0].time
-        if first is None or part.time is None:
-            continue
-        end = float(first[0]) + _BEGINNING
-        if part.time[-1] > end:
-            parts[-1] = part.rows(part.time <= end) if part.time[0] <= end else part.rows(slice(1))
-            break
-    return join(parts) if len(parts) > 1 else parts[0]
-
-
-def _mended(
-    recording: Recording | RecordingFile, mend: Callable[[Recording], Recording]
-) -> Recording | RecordingFile:
-    return mend(recording) if isinstance(recording, Recording) else recording.mended(mend)
+    time = recording.time
+    return recording if time is None else recording.rows(time <= time[0] + _BEGINNING)
 
 
 def _velocity_fault(

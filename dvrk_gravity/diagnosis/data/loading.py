@@ -22,20 +22,16 @@ from dvrk_gravity.intake import (
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
-    Excerpt,
-    LowPass,
     Prepared,
     Recording,
-    RecordingFile,
     Segment,
     about,
     excerpt,
     labels,
-    loaded_if_short,
+    noise_density,
     prepare,
     quantum,
     unread_efforts,
-    white_density,
     without_duplicates,
 )
 
@@ -88,7 +84,7 @@ class Loaded:
 
 
 def load(
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Sequence[Recording],
     model: TorqueModel,
     still: Mapping[str, float] | None = None,
     settings: LoadSettings | None = None,
@@ -108,39 +104,40 @@ def load(
     settings = settings or LoadSettings()
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
-    heads = [recording.head for recording in recordings]
-    first = heads[0].source
-    kinds = {head.time is None for head in heads}
+    first = recordings[0].source
+    kinds = {recording.time is None for recording in recordings}
     if len(kinds) > 1:
         raise RecordingError(first, "static poses and trajectories cannot be diagnosed together")
     static = kinds.pop()
     still, held = held_beyond(recordings, model.arm, still or {})
-    for head in heads:
-        require_all(head, model.arm, still)
-    if {head.joints for head in heads} != {heads[0].joints}:
+    for recording in recordings:
+        require_all(recording, model.arm, still)
+    if len({recording.joints for recording in recordings}) > 1:
         raise RecordingError(first, "the recordings hold different joints")
-    share = settings.longest / len(recordings)
-    recordings, left_out, repeated = without_duplicates(
-        [loaded_if_short(recording, share) for recording in recordings]
-    )
-    sources = tuple(recording.head.source for recording in recordings)
+    once, repeated = without_duplicates(recordings)
+    recordings = [each for each in once if each is not None]
+    sources = tuple(recording.source for recording in recordings)
     share = settings.longest / len(recordings)
     pieces: list[MeasuredMotion] = []
-    warnings, handling, floors = list(repeated), [*held, *left_out], list[Array]()
+    warnings, log, floors = list(repeated), list(held), list[Array]()
     for number, recording in enumerate(recordings):
+        if len(recordings) == 1:
+            _require_length(recording, settings)
         looked_at = excerpt(recording, share, min(settings.stretch, share))
-        alone = len(recordings) == 1
-        own = _of_recording(looked_at, model, still, heads[0].start_ns, alone, settings)
-        _extend(warnings, about(number, sources, own.warnings))
-        _extend(handling, own.handling)
-        floors += own.floors
-        later = _after(pieces, own.pieces) if own.pieces and not static else 0.0
+        prepared = prepare(looked_at, _band(looked_at, settings), BAND)
+        start = (looked_at.start_ns - recordings[0].start_ns) * 1e-9
+        own = list(_motions(prepared, model, start, still, settings))
+        reach = beyond_limits(np.vstack([piece.q for piece in own]), model.arm)
+        _extend(warnings, about(number, sources, (*prepared.warnings, *reach)))
+        _extend(log, prepared.processing_log)
+        if any(piece.unread.any() for piece in own):
+            _extend(log, [UNREAD])
+        floors.append(_noise_density(looked_at, model.arm, settings.band))
+        later = 0.0 if static else _after(pieces, own)
         if later > 0.0:
             # One arm was in one place at a time: a clock started again.
-            handling.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
-        pieces += [replace(piece, clock=(number,), time=piece.time + later) for piece in own.pieces]
-    if not pieces:
-        raise RecordingError(first, f"has too many gaps: {handling[len(held) + len(left_out)]}")
+            log.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
+        pieces += [replace(piece, clock=(number,), time=piece.time + later) for piece in own]
     motion = MeasuredMotion.joined(pieces)
     if model.arm.direct_drive and not static:
         names = np.array(model.arm.joint_names)[motion.present].tolist()
@@ -156,50 +153,11 @@ def load(
         raise RecordingError(first, f"holds {has}, a diagnosis needs {needs}")
     known = np.ma.masked_invalid(np.square(floors))  # unknown for static poses
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
-    return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
+    return Loaded(motion, tuple(warnings), tuple(log), floor, sources)
 
 
 def _extend(known: list, new: Iterable) -> None:
     known += [each for each in new if each not in known]
-
-
-@dataclass(frozen=True, eq=False)
-class _OfRecording:
-    pieces: Sequence[MeasuredMotion]
-    warnings: Sequence[DataWarning]
-    handling: Sequence[str]
-    floors: Sequence[Array]
-
-
-def _of_recording(
-    looked_at: Excerpt,
-    model: TorqueModel,
-    still: Mapping[str, float],
-    start_ns: int,
-    alone: bool,
-    settings: LoadSettings,
-) -> _OfRecording:
-    """Prepare one recording; the only one has to be long enough by itself."""
-    pieces, floors = list[MeasuredMotion](), list[Array]()
-    warnings, handling = list(looked_at.warnings or ()), list[str]()
-    rate: float | None = None
-    for stretch in looked_at.stretches:
-        rate = rate or stretch.rate
-        if alone and looked_at.warnings is None:
-            _require_length(stretch, settings)
-        prepared = _prepared(stretch, rate, looked_at.warnings, settings)
-        _extend(warnings, prepared.warnings)
-        _extend(handling, prepared.handling)
-        start = 0.0 if stretch.time is None else (stretch.start_ns - start_ns) * 1e-9
-        thin = 1 if rate is None else max(1, round(rate / settings.rate))
-        found = list(_motions(stretch, prepared.segments, model, start, still, thin))
-        if any(piece.unread.any() for piece in found):
-            _extend(handling, [UNREAD])
-        pieces += found
-        floors.append(_noise_density(stretch, model.arm, settings.band))
-    if pieces:
-        warnings += beyond_limits(np.vstack([piece.q for piece in pieces]), model.arm)
-    return _OfRecording(pieces, warnings, handling, floors)
 
 
 def _after(before: Sequence[MeasuredMotion], pieces: Sequence[MeasuredMotion]) -> float:
@@ -223,35 +181,25 @@ def _require_length(recording: Recording, settings: LoadSettings) -> None:
         )
 
 
-def _prepared(
-    stretch: Recording,
-    rate: float | None,
-    warnings: tuple[DataWarning, ...] | None,
-    settings: LoadSettings,
-) -> Prepared:
-    """Return a filtered stretch; where the whole recording was checked, a bad one is left out."""
-    band = settings.band if rate is None else min(settings.band, rate / 5.0)
-    try:
-        return prepare(stretch, band, band=BAND, warnings=warnings)
-    except RecordingError as error:
-        if warnings is None or stretch.time is None:
-            raise
-        left_out = f"from {stretch.time[0]:.4g} s on a stretch is left out: it {error.problem}"
-        return Prepared((), (), (left_out,), None)
+def _band(recording: Recording, settings: LoadSettings) -> float:
+    """Return the cut-off of motion and efforts, Hz."""
+    rate = recording.rate
+    return settings.band if rate is None else min(settings.band, rate / 5.0)
 
 
 def _motions(
-    stretch: Recording,
-    segments: Iterable[Segment],
+    prepared: Prepared,
     model: TorqueModel,
     start: float,
     still: Mapping[str, float],
-    thin: int,
+    settings: LoadSettings,
 ) -> Iterator[MeasuredMotion]:
-    """Yield the segments of a stretch that began at ``start`` s, every ``thin``-th sample."""
-    arm = model.arm
-    step, rounding, unread = _step(stretch, arm), _rounding(stretch, arm), _unread(stretch, arm)
-    for segment in segments:
+    """Yield the segments of a recording that began at ``start`` s, some of their samples."""
+    recording, arm = prepared.recording, model.arm
+    thin = 1 if recording.rate is None else max(1, round(recording.rate / settings.rate))
+    step, rounding = _step(recording, arm), _rounding(recording, arm)
+    unread = _unread(recording, arm)
+    for segment in prepared.segments:
         piece = _piece(segment, thin, model, start, still)
         mask = np.zeros(piece.q.shape, dtype=bool)
         for joints, first, last in unread:
@@ -259,7 +207,7 @@ def _motions(
             mask[inside & (piece.time <= start + last + SMEARED)] |= joints
         yield replace(
             piece, step=step, rounding=rounding, thinned=thin, unread=mask,
-            timed=stretch.velocity is not None,
+            timed=recording.velocity is not None,
         )  # fmt: skip
 
 
@@ -316,30 +264,20 @@ def _unread(recording: Recording, arm: Arm) -> list[tuple[Mask, float, float]]:
 
 def _noise_density(recording: Recording, arm: Arm, band: float) -> Array:
     """Return (n,) effort noise in N·m/sqrt(Hz) above a band of kinematics, Hz; NaN if unknown."""
-    unknown = np.full(arm.n, np.nan)
-    rate = recording.rate
-    if rate is None or recording.effort is None or rate < 4.0 * band:
-        return unknown
-    cutoff = min(1.5 * band, 0.3 * rate)
-    low = LowPass(cutoff, rate)
-    if len(recording) <= 4 * low.edge:
-        return unknown
+    rate, time = recording.rate, recording.time
+    if rate is None or time is None or recording.effort is None or rate < 4.0 * band:
+        return np.full(arm.n, np.nan)
     columns = [arm.joint_names.index(joint) for joint in recording.joints]
     effort = np.zeros((len(recording), arm.n))
     effort[:, columns] = recording.effort
-    if recording.coordinates == "actuator":
-        # In joint space first: the motors' noises need not be independent.
-        effort = arm.joint_effort(effort)
-    high = effort - low(effort)
-    read = np.ones(high.shape, dtype=bool)
+    read = np.ones(effort.shape, dtype=bool)
     for span in unread_efforts(recording):
         read[slice(*span.rows), columns[span.joint]] = False
     if recording.coordinates == "actuator":
-        read = ~arm.joints_of(~read)
-    counted = np.maximum(read[low.edge : -low.edge].sum(axis=0), 1)
-    square = np.where(read, high**2, 0.0)[low.edge : -low.edge].sum(axis=0)
-    known = np.isin(np.arange(arm.n), columns)
-    return np.where(known, white_density(square / counted, cutoff, rate), np.nan)
+        # In joint space first: the motors' noises need not be independent.
+        effort, read = arm.joint_effort(effort), ~arm.joints_of(~read)
+    density = noise_density(time, effort, read, min(1.5 * band, 0.3 * rate), rate)
+    return np.where(np.isin(np.arange(arm.n), columns), density, np.nan)
 
 
 def _step(recording: Recording, arm: Arm) -> Array:

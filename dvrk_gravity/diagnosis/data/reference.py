@@ -24,7 +24,7 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import SAME_STATE, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
+from dvrk_gravity.recording import DataWarning, LowPass, Recording
 
 ONLY_CHANGES = "it holds changes against a reference only, and cannot hold the arm"
 
@@ -43,12 +43,11 @@ def model_of(arm: Arm) -> TorqueModel:
     return TorqueModel(arm, (), verdict=VERDICTS[-1], reason=ONLY_CHANGES)
 
 
-def require_moving(recording: Recording | RecordingFile) -> None:
+def require_moving(recording: Recording) -> None:
     """Raise RecordingError for static poses, which have no times to compare at."""
-    first = recording.head
-    if first.time is None:
+    if recording.time is None:
         raise RecordingError(
-            first.source, "holds static poses: expected a motion, to compare with the reference"
+            recording.source, "holds static poses: expected a motion, to compare with the reference"
         )
 
 

@@ -59,7 +59,14 @@ from dvrk_gravity.identification.trajectories.problem import (
     with_loads,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection
-from dvrk_gravity.intake import Design, Source, noise_floor, read_motions, without_standing
+from dvrk_gravity.intake import (
+    Design,
+    Source,
+    noise_floor,
+    read_motions,
+    recorded_as,
+    without_standing,
+)
 from dvrk_gravity.model import Columns, TorqueModel, starts
 from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates
@@ -115,6 +122,7 @@ def fit_dynamic(
     report: Report = lambda stage, share: None,
     form: type[Columns] = Columns,
     least_gain: float = LEAST_GAIN,
+    fixed_positions: Mapping[str, float] | None = None,
 ) -> Fit:
     """Fit a model to trajectories and judge it.
 
@@ -128,16 +136,17 @@ def fit_dynamic(
         report: Called with the stage and the share of it that is done.
         form: Which columns there are.
         least_gain: See :class:`ColumnSelection`.
+        fixed_positions: Where joints stood that a recording lacks, rad.
 
     Raises:
         RecordingError: A recording that cannot be used.
         NotConvergedError: No bodies near the fit, where ``physical`` requires them.
     """
-    motions = read_motions(recordings, arm, coordinates)
+    motions = read_motions(recordings, arm, fixed_positions=fixed_positions)
     parts, standing = without_standing(motions.parts, arm)
     if not any(part.informative.any() for part in parts):
         raise RecordingError(
-            recordings[0].head.source,
+            recorded_as(recordings[0]).source,
             f"determines no motor's torque, as {', '.join(standing)} stand still: expected motions "
             "of all joints",
         )
