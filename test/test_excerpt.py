@@ -66,8 +66,8 @@ def test_static_poses_are_never_cut():
 def test_recordings_share_the_time_that_is_looked_at():
     settings = LoadSettings(longest=40.0, stretch=10.0)
     both = load([moving(60.0), moving(60.0, 90.0)], MODEL, settings=settings)
-    assert len(both.motion.parts) == 4
-    assert len(both.motion.q) / both.motion.rate == pytest.approx(38.0, abs=1.5)
+    assert len(both.parts) == 4
+    assert len(both) / both.rate == pytest.approx(38.0, abs=1.5)
     assert [warning.kind for warning in both.warnings].count("excerpt") == 2
 
 
@@ -76,8 +76,8 @@ def test_what_lies_between_gaps_that_are_too_close_is_left_out():
     # Readings that come in bursts with gaps between them, in one of the stretches.
     kept = (whole.time < 40.0) | (whole.time > 45.0) | (whole.time % 0.4 < 0.2)
     loaded = load([whole.rows(kept)], MODEL, settings=LoadSettings(longest=30.0, stretch=5.0))
-    assert not np.any((loaded.motion.time > 40.4) & (loaded.motion.time < 44.8))
-    assert any("of short ones left out" in line for line in loaded.handling)
+    assert not np.any((loaded.time > 40.4) & (loaded.time < 44.8))
+    assert any("of short ones left out" in line for line in loaded.processing_log)
 
 
 def test_a_long_recording_of_nothing_but_gaps_is_refused():

@@ -15,8 +15,8 @@ from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import Fit, estimate, evaluate, identify, pose
-from dvrk_gravity.intake import decide_coordinates, read_motions, stands
 from dvrk_gravity.model import start_columns
+from dvrk_gravity.observation import decide_coordinates, observe, stands
 from dvrk_gravity.recording import Recording, clipped_efforts
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import MujocoWorld
@@ -32,7 +32,7 @@ def moved_less(recording: Recording, joint: int, part: float) -> Recording:
 
 def plain_estimate(recording: Recording, arm: Arm = ARM):
     """Return a fit of the columns that every model begins with."""
-    problem = pose(read_motions([recording], arm).parts, arm)
+    problem = pose(observe([recording], arm), arm)
     return estimate(problem, start_columns(problem.design.columns))
 
 
@@ -101,7 +101,7 @@ def test_a_short_range_cannot_separate_gravity_from_a_spring():
 
 
 def test_friction_that_presliding_shares_is_not_called_identifiable():
-    problem = pose(read_motions([truth(1)], ARM).parts, ARM)
+    problem = pose(observe([truth(1)], ARM), ARM)
     element = problem.design.columns.select(
         effect="presliding_hysteresis", site_kind="joint", joint=4, index=0
     )

@@ -18,7 +18,7 @@ PACKAGE = REPOSITORY / "dvrk_gravity"
 ROOMS = (
     "faces", "arrays", "errors", "tabular", "validation", "units", "files", "parameters", "arms",
     "parameters.nodes", "gravity", "newton_euler", "effects", "model", "console", "recording",
-    "estimation", "intake", "identification", "planning", "simulate", "exports", "compensate",
+    "estimation", "observation", "identification", "planning", "simulate", "exports", "compensate",
     "collecting", "diagnosis", "calibration", "fleet", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.

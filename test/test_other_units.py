@@ -13,7 +13,7 @@ from robots import PANDA, UR5
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.intake import held_beyond, in_their_unit, require_all
+from dvrk_gravity.observation import held_beyond, in_their_unit, require_all
 from dvrk_gravity.recording import Recording
 
 HAND = f"{PANDA}#panda_hand"

@@ -21,8 +21,8 @@ from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
 from dvrk_gravity.compensate import DroppedSampleError, SampleReader
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.intake import KnownPayload, drive_gains, in_their_unit
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import KnownPayload, drive_gains, in_their_unit
 from dvrk_gravity.planning import PlanLimits, exciting_motion
 from dvrk_gravity.recording import Recording, load_excerpt
 from dvrk_gravity.simulate import record_motion

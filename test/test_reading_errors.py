@@ -15,8 +15,8 @@ from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate
-from dvrk_gravity.intake import without_known_errors
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import without_known_errors
 from dvrk_gravity.recording import Recording, limited_efforts
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, simulate
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.intake import read
+from dvrk_gravity.observation import Bands
 from dvrk_gravity.recording import Recording, prepare
 
+read = Bands.of_fit().prepare
 SAME = 1e-9  # of a signal's largest value
 
 
@@ -44,11 +45,11 @@ def test_gaps_that_are_short_for_the_filter_cost_no_samples():
     gappy = interrupted(recording, 16, 200)
     assert 0.008 < np.diff(gappy.time).max() < 0.0165
     found, clean = (read(given) for given in (gappy, recording))
-    assert [len(part.recording) for part in found.segments] == [len(clean.segments[0].recording)]
+    assert found.parts == clean.parts
     assert any("16 ms" in line for line in found.processing_log)
     assert "samples_discarded" not in {warning.kind for warning in found.warnings}
-    (actual,), (expected,) = found.segments, clean.segments
-    actual, expected, inner = actual.recording, expected.recording, expected.core
+    actual, expected = found.filtered, clean.filtered
+    inner = slice(clean.filter.edge, -clean.filter.edge)
     for name, same in {"position": 1e-3, "velocity": 0.01, "effort": 0.01}.items():
         first, second = getattr(actual, name)[inner], getattr(expected, name)[inner]
         assert np.abs(first - second).max() < same * np.abs(second).max(), name
@@ -58,11 +59,11 @@ def test_the_longest_gap_that_is_bridged_is_the_filters_time_constant():
     recording = swing(8000, 1000.0)
     for missing, parts in ((27, 1), (30, 2)):  # 1 / (2 pi 5.65 Hz) is 28.2 ms
         gappy = recording.rows(np.delete(np.arange(8000), np.r_[4000 : 4000 + missing]))
-        assert len(read(gappy).segments) == parts
-        assert len(prepare(gappy).segments) == parts
+        assert len(read(gappy).parts) == parts
+        assert len(prepare(gappy).parts) == parts
     slower = prepare(gappy, 20.0, band=4.0)  # what is used below 4 Hz only
-    assert len(slower.segments) == 1
-    assert len(prepare(gappy, 20.0).segments) == 2
+    assert len(slower.parts) == 1
+    assert len(prepare(gappy, 20.0).parts) == 2
 
 
 def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
@@ -81,13 +82,13 @@ def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
 def test_what_is_kept_is_what_prepare_gives_one_in_five_at_1_khz():
     recording = swing(8000, 1000.0)
     prepared = read(recording)
-    (kept,) = prepared.segments
-    motion, effort = (prepare(recording, cutoff).segments[0] for cutoff in (11.3, 5.65))
+    kept = prepared.filtered
+    motion, effort = (prepare(recording, cutoff).filtered for cutoff in (11.3, 5.65))
     rows = slice(None, None, 5)
     for ours, theirs in (
-        (kept.recording.position, motion.recording.position),
-        (kept.recording.velocity, motion.recording.velocity),
-        (kept.recording.effort, effort.recording.effort),
+        (kept.position, motion.position),
+        (kept.velocity, motion.velocity),
+        (kept.effort, effort.effort),
     ):
         assert np.abs(ours - theirs[rows]).max() < SAME * np.abs(theirs).max()
     assert prepared.filter.rate == pytest.approx(200.0)

@@ -70,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
     """
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import Files, arm_for, diagnose
-    from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
+    from dvrk_gravity.observation import contradiction
     from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text
 
     references = [] if args.reference is None else [args.reference]

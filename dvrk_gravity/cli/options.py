@@ -288,7 +288,7 @@ def require_as_recorded(
         ConfigError: Naming it, and where it was recorded.
         RecordingError: A recording that cannot be read.
     """
-    from dvrk_gravity.intake import stood_at, travel
+    from dvrk_gravity.observation import stood_at, travel
 
     for entry, name, _ in _entries(texts):
         if all(name in recording.joints for recording in recordings):
@@ -308,7 +308,7 @@ def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 def _require_within_reach(entry: str, arm: Arm, name: str, position: float) -> None:
     """Refuse a position further beyond the arm's limits than an encoder zero can be off."""
-    from dvrk_gravity.intake import BEYOND
+    from dvrk_gravity.observation import BEYOND
 
     index = arm.joint_names.index(name)
     joint, lower, upper = arm.joints[index], float(arm.lower[index]), float(arm.upper[index])

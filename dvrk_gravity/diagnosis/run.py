@@ -8,9 +8,10 @@ from pathlib import Path
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import in_simulation
-from dvrk_gravity.diagnosis.data.faults import Fault, put_right
+from dvrk_gravity.diagnosis.data.faults import Fault, correct_recordings
 from dvrk_gravity.diagnosis.data.fit_to_judge import require_gravity, require_predictable
-from dvrk_gravity.diagnosis.data.loading import Loaded, load
+from dvrk_gravity.diagnosis.data.loading import load
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
 from dvrk_gravity.diagnosis.inference.infer import infer, silent, with_load_elsewhere
 from dvrk_gravity.diagnosis.results.assembly import report
@@ -18,7 +19,8 @@ from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.effects import ReadingErrors, place_of, require_visible_load
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import require_solver
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import (
     check_mass,
     in_their_unit,
     known_still,
@@ -27,7 +29,6 @@ from dvrk_gravity.intake import (
     with_held,
     without_known_errors,
 )
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,
     DataWarning,
@@ -46,12 +47,12 @@ class DiagnosisProblem:
     """What is to be explained.
 
     Attributes:
-        loaded: The motion, beside the model or the reference.
+        motion: Beside the model or the reference.
         faults: Of the recordings themselves, which were corrected.
         errors: Errors of readings that the model knows, and those faults.
     """
 
-    loaded: Loaded
+    motion: MeasuredMotion
     faults: tuple[Fault, ...]
     errors: ReadingErrors
 
@@ -102,8 +103,8 @@ def diagnose(
     say = progress or silent
     say("reading")
     problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
-    as_stated = infer(problem.loaded, say)
-    elsewhere = with_load_elsewhere(as_stated, problem.loaded, say)
+    as_stated = infer(problem.motion, say)
+    elsewhere = with_load_elsewhere(as_stated, problem.motion, say)
     posterior = elsewhere or as_stated
     say("measuring gains on held-out blocks")
     diagnosis = report(posterior, problem.faults, known_payload, problem.errors)
@@ -113,7 +114,7 @@ def diagnose(
     if not shown or not any(each.in_model and each.of_arm for each in diagnosis.findings):
         return diagnosis
     say("simulating motion and drift")
-    motion, spans = posterior.loaded.motion, posterior.validation.data.held_out_spans
+    motion, spans = posterior.motion, posterior.validation.data.held_out_spans
     # The motion's model and positions are without errors of readings.
     extended = replace(diagnosis.model, reading_errors=motion.model.reading_errors)
     check = in_simulation(motion.model, extended, motion, spans)
@@ -149,30 +150,30 @@ def build(
         references, _ = without_known_errors(
             references, replace(tested, reading_errors=errors), coordinates
         )
-        read = put_right(references, tested, coordinates, still)
+        read = correct_recordings(references, tested, coordinates, still)
         # The difference of two recordings that are misread in two ways would look like physics.
         references, coordinates = read.recordings, read.recordings[0].coordinates
         warnings += read.of_reference
-    read = put_right(whole, tested, coordinates, still)
+    read = correct_recordings(whole, tested, coordinates, still)
     given = None if model is None else tested
     tested, prepared, said = _prepared(given, arm, read.recordings, still)
-    loaded = load(prepared, tested, still)
+    motion = load(prepared, tested, still)
     doubts = tested.arm.doubts if tested.of_file else ()  # an identified model has its own
-    loaded = replace(
-        loaded,
-        handling=(*corrected, *read.handling, *said, *loaded.handling),
-        warnings=(*about_arm(doubts), *warnings, *read.warnings, *loaded.warnings),
+    motion = replace(
+        motion,
+        processing_log=(*corrected, *read.processing_log, *said, *motion.processing_log),
+        warnings=(*about_arm(doubts), *warnings, *read.warnings, *motion.warnings),
     )
     if references:
-        loaded = _beside_reference(loaded, prepared, references[0], tested, still)
+        motion = _beside_reference(motion, prepared, references[0], tested, still)
     else:
-        require_predictable(loaded.motion, prepared)
-        require_gravity(loaded.motion, prepared[0].source)
+        require_predictable(motion, prepared)
+        require_gravity(motion, prepared[0].source)
     if place is not None:
-        loaded = replace(loaded, motion=replace(loaded.motion, payload_at=place))
-        require_visible_load(loaded.motion, str(payload_at))
-    joints = [arm.joint_names.index(name) for name in loaded.motion.arm.joint_names]
-    return DiagnosisProblem(loaded, read.faults, errors.after(read.errors).at(joints))
+        motion = replace(motion, payload_at=place)
+        require_visible_load(motion, str(payload_at))
+    joints = [arm.joint_names.index(name) for name in motion.arm.joint_names]
+    return DiagnosisProblem(motion, read.faults, errors.after(read.errors).at(joints))
 
 
 def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
@@ -220,12 +221,12 @@ def _prepared(
 
 
 def _beside_reference(
-    loaded: Loaded,
+    motion: MeasuredMotion,
     recordings: Sequence[Recording],
     reference: Recording,
     model: TorqueModel,
     still: Mapping[str, float],
-) -> Loaded:
+) -> MeasuredMotion:
     """Return what recordings and a reference both show."""
     names = [each.source for each in (recordings[0], reference)]
     for recording in (*recordings, reference):
@@ -233,5 +234,5 @@ def _beside_reference(
     if spent(reference, duplicate_samples(reference, recordings)):
         raise RecordingError(names[1], "--reference is the recording being diagnosed")
     exact = replace(model, uncertainty=None)  # the model's error is in both recordings
-    loaded = replace(loaded, motion=replace(loaded.motion, model=exact))
-    return compared(loaded, load([reference], model, still), names)
+    motion = replace(motion, model=exact)
+    return compared(motion, load([reference], model, still), names)

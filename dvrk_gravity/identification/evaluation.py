@@ -27,22 +27,27 @@ from dvrk_gravity.identification.result import (
     in_short,
     joint_errors,
 )
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import (
+    Bands,
     Decision,
+    Observation,
     all_static,
     beyond_limits,
     completed,
     decide_coordinates,
+    filtered,
     held_beyond,
+    in_joint_space,
+    log_of,
     noise_floor,
-    read,
-    read_motions,
+    observe,
     require_all,
     require_newtons,
     stated_coordinates,
+    warnings_of,
     without_known_errors,
 )
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DEFAULT_CUTOFF,
     Coordinates,
@@ -190,13 +195,17 @@ def evaluate(
         decision = coordinates_of(model, recordings, coordinates, still)
         evaluated = _evaluate_static(model, recordings, still, decision)
     else:
-        prepared, decisions = list[Prepared](), list[Decision]()
-        for recording in recordings:
-            prepared.append(read(recording, cutoff))
-            decisions.append(coordinates_of(model, prepared[-1:], coordinates, still))
-            prepared[-1] = prepared[-1].read_as(decisions[-1].coordinates)
-            warnings += decisions[-1].warnings
-        evaluated = _evaluate_dynamic(model, prepared, decisions[0], still, cutoff)
+        decisions = list[Decision]()
+
+        def decide(number: int, prepared: Prepared) -> Coordinates:
+            del number
+            decisions.append(coordinates_of(model, [prepared], coordinates, still))
+            warnings.extend(decisions[-1].warnings)
+            return decisions[-1].coordinates
+
+        bands = Bands.of_fit(cutoff)
+        observed = observe(recordings, model.arm, bands, still or None, decide)
+        evaluated = _evaluate_dynamic(model, observed, decisions[0], cutoff)
     arm = model.arm
     units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
     return replace(
@@ -223,8 +232,9 @@ def coordinates_of(
         if poses:
             evaluation = _evaluate_static(model, poses, still, Decision(system))
         else:
-            alone = [read(each).read_as(system) for each in recordings]
-            evaluation = _evaluate_dynamic(model, alone, Decision(system), still, judged=False)
+            alone = filtered(recordings[0]).read_as(system)
+            observed = in_joint_space(alone, model.arm, Bands.of_fit(), still)
+            evaluation = _evaluate_dynamic(model, [observed], Decision(system), judged=False)
         return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
 
     return decide_coordinates(recordings[0], model.arm, given, misfit)
@@ -232,35 +242,35 @@ def coordinates_of(
 
 def _evaluate_dynamic(
     model: TorqueModel,
-    recordings: Sequence[Prepared],
+    observed: Sequence[Observation],
     decision: Decision,
-    still: Mapping[str, float],
     cutoff: float = DEFAULT_CUTOFF,
     judged: bool = True,
 ) -> Evaluation:
     """Return the errors on trajectories; ``judged``: what the model expects of them, too."""
     arm, coordinates = model.arm, decision.coordinates
-    motions = read_motions(recordings, arm, cutoff, still)
-    sources = [prepared.recording.source for prepared in recordings]
+    sources = [each.sources[0] for each in observed]
+    parts = [part for each in observed for part in each.split()]
     traces, positions, velocities = [], [], []
     recorded = np.zeros(arm.n, dtype=bool)
-    for motion in motions.parts:
-        core = np.arange(motion.filter.edge, len(motion) - motion.filter.edge)
-        usable = np.broadcast_to(motion.informative, motion.effort.shape)
+    for motion in parts:
+        low = motion.filter
+        assert low is not None
+        core = np.arange(low.edge, len(motion) - low.edge)
+        usable = np.broadcast_to(~motion.invalid_motor_effort, motion.q.shape)
         core = core[usable[core].all(axis=1)]
-        predicted = motion.filter(arm.actuator_effort(model.prediction(motion.state)))
-        q, qd = motion.state.q, motion.state.qd
-        assert qd is not None
+        predicted = low(arm.actuator_effort(model.prediction(motion.state)))
+        q, qd = motion.q, motion.qd
         positions.append(q[core])
         velocities.append(qd[core])
-        measured = motion.effort
+        measured = motion.motor_effort(arm)
         if coordinates == "actuator":
             q, qd = arm.actuator_position(q), arm.actuator_position(qd)
         else:
             measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
         # Of joints that were held nothing was measured.
-        seen = [name in recordings[motion.source].recording.joints for name in arm.joint_names]
-        recorded |= np.array(seen)
+        seen = motion.present
+        recorded |= seen
         position, velocity, effort, torque = (
             array[core][:, seen] for array in (q, qd, measured, predicted)
         )
@@ -268,7 +278,7 @@ def _evaluate_dynamic(
         traces.append(
             Trace(
                 joints, time, position, velocity, effort, torque, coordinates, False,
-                motion.source, motion.noise[seen],
+                motion.clock[0], motion.noise_left(coordinates)[seen],
             )
         )  # fmt: skip
     if not any(len(trace.measured) for trace in traces):
@@ -277,12 +287,12 @@ def _evaluate_dynamic(
         )
     q, qd = np.concatenate(positions), np.concatenate(velocities)
     resting = _idle(arm, q, coordinates, static=False)
-    result = _result(traces, sources, decision, motions.warnings, motions.handling, resting)
+    result = _result(traces, sources, decision, warnings_of(observed), log_of(observed), resting)
     result = replace(result, cutoff=cutoff)
     if not judged:
         return result
-    states = [motion.state for motion in motions.parts]
-    seconds = sum(float(motion.time[-1] - motion.time[0]) for motion in motions.parts)
+    states = [motion.state for motion in parts]
+    seconds = sum(float(motion.time[-1] - motion.time[0]) for motion in parts)
     return replace(
         result,
         outside=outside_range(model, q, qd, recorded),

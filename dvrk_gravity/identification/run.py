@@ -29,7 +29,8 @@ from dvrk_gravity.identification.trajectories.problem import (
     require_form,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import Columns, TorqueModel, identified
+from dvrk_gravity.observation import (
     OTHER_SIDE,
     KnownPayload,
     all_static,
@@ -37,14 +38,14 @@ from dvrk_gravity.intake import (
     decide_coordinates,
     drive_gains,
     known_still,
-    read,
+    observe,
     require_all,
     their_unit,
     with_held,
 )
-from dvrk_gravity.model import Columns, TorqueModel, identified
 from dvrk_gravity.recording import (
     Coordinates,
+    DataWarning,
     Given,
     Prepared,
     Recording,
@@ -319,38 +320,35 @@ def _dynamic(
         require_all(recording, arm, still)
     complete = [len(recording.joints) == len(arm.joint_names) for recording in recordings]
     if not any(complete):
-        first = recordings[0]
         raise RecordingError(
-            first.source,
-            f"has {', '.join(first.joints)} only: expected a recording of all joints as well, to "
-            "determine gravity and inertia",
+            recordings[0].source,
+            f"has {', '.join(recordings[0].joints)} only: expected a recording of all joints as "
+            "well, to determine gravity and inertia",
         )
-    report("reading", 0.0)
-    once, repeated = without_duplicates(recordings)
-    prepared = {index: read(each) for index, each in enumerate(once) if each is not None}
-    report("coordinates", 0.0)
-    reasons, warnings = list[str](), list(repeated)
-    readable: list[Prepared] = []
-    fitted = list(prepared)
-    complete = [complete[index] for index in fitted]
-    for full, (index, each) in zip(complete, prepared.items(), strict=True):
-        decision = decide_coordinates(each, arm, coordinates[index])
-        system = decision.coordinates
-        warnings += decision.warnings
-        if not full:
-            reasons.append(_partial(each.recording, arm, system, still))
+    reasons, warnings = list[str](), list[DataWarning]()
+
+    def decide(number: int, prepared: Prepared) -> Coordinates:
+        report("coordinates", 0.0)
+        decision = decide_coordinates(prepared, arm, coordinates[number])
+        warnings.extend(decision.warnings)
+        if not complete[number]:
+            reasons.append(_partial(prepared.recording, arm, decision.coordinates, still))
         if reason := decision.reason:
-            reasons.append(reason if sum(complete) == 1 else f"{each.recording.source}: {reason}")
-        readable.append(each.read_as(system))
-    shown = readable[complete.index(True)].recording.coordinates
+            alone = sum(complete) == 1
+            reasons.append(reason if alone else f"{prepared.recording.source}: {reason}")
+        return decision.coordinates
+
+    report("reading", 0.0)
+    observed = observe(recordings, arm, fixed_positions=still, decide=decide)
+    shown = next(each for each in observed if each.present.all()).coordinates
     columns: type[Columns] = Columns
     if for_file is not None:
         form = FORMS[for_file]
         columns, effects = form.columns, form.effects
         if form.of_bodies and physical is None:
             physical = True
-    fit = fit_dynamic(readable, arm, shown, effects, physical, report, columns, least_gain, still)
-    if shown == "actuator" and coordinates[fitted[complete.index(True)]] is None:
+    fit = fit_dynamic(observed, arm, shown, effects, physical, report, columns, least_gain)
+    if shown == "actuator" and coordinates[complete.index(True)] is None:
         fit = replace(fit, model=replace(fit.model, found_in=shown))
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
 

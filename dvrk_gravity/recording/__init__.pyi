@@ -26,6 +26,11 @@ from .files import is_recording as is_recording
 from .filters import LowPass as LowPass
 from .filters import derivative as derivative
 from .filters import white_density as white_density
+from .invalid_effort import InvalidSpan as InvalidSpan
+from .invalid_effort import clipped_efforts as clipped_efforts
+from .invalid_effort import frozen_efforts as frozen_efforts
+from .invalid_effort import invalid_efforts as invalid_efforts
+from .invalid_effort import limited_efforts as limited_efforts
 from .joint_states import JointStateSample as JointStateSample
 from .joint_states import read_joint_states as read_joint_states
 from .limits import STILL as STILL
@@ -35,7 +40,6 @@ from .position_unit import disproved as disproved
 from .position_unit import without_friction as without_friction
 from .preparation import DEFAULT_CUTOFF as DEFAULT_CUTOFF
 from .preparation import Prepared as Prepared
-from .preparation import Segment as Segment
 from .preparation import noise_density as noise_density
 from .preparation import prepare as prepare
 from .quantization import quantum as quantum
@@ -44,6 +48,7 @@ from .recording import known_coordinates as known_coordinates
 from .samples import Coordinates as Coordinates
 from .samples import join as join
 from .signal_checks import quantisation as quantisation
+from .stream import STRETCH as STRETCH
 from .stream import Given as Given
 from .stream import excerpt as excerpt
 from .stream import iterate_recording as iterate_recording
@@ -53,11 +58,6 @@ from .timing import TimingSettings as TimingSettings
 from .timing import resample as resample
 from .timing import retimed as retimed
 from .timing import stale as stale
-from .unread import FrozenSpan as FrozenSpan
-from .unread import clipped_efforts as clipped_efforts
-from .unread import frozen_efforts as frozen_efforts
-from .unread import limited_efforts as limited_efforts
-from .unread import unread_efforts as unread_efforts
 from .velocity import VelocityFit as VelocityFit
 from .velocity import compare_velocity as compare_velocity
 from .writing import BagWriter as BagWriter

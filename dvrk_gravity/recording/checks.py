@@ -8,6 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
+from dvrk_gravity.recording.invalid_effort import frozen
 from dvrk_gravity.recording.limits import STILL, beyond_the_arm, jumps, position_unit
 from dvrk_gravity.recording.position_unit import declaring
 from dvrk_gravity.recording.recording import Recording
@@ -20,7 +21,6 @@ from dvrk_gravity.recording.signal_checks import (
     saturation,
 )
 from dvrk_gravity.recording.timing import TimingSettings
-from dvrk_gravity.recording.unread import frozen
 from dvrk_gravity.recording.velocity import common_factor, compare_velocity
 
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")

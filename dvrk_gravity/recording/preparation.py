@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from dvrk_gravity.recording.data_warning import DataWarning, require_usable
 from dvrk_gravity.recording.filters import LowPass, derivative, white_density
 from dvrk_gravity.recording.quantization import known_acceleration, quantum
 from dvrk_gravity.recording.recording import Recording
-from dvrk_gravity.recording.samples import Coordinates, not_recorded
+from dvrk_gravity.recording.samples import QUANTITIES, Coordinates, not_recorded
 from dvrk_gravity.recording.timing import (
     TimingSettings,
     longest_bridged,
@@ -30,48 +32,43 @@ SHORTEST = 4  # edges of the filter that a part must be long to be kept
 # the recording promises (1 / sqrt(0.9)).
 DISCARDED = 0.1
 
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """A contiguous part of a prepared recording.
-
-    Attributes:
-        recording: ``(N, n)`` arrays; on a uniform time grid and low-passed, unless static.
-        acceleration: ``(N, n)`` rad/s^2, or ``None`` for static poses.
-        edge: Samples at either end that the end transients of the efforts' filter reach.
-    """
-
-    recording: Recording
-    acceleration: Array | None
-    edge: int
-
-    @property
-    def core(self) -> slice:
-        """Samples that no end transient reaches."""
-        return slice(self.edge, len(self.recording) - self.edge)
+Filtered = tuple[Recording, Array]  # and its acceleration
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A prepared recording.
+    """A recording, checked and filtered.
 
     Attributes:
         recording: As it was read.
-        segments: Parts without gaps, in order.
+        filtered: ``(N, n)`` arrays; on uniform time grids and low-passed, unless static.
+        acceleration: ``(N, n)`` rad/s^2; zero for static poses.
+        parts: Parts of these samples without gaps, in order.
         warnings: Findings about the recording.
         processing_log: Steps of the preparation, one sentence each.
-        filter: The low-pass of efforts, at the rate of the segments; ``None`` for static poses.
+        filter: The low-pass of efforts, at the rate of the samples; ``None`` for static poses.
+        stride: Every so-maniest sample was kept.
     """
 
     recording: Recording
-    segments: tuple[Segment, ...]
+    filtered: Recording
+    acceleration: Array
+    parts: tuple[slice, ...]
     warnings: tuple[DataWarning, ...]
     processing_log: tuple[str, ...]
-    filter: LowPass | None
+    filter: LowPass | None = None
+    stride: int = 1
 
     def read_as(self, coordinates: Coordinates) -> Prepared:
         """Return the same in the coordinates that the recording's columns really have."""
         return replace(self, recording=replace(self.recording, coordinates=coordinates))
+
+    def at_rate(self, rate: float) -> Prepared:
+        """Return it at a lower rate, Hz, by cubic splines through the signals of each part."""
+        assert self.filter is not None
+        parts = [(self.filtered.rows(part), self.acceleration[part]) for part in self.parts]
+        slower = _joined([_slower(*part, rate) for part in parts])
+        return replace(self, **slower, filter=replace(self.filter, rate=rate))
 
 
 @dataclass
@@ -146,6 +143,7 @@ def prepare(
     motion: float | None = None,
     limit_acceleration: bool = True,
     stride: int = 1,
+    ends: bool = True,
     warnings: tuple[DataWarning, ...] | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
@@ -165,6 +163,7 @@ def prepare(
         limit_acceleration: Whether the acceleration is limited to the band that position steps
             allow (``known_acceleration``).
         stride: Every so-maniest low-passed sample is kept.
+        ends: Whether the ends of parts, which the efforts' filter disturbs, are kept.
         warnings: Findings about the recording; ``None``: it is checked.
 
     Raises:
@@ -175,9 +174,9 @@ def prepare(
     require_usable(recording.source, warnings)
     rate = recording.rate
     if recording.time is None:
-        segment = Segment(recording, None, 0)
         used = "static poses are used as they are"
-        return Prepared(recording, (segment,), warnings, (used,), None)
+        still, whole = np.zeros_like(recording.position), (slice(0, len(recording)),)
+        return Prepared(recording, recording, still, whole, warnings, (used,))
     if rate is None:
         raise RecordingError(recording.source, "holds one sample, expected a trajectory")
     low, band, motion = _low_pass(recording, cutoff, rate), band or cutoff, motion or cutoff
@@ -194,7 +193,7 @@ def prepare(
     step = np.zeros(len(recording.joints))
     if limit_acceleration:
         step = np.array([quantum(column) for column in recording.position.T])
-    segments: list[Segment] = []
+    parts: list[Filtered] = []
     first, gridded = 0, False
     for part in split_at_gaps(recording, gaps.longest):
         fresh = part.rows(~old[first : first + len(part)])
@@ -204,14 +203,15 @@ def prepare(
             continue
         uniform = resample(fresh, rate)
         gridded = gridded or uniform is not fresh
-        segments.append(_filtered(uniform, low, wide, derived, step, band, stride))
-    if not segments:
+        kept = slice(None, None, stride) if ends else slice(low.edge, -low.edge, stride)
+        parts.append(_filtered(uniform, low, wide, derived, step, band, kept))
+    if not parts:
         raise RecordingError(
             recording.source,
             f"has no {SHORTEST * low.edge} samples in a row without a gap, "
             f"as a {cutoff:g} Hz filter needs",
         )
-    gaps.parts = len(segments)
+    gaps.parts = len(parts)
     log += tuple(gaps.handling())
     warnings += gaps.warnings(len(recording))
     if gridded:
@@ -226,8 +226,41 @@ def prepare(
         )
     if stride > 1:
         log += (f"one of {stride} low-passed samples kept: {rate / stride:.6g} Hz",)
-    kept = LowPass(cutoff, rate / stride)
-    return Prepared(recording, tuple(segments), warnings, log, kept)
+    slower = LowPass(cutoff, rate / stride)
+    return Prepared(
+        recording, warnings=warnings, processing_log=log, filter=slower, stride=stride,
+        **_joined(parts),
+    )  # fmt: skip
+
+
+def _joined(parts: Sequence[Filtered]) -> dict[str, Any]:
+    """Return parts, and their accelerations, as one recording with gaps."""
+    first = parts[0][0]
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part, _ in parts]) for name in first.arrays()
+    }
+    edges = np.cumsum([0, *(len(part) for part, _ in parts)]).tolist()
+    return {
+        "filtered": replace(first, **arrays),
+        "acceleration": np.concatenate([acceleration for _, acceleration in parts]),
+        "parts": tuple(slice(a, b) for a, b in pairwise(edges)),
+    }
+
+
+def _slower(part: Recording, acceleration: Array, rate: float) -> Filtered:
+    from scipy.interpolate import CubicSpline
+
+    assert part.time is not None
+    first, last = part.time[0], part.time[-1]
+    number = int((last - first) * rate + 1e-6) + 1
+    time = np.minimum(first + np.arange(number) / rate, last)
+    signals: dict[str, Any] = {
+        name: CubicSpline(part.time, values)(time)
+        for name, values in part.arrays().items()
+        if name in QUANTITIES
+    }
+    slower = replace(part, time=time, direction=None, **signals)
+    return slower, np.asarray(CubicSpline(part.time, acceleration)(time))
 
 
 def noise_density(time: Array, effort: Array, used: Mask, cutoff: float, rate: float) -> Array:
@@ -280,8 +313,8 @@ def _derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> 
 
 def _filtered(
     raw: Recording, low: LowPass, wide: LowPass, derived: tuple[str, ...], step: Array, band: float,
-    stride: int,
-) -> Segment:  # fmt: skip
+    kept: slice,
+) -> Filtered:  # fmt: skip
     """Return a uniform part low-passed: efforts by ``low``, motion by ``wide``."""
     position = wide(raw.position)
     velocity = derivative(position, wide.rate)
@@ -290,8 +323,5 @@ def _filtered(
         velocity[:, columns] = wide(raw.velocity[:, columns])
     effort = None if raw.effort is None else low(raw.effort)
     acceleration = known_acceleration(derivative(velocity, wide.rate), step, wide.rate, band)
-    kept = slice(None, None, stride)
     result = replace(raw, position=position, velocity=velocity, effort=effort).rows(kept)
-    acceleration = acceleration[kept].copy()
-    acceleration.flags.writeable = False
-    return Segment(result, acceleration, -(-low.edge // stride))
+    return result, acceleration[kept]

@@ -27,7 +27,8 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import coordinates_of
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import (
     CoordinateErrors,
     Decision,
     VelocityFault,
@@ -35,7 +36,6 @@ from dvrk_gravity.intake import (
     held_beyond,
     velocity_fault,
 )
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 
 _BEGINNING = 60.0  # s of a recording that are looked at. Chosen: a stretch of a long one
@@ -75,7 +75,7 @@ class Fault:
 
 
 @dataclass(frozen=True, eq=False)
-class PutRight:
+class CorrectedRecordings:
     """Corrected recordings, and their faults.
 
     Attributes:
@@ -83,14 +83,14 @@ class PutRight:
         faults: The faults, those of all joints first.
         warnings: That given coordinates look wrong.
         errors: The faults that all recordings share, as errors of readings.
-        handling: What was done as at identification.
+        processing_log: What was done as at identification.
     """
 
     recordings: list[Recording]
     faults: tuple[Fault, ...]
     warnings: tuple[DataWarning, ...]
     errors: ReadingErrors
-    handling: tuple[str, ...]
+    processing_log: tuple[str, ...]
 
     @property
     def of_reference(self) -> tuple[DataWarning, ...]:
@@ -107,12 +107,12 @@ class PutRight:
         return (*faults, *self.warnings)
 
 
-def put_right(
+def correct_recordings(
     recordings: Sequence[Recording],
     model: TorqueModel,
     coordinates: Coordinates | None,
     still: Mapping[str, float],
-) -> PutRight:
+) -> CorrectedRecordings:
     """Return recordings corrected for the faults that they show by themselves, and these faults.
 
     Args:
@@ -122,7 +122,7 @@ def put_right(
             a finding if they are not joint coordinates.
         still: Where joints stood that the recordings do not hold.
     """
-    right, faults, warnings, handling = [], list[Fault](), list[DataWarning](), list[str]()
+    right, faults, warnings, processing_log = [], list[Fault](), list[DataWarning](), list[str]()
     several = len(recordings) > 1
     read = ReadingErrors.none(model.arm.n)
 
@@ -149,7 +149,9 @@ def put_right(
         if decision.coordinates != stated:
             recording = replace(recording, coordinates=decision.coordinates)
             if given is None and decision.coordinates == model.found_in:
-                handling.append(f"{decision.reason}, as those that the model was identified from")
+                processing_log.append(
+                    f"{decision.reason}, as those that the model was identified from"
+                )
             elif given is None and decision.errors is not None:
                 fault = _wrong_coordinates(model.arm, decision.coordinates, decision.errors)
                 right_one = ReadingErrors.none(model.arm.n)
@@ -158,7 +160,7 @@ def put_right(
                 text = f"{decision.reason}: --coordinates overrides this"
                 warnings.append(DataWarning("coordinates", None, {}, text))
         right.append(recording)
-    return PutRight(right, tuple(faults), tuple(warnings), read, tuple(handling))
+    return CorrectedRecordings(right, tuple(faults), tuple(warnings), read, tuple(processing_log))
 
 
 def _coordinates(
@@ -260,7 +262,7 @@ def _clock_fits_better(
         still: Where joints stood that the recording does not hold.
     """
     try:
-        motion = load([mended], model, still, LoadSettings(shortest=0.0)).motion
+        motion = load([mended], model, still, LoadSettings(shortest=0.0))
     except RecordingError:  # the next to read it raises it, too
         return 0.0
     as_recorded = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)

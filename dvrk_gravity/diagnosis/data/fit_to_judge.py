@@ -13,7 +13,7 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import beats
 from dvrk_gravity.identification import READ_WITHOUT, bears_weight
-from dvrk_gravity.intake import predictable
+from dvrk_gravity.observation import predictable
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.units import quantity
 

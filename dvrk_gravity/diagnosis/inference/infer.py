@@ -10,8 +10,8 @@ import numpy as np
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
     SelectedEffect,
     confirmed,
@@ -36,7 +36,7 @@ from dvrk_gravity.diagnosis.inference.remaining import (
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
 from dvrk_gravity.effects import Kind
-from dvrk_gravity.intake import contradiction
+from dvrk_gravity.observation import contradiction
 
 _DOUBTFUL = 1.5  # times the noise: then the masses of a model without uncertainty are free. Chosen
 _OTHER_ARM = "effects were not looked for: no effect of one arm explains a recording of the other"
@@ -48,7 +48,7 @@ class Posterior:
     """What explains a recording.
 
     Attributes:
-        loaded: The motion as it was finally read.
+        motion: As it was finally read.
         wrong: Wrong readings, in the order in which they were corrected.
         validation: The samples, linearised at the fit.
         selected: Effects.
@@ -64,7 +64,7 @@ class Posterior:
         detectable: What would have been found.
     """
 
-    loaded: Loaded
+    motion: MeasuredMotion
     wrong: tuple[WrongReading, ...]
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
@@ -85,23 +85,23 @@ def silent(line: str) -> None:
     del line
 
 
-def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
+def infer(motion: MeasuredMotion, say: Callable[[str], None] = silent) -> Posterior:
     """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
 
     Beside a reference, friction and springs are first taken to vary from day to day. Where the fit
     needs more than that, they are hypotheses like any other.
 
     Args:
-        loaded: The motion, beside the model or the reference.
+        motion: Beside the model or the reference.
         say: Called with one line at every step.
     """
-    search = _search(loaded, say)
+    search = _search(motion, say)
     friction, springs = search.changed_joints()
     while friction or springs:
         search.validation.data.release()
         say("comparing hypotheses with changed friction and springs")
-        motion = replace(loaded.motion, changed_friction=friction, changed_springs=springs)
-        posterior = _confirmed(_search(replace(loaded, motion=motion), say))
+        changed = replace(motion, changed_friction=friction, changed_springs=springs)
+        posterior = _confirmed(_search(changed, say))
         found = {
             joint
             for effect in posterior.selected
@@ -116,7 +116,7 @@ def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
 
 
 def with_load_elsewhere(
-    posterior: Posterior, loaded: Loaded, say: Callable[[str], None] = silent
+    posterior: Posterior, motion: MeasuredMotion, say: Callable[[str], None] = silent
 ) -> Posterior | None:
     """Return what explains a motion whose load is not where it is stated to be.
 
@@ -125,16 +125,16 @@ def with_load_elsewhere(
 
     Args:
         posterior: What explains it with a load at that place.
-        loaded: The motion.
+        motion: The motion.
         say: Called with one line at every step.
 
     Returns:
         ``None`` where no place is stated, or the stated one explains it as well.
     """
-    if loaded.motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
+    if motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    anywhere = infer(replace(loaded, motion=replace(loaded.motion, payload_at=None)), say)
+    anywhere = infer(replace(motion, payload_at=None), say)
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None
@@ -148,7 +148,7 @@ def with_load_elsewhere(
 class _Search:
     """What was selected, before it is linearised at the fit."""
 
-    loaded: Loaded
+    motion: MeasuredMotion
     wrong: tuple[WrongReading, ...]
     validation: CrossValidation
     selected: list[SelectedEffect]
@@ -161,7 +161,7 @@ class _Search:
 
     def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion = self.loaded.motion
+        motion = self.motion
         if motion.reference is None:
             return (), ()
         named = [effect.trial.candidate for effect in self.selected]
@@ -179,17 +179,17 @@ class _Search:
         return friction, changed_springs(motion, mean, covariance, causes)
 
 
-def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
+def _search(motion: MeasuredMotion, say: Callable[[str], None]) -> _Search:
     """Return readings, effects and unexplained structure that the samples of selection show."""
-    read = correct_readings(loaded, say)
-    loaded, validation, pool = read.loaded, read.beside.validation, read.pool
+    read = correct_readings(motion, say)
+    motion, validation, pool = read.motion, read.beside.validation, read.pool
     data = validation.data
-    if contradiction(loaded.warnings) and not read.wrong:
-        loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
-        return _Search(loaded, (), validation, [], [], [], [], [], None, Multiplicity.of(pool))
+    if contradiction(motion.warnings) and not read.wrong:
+        motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
+        return _Search(motion, (), validation, [], [], [], [], [], None, Multiplicity.of(pool))
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
-    at_calibration = AtCalibration.of(loaded.motion)
+    at_calibration = AtCalibration.of(motion)
     selection = Selection(
         validation, sparse, say, expected=read.beside.candidates, at_calibration=at_calibration
     )
@@ -197,10 +197,9 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     chosen = selection.run()
 
     def noise(beside: Beside) -> Array:
-        return data.noise_rms(loaded.floor, beside.validation.residual(beside.candidates))
+        return data.noise_rms(motion.noise, beside.validation.residual(beside.candidates))
 
     # A model with uncertainty was free within that, and is no further.
-    motion = loaded.motion
     certain = motion.model.uncertainty is None and motion.reference is None
     if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
         selection, chosen = _with_free_masses(selection, chosen, pool)
@@ -212,10 +211,10 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     selected = explained(selection, kept)
     say("looking for unexplained structure")
     floor = noise(selection.at(kept))
-    loaded.motion.release()
+    motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
-        loaded, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse,
+        motion, read.wrong, validation, selected, unexplained, unconfirmed, pool, sparse,
         at_calibration, selection.multiplicity,
     )  # fmt: skip
 
@@ -232,7 +231,7 @@ def _confirmed(search: _Search) -> Posterior:
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
-    floor = validation.data.noise_rms(search.loaded.floor, validation.residual(named))
+    floor = validation.data.noise_rms(search.motion.noise, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
     minor = minor_effects(
         validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
@@ -241,7 +240,7 @@ def _confirmed(search: _Search) -> Posterior:
     seen = detectable(Beside(validation, tuple(named)), search.pool, search.multiplicity)
     validation.data.release()
     return Posterior(
-        search.loaded, search.wrong, validation, tuple(selected), tuple(search.unexplained),
+        search.motion, search.wrong, validation, tuple(selected), tuple(search.unexplained),
         joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
         tuple(search.pool), search.at_calibration, floor, seen,
     )  # fmt: skip

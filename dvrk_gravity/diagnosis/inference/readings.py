@@ -11,7 +11,6 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.beside import Beside
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
@@ -53,37 +52,37 @@ class CorrectedReading:
     """A recording as it is to be read.
 
     Attributes:
-        loaded: The motion.
+        motion: The motion.
         wrong: Wrong readings, in the order in which they were corrected.
         beside: The samples, ready for comparisons, with the baseline effects.
         pool: Hypotheses that need no search.
     """
 
-    loaded: Loaded
+    motion: MeasuredMotion
     wrong: tuple[WrongReading, ...]
     beside: Beside
     pool: list[Candidate]
 
 
-def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedReading:
+def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> CorrectedReading:
     """Return the motion as it is to be read; two recordings of one motion were read equally.
 
     A better reading must gain about as much as the best effect does.
     """
     wrong: list[WrongReading] = []
     while True:
-        motion, beside = loaded.motion, baseline(loaded.motion)
+        beside = baseline(motion)
         tested = motion.reference is None and len(wrong) < _MOST
         found = _better_reading(beside) if tested else None
         say("building hypotheses")
         pool = _pool(beside)
         selection = Selection(beside.validation, pool, say)
         if found is None or found.score.gain <= _SHARE * _best_gain(selection, beside):
-            return CorrectedReading(loaded, tuple(wrong), beside, pool)
+            return CorrectedReading(motion, tuple(wrong), beside, pool)
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
-        loaded = _corrected(loaded, found.score.reading)
         motion.release()
+        motion = _corrected(motion, found.score.reading)
         del beside, pool, selection  # a long recording leaves no room for two
 
 
@@ -131,20 +130,21 @@ def _better_reading(present: Beside) -> WrongReading | None:
     return WrongReading(scores[0], motion, others)
 
 
-def _corrected(loaded: Loaded, reading: Reading) -> Loaded:
+def _corrected(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
     """Return a motion in another reading, its noise and its times included."""
-    motion, floor, rate = read_as(loaded.motion, reading), loaded.floor, reading.rate
+    noise, rate = motion.noise, reading.rate
+    motion = read_as(motion, reading)
     if reading.scale is not None:
-        floor = floor * np.diag(reading.effort)
+        noise = noise * np.diag(reading.effort)
     if reading.clock is not None and motion.rate is not None:
-        floor = floor / np.sqrt(rate)
+        noise = noise / np.sqrt(rate)
         motion = replace(
             motion,
             time=motion.time / rate,
             rate=rate * motion.rate,
             rounding=motion.rounding / np.sqrt(rate),
         )
-    return replace(loaded, motion=motion, floor=floor)
+    return replace(motion, noise=noise)
 
 
 def reading_gain(

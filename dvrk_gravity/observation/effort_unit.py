@@ -11,10 +11,10 @@ from dvrk_gravity.arms import ANY_UNIT, OF_WEIGHT, Arm, newton_metres, weight_re
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.intake.effort_sign import require_signs
-from dvrk_gravity.intake.nominal import NominalTorque, recorded
-from dvrk_gravity.intake.reversed_axis import Misread, misread
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
+from dvrk_gravity.observation.effort_sign import require_signs
+from dvrk_gravity.observation.nominal import NominalTorque, recorded
+from dvrk_gravity.observation.reversed_axis import Misread, misread
 from dvrk_gravity.recording import (
     Recording,
     beyond_the_arm,

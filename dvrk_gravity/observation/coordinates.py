@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -12,9 +12,10 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import Folds, NormalEquations, beats, fit, make_folds, paired
-from dvrk_gravity.intake.design import build_design, training_equations
-from dvrk_gravity.intake.motion import CalibrationMotion, Source, read, read_motions, recorded_as
 from dvrk_gravity.model import Columns, start_columns
+from dvrk_gravity.observation.design import build_design, training_equations
+from dvrk_gravity.observation.joint_space import Bands, in_joint_space
+from dvrk_gravity.observation.observation import Observation
 from dvrk_gravity.recording import Coordinates, DataWarning, Prepared, Recording
 
 # s of a recording that are looked at. Chosen: some periods of the slowest sine of an exciting
@@ -29,6 +30,24 @@ ALPHA = 0.001
 # Chosen: of a narrow motion with Stribeck friction at its elbow a plain model has .75 of the error
 # in the wrong coordinates, the model that was identified of the arm four times the error.
 _TWICE = 0.5
+
+
+# What can be looked at: as recorded, or filtered for a fit already.
+Source = Recording | Prepared
+
+
+def recorded_as(source: Source) -> Recording:
+    """Return what was recorded."""
+    return source.recording if isinstance(source, Prepared) else source
+
+
+def filtered(source: Source) -> Prepared:
+    """Return it filtered for a fit.
+
+    Raises:
+        RecordingError: Whatever ``prepare`` refuses.
+    """
+    return source if isinstance(source, Prepared) else Bands.of_fit().prepare(source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +199,7 @@ def _coordinate_errors(recording: Source, arm: Arm) -> CoordinateErrors:
     the determinant of their covariance, which gives the likelihood of Gaussian errors whether they
     are independent at the motors or at the joints.
     """
-    prepared = read(recording)
+    prepared = filtered(recording)
     systems = get_args(Coordinates)
     errors, informative, folds, _ = zip(
         *(_held_out_errors(prepared.read_as(system), arm) for system in systems), strict=True
@@ -210,9 +229,9 @@ def predictable(recording: Recording, arm: Arm, deviations: float) -> bool:
         deviations: Standard errors by which it must be better.
 
     Raises:
-        RecordingError: Whatever ``read_motions`` refuses.
+        RecordingError: Whatever ``prepare`` refuses.
     """
-    error, informative, _, off = _held_out_errors(read(recording), arm)
+    error, informative, _, off = _held_out_errors(filtered(recording), arm)
     error, off = (np.where(informative, each, 0.0) for each in (error, off))
     return bool(beats(error**2, off**2, deviations).any())
 
@@ -237,11 +256,10 @@ def _held_out_errors(prepared: Prepared, arm: Arm) -> tuple[Array, Mask, Folds, 
 
     Errors are (N, n), of the efforts as recorded, over the RMS of each.
     """
-    motions = [_head(motion) for motion in read_motions([prepared], arm).parts[:1]]
-    q = motions[0].state.q
-    columns = Columns(arm, q.min(axis=0), q.max(axis=0))
+    observed = _head(in_joint_space(prepared, arm, Bands.of_fit()))
+    columns = Columns(arm, observed.q.min(axis=0), observed.q.max(axis=0))
     chosen = start_columns(columns)
-    design = build_design(columns, motions, chosen=chosen)
+    design = build_design(columns, [observed], chosen=chosen)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
     weight = np.ones_like(design.y)
     whole = NormalEquations.of(design.x, design.y, weight)
@@ -270,12 +288,9 @@ def _size(error: Array) -> float:
     return float(np.exp(0.5 * np.linalg.slogdet(error.T @ error + floor)[1] / max(count, 1)))
 
 
-def _head(motion: CalibrationMotion) -> CalibrationMotion:
-    rows = slice(0, max(int(LOOKED_AT * motion.filter.rate), 6 * motion.filter.edge))
-    return replace(
-        motion,
-        time=motion.time[rows],
-        informative=np.broadcast_to(motion.informative, motion.effort.shape)[rows],
-        state=motion.state.rows(rows),
-        effort=motion.effort[rows],
-    )
+def _head(observed: Observation) -> Observation:
+    """Return the beginning of the first part."""
+    first, low = observed.parts[0], observed.filter
+    assert low is not None
+    rows = max(int(LOOKED_AT * low.rate), 6 * low.edge)
+    return observed.at(slice(first.start, min(first.stop, first.start + rows)))
