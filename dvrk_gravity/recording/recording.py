@@ -24,7 +24,6 @@ from dvrk_gravity.recording.samples import (
     Storage,
     TimeBase,
     converted,
-    join,
     not_recorded,
 )
 from dvrk_gravity.tabular import frame_of
@@ -176,7 +175,7 @@ class Recording(Samples):
             path, topic=topic, coordinates=coordinates, time_base=time_base, columns=columns,
             arm=None if arm is None else Arm.of(arm),
         )  # fmt: skip
-        return cls.checked(join(list(parts)))
+        return cls.checked(files.mended(list(parts)))
 
     def save(
         self, path: str | Path, storage: Storage = "sqlite3", topic: str = "/measured_js"

@@ -14,9 +14,9 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Mask
 from dvrk_gravity.errors import ArgumentError
 from dvrk_gravity.recording.data_warning import Note
-from dvrk_gravity.recording.files import A_PATH, ReadOptions, read
+from dvrk_gravity.recording.files import A_PATH, ReadOptions, mended, read
 from dvrk_gravity.recording.recording import Recording
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, join
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples
 from dvrk_gravity.validation import path_of
 
 MOST_SAMPLES = 600_000  # of a file, that are held in memory: ten minutes at 1 kHz
@@ -30,7 +30,8 @@ def iterate_recording(
     """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
     Memory stays at a few parts, whatever the length of the file. Times are relative to the first
-    sample of the whole; options are those of ``Recording.load``.
+    sample of the whole, and readings are as they were recorded; options are those of
+    ``Recording.load``.
 
     Raises:
         RecordingError: On reaching a part that cannot be used.
@@ -50,23 +51,24 @@ def load_excerpt(path: str | Path, **options: Unpack[ReadOptions]) -> Recording:
     if arm is not None and arm.held:  # those are not among the arm's joints
         whole: ReadOptions = {**options, "arm": None}
         next(iterate_recording(path, **whole)).require_held(arm)
-    parts, total, rate = list[Recording](), 0, None
-    for part in iterate_recording(path, **options):
+    parts, total, rate = list[Samples](), 0, None
+    for part in read(path, **options):
         total, rate = total + len(part), rate or part.rate
         parts.append(part)
         if total > MOST_SAMPLES and part.time is not None:  # from now on only counted
             first, *others = parts
             parts = [first.rows(slice(1)).with_found(others)]
     if total <= MOST_SAMPLES or rate is None:
-        return join(parts)
+        return Recording.checked(mended(parts))
     length = round(STRETCH * rate)
-    kept, row = list[Recording](), 0
-    for part in iterate_recording(path, **options):
+    kept, row = list[Samples](), 0
+    for part in read(path, **options):
         chosen = _spread(total, length, MOST_SAMPLES // length, slice(row, row + len(part)))
         row += len(part)
         if chosen.any():
             kept.append(part.rows(chosen).counted())
-    return _noted(join(kept).with_found(parts), total, STRETCH)
+    left = total - sum(len(part) for part in kept)
+    return _noted(Recording.checked(mended(kept).with_found(parts)), left, STRETCH)
 
 
 def excerpt(recording: Recording, longest: float, stretch: float = STRETCH) -> Recording:
@@ -82,7 +84,7 @@ def excerpt(recording: Recording, longest: float, stretch: float = STRETCH) -> R
         return recording
     length = max(1, round(stretch * rate))
     chosen = _spread(total, length, int(longest / stretch), slice(0, total))
-    return _noted(recording.rows(chosen), total, stretch)
+    return _noted(recording.rows(chosen), total - int(chosen.sum()), stretch)
 
 
 def _spread(total: int, length: int, number: int, rows: slice) -> Mask:
@@ -93,10 +95,10 @@ def _spread(total: int, length: int, number: int, rows: slice) -> Mask:
     return np.isin(which, chosen)
 
 
-def _noted(kept: Recording, total: int, stretch: float) -> Recording:
-    """Return stretches of a recording of ``total`` samples, with a note that says so."""
+def _noted(kept: Recording, left_out: int, stretch: float) -> Recording:
+    """Return stretches of a recording with a note that so many samples are not in them."""
     text = f"outside of evenly spread stretches of {stretch:.3g} s"
-    return replace(kept, notes=(Note("excerpt", text, count=total - len(kept)), *kept.notes))
+    return replace(kept, notes=(Note("excerpt", text, count=left_out), *kept.notes))
 
 
 Given = Recording | str | os.PathLike[str]
