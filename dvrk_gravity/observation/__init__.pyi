@@ -12,7 +12,6 @@ from .arm_side import OTHER_ARM as OTHER_ARM
 from .arm_side import OTHER_SIDE as OTHER_SIDE
 from .arm_side import beyond_limits as beyond_limits
 from .arm_side import contradiction as contradiction
-from .coordinates import LOOKED_AT as LOOKED_AT
 from .coordinates import CoordinateErrors as CoordinateErrors
 from .coordinates import Decision as Decision
 from .coordinates import Source as Source

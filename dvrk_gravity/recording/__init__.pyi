@@ -25,13 +25,10 @@ from .duplicates import without_duplicates as without_duplicates
 from .files import is_recording as is_recording
 from .filters import LowPass as LowPass
 from .filters import derivative as derivative
-from .filters import white_density as white_density
 from .invalid_effort import InvalidSpan as InvalidSpan
 from .invalid_effort import clipped_efforts as clipped_efforts
-from .invalid_effort import frozen_efforts as frozen_efforts
 from .invalid_effort import invalid_efforts as invalid_efforts
 from .invalid_effort import limited_efforts as limited_efforts
-from .joint_states import JointStateSample as JointStateSample
 from .joint_states import read_joint_states as read_joint_states
 from .limits import STILL as STILL
 from .limits import beyond_the_arm as beyond_the_arm
@@ -47,7 +44,6 @@ from .recording import Recording as Recording
 from .recording import known_coordinates as known_coordinates
 from .samples import Coordinates as Coordinates
 from .samples import join as join
-from .signal_checks import quantisation as quantisation
 from .stream import STRETCH as STRETCH
 from .stream import Given as Given
 from .stream import excerpt as excerpt
@@ -55,7 +51,6 @@ from .stream import iterate_recording as iterate_recording
 from .stream import load_excerpt as load_excerpt
 from .stream import opened as opened
 from .timing import TimingSettings as TimingSettings
-from .timing import resample as resample
 from .timing import retimed as retimed
 from .timing import stale as stale
 from .velocity import VelocityFit as VelocityFit

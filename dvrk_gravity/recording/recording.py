@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -288,16 +287,3 @@ class Recording(Samples):
                 f"expected times within {self.time[0]:g} to {self.time[-1]:g} s",
             )
         return self.rows(slice(int(first), int(last)))
-
-    def blocks(self, count: int) -> tuple[Recording, ...]:
-        """Return ``count`` contiguous blocks of equal length (to within one sample).
-
-        Raises:
-            RecordingError: If there are fewer samples than blocks.
-        """
-        if not 1 <= count <= len(self):
-            raise RecordingError(
-                self.source, f"cannot be cut into {count} blocks, expected 1 to {len(self)}"
-            )
-        edges = np.linspace(0, len(self), count + 1).round().astype(int)
-        return tuple(self.rows(slice(int(a), int(b))) for a, b in pairwise(edges))
