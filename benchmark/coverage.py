@@ -46,8 +46,8 @@ from dvrk_gravity.identification import (
     identify,
     with_motor_weights,
 )
-from dvrk_gravity.intake import read_motions
 from dvrk_gravity.model import Columns, starts
+from dvrk_gravity.observation import observe
 from testing.jobs import run_all
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import NAMES, MujocoWorld
@@ -208,8 +208,7 @@ def record(seed: int, duration: float) -> tuple[World, Problem]:
     """Return an arm and the least-squares problem of a recording of it."""
     world = World.draw(seed)
     recording = world.record(motion=seed, noise=seed, duration=duration)
-    motions = read_motions([recording], world.arm, "joint")
-    return world, build_problem(motions.parts, world.arm)
+    return world, build_problem(observe([recording], world.arm), world.arm)
 
 
 def repeated(

@@ -29,10 +29,10 @@ from dvrk_gravity.effects import State, base_directions
 from dvrk_gravity.estimation import NormalEquations
 from dvrk_gravity.files import text_file
 from dvrk_gravity.identification import identify
-from dvrk_gravity.intake import build_design, read, read_motions
 from dvrk_gravity.model import Columns, TorqueModel
+from dvrk_gravity.observation import build_design, observe
 from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import Recording, RecordingFile, save_recording
+from dvrk_gravity.recording import Recording, load_excerpt, save_recording
 from testing.world import World
 
 TEN = 10.0  # minutes at 1 kHz that the target is about
@@ -97,16 +97,15 @@ def shares(path: Path) -> dict[str, float]:
     arm = drawn()[0]
     times = {}
     start = time.perf_counter()
-    trajectory = read(RecordingFile(path))
+    (observed,) = observe([load_excerpt(path)], arm)
     times["reading, checks, filters"] = time.perf_counter() - start
-    motions = read_motions([trajectory], arm, "joint")
-    q = motions.parts[0].state.q
+    motions, q = list(observed.split()), observed.q
     start = time.perf_counter()
     base_directions.__wrapped__(arm)
     times["base parameters: QR"] = time.perf_counter() - start
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
     start = time.perf_counter()
-    for motion in motions.parts:
+    for motion in motions:
         history = columns.history(motion.state)
         for first in range(0, len(motion), 2000):
             rows = slice(first, first + 2000)
@@ -114,7 +113,7 @@ def shares(path: Path) -> dict[str, float]:
             columns.regressor(state, history[rows])
     times["regressor, bare"] = time.perf_counter() - start
     start = time.perf_counter()
-    design = build_design(columns, motions.parts)
+    design = build_design(columns, motions)
     times["regressor, filtered"] = time.perf_counter() - start
     start = time.perf_counter()
     NormalEquations.of(design.x, design.y)
@@ -194,7 +193,7 @@ def main() -> int:
     parser.add_argument("--zero", type=float, default=0.0, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.child is not None:
-        fit = identify([RecordingFile(arguments.child)], drawn()[0])
+        fit = identify(arguments.child, drawn()[0])
         # A model that does not fit would be no use, however quickly found.
         poor = max(error.nrmse for error in fit.training.values()) > 0.2
         return int(poor or abs(fit.model.joint_offset[JOINT] - arguments.zero) > 1e-2)

@@ -33,7 +33,7 @@ from queue import SimpleQueue
 import numpy as np
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-ROOMS = ("compensate", "effects", "estimation", "intake", "diagnosis")
+ROOMS = ("compensate", "effects", "estimation", "observation", "diagnosis")
 MODULES, PLACES = 20, 2
 WANTED = 34 / 40
 LINES, TIMES = ".coverage", "times.xml"

@@ -42,7 +42,7 @@ def regions(name: str, seed: int) -> list[Held]:
     """Return of the hypotheses in every motion of an arm whether their regions hold zero."""
     random, found = np.random.default_rng([seed, 1]), []
     for model, recording in clean_motions(name, seed, random):
-        motion = load([recording], model).motion
+        motion = load([recording], model)
         validation, then = CrossValidation.of(FilteredData.of(motion)), AtCalibration.of(motion)
         assert then is not None
         for candidate in _sample(validation, random):

@@ -104,7 +104,7 @@ def _with(truth: Truth, link: str, mass: float, place: Array) -> Truth:
 
 def _mass(problem: DiagnosisProblem) -> Estimate:
     """Return the mass of a payload that is all that is off."""
-    motion = problem.loaded.motion
+    motion = problem.motion
     validation = CrossValidation.of(FilteredData.of(motion))
     stated = motion.payload_at is not None
     found = [each for each in Payload.hypotheses(motion) if stated or each.form in _LIKELY]

@@ -34,7 +34,7 @@ def shares(name: str, seed: int) -> list[tuple[bool, list[float], list[tuple[flo
     """
     found = []
     for model, recording in clean_motions(name, seed, np.random.default_rng([seed, 0])):
-        data = FilteredData.of(load([recording], model).motion)
+        data = FilteredData.of(load([recording], model))
         variance = np.sum(data.model_columns**2, axis=2) + data.known_error**2
         within = np.abs(data.residual) <= NORMAL_95 * np.sqrt(variance)
         share = [

@@ -184,8 +184,8 @@ def read() -> Figures:
     for name, recording in faulty(lab.calibration).items():
         prepared = prepare(recording, 20.0)
         figures[f"{name}: warnings"] = sorted(str(warning) for warning in prepared.warnings)
-        figures[f"{name}: handling"] = sorted(prepared.handling)
-        figures[f"{name}: samples"] = sum(len(segment.recording) for segment in prepared.segments)
+        figures[f"{name}: handling"] = sorted(prepared.processing_log)
+        figures[f"{name}: samples"] = len(prepared.filtered)
     return figures
 
 

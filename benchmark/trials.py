@@ -98,8 +98,8 @@ def trial(seed: int, effects: Sequence[str], static: bool = False) -> Outcome:
         _compare(outcome, hidden, diagnosis)
         if not static:
             loaded = load([recording], known.model())
-            data = FilteredData.of(loaded.motion)
-            floor = data.noise_rms(loaded.floor)
+            data = FilteredData.of(loaded)
+            floor = data.noise_rms(loaded.noise)
             before = np.array(list(diagnosis.before.values()))
             after = np.array(list(diagnosis.after.values()))
             outcome.ratio = float(np.max(before / floor))

@@ -129,7 +129,7 @@ BANDS = (
     ("what is found, what is commanded", ("diagnosis", "compensate")),
     ("simulated arms, other formats", ("simulate", "exports")),
     ("motions to identify from", ("planning",)),
-    ("from recordings to models", ("identification", "intake", "estimation")),
+    ("from recordings to models", ("identification", "observation", "estimation")),
     ("what is read", ("recording", "console")),
     ("torque", ("model", "effects")),
     ("kinematics, parameters", ("arms", "newton_euler", "parameters")),

@@ -10,12 +10,12 @@ from made_up_arm import made_up_arm, write
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
-from dvrk_gravity.intake import (
+from dvrk_gravity.observation import (
     completed,
     held_beyond,
     known_still,
     motors_measured,
-    read_motions,
+    observe,
     require_all,
     require_measured,
     stands,
@@ -140,37 +140,38 @@ def swing(arm: Arm, still=(), rate=100.0, seconds=12.0) -> Recording:
 
 def test_a_motion_is_read_at_the_joints_and_its_torque_at_the_motors():
     motion = swing(MTM)
-    (part,) = read_motions([motion], MTM, "joint").parts
+    (part,) = observe([motion], MTM)
     inner = slice(part.filter.edge, -part.filter.edge)
     rows = np.searchsorted(motion.time, part.time[inner] - 1e-6)
-    np.testing.assert_allclose(part.state.q[inner], motion.position[rows], atol=4e-3)
+    np.testing.assert_allclose(part.q[inner], motion.position[rows], atol=4e-3)
     torque = motion.effort[rows] @ MTM.actuator_to_joint
-    np.testing.assert_allclose(part.effort[inner], torque, rtol=0.01, atol=0.02)
+    np.testing.assert_allclose(part.motor_effort(MTM)[inner], torque, rtol=0.01, atol=0.02)
     motors = replace(
         motion,
         position=MTM.actuator_position(motion.position),
         velocity=MTM.actuator_position(motion.velocity),
         effort=MTM.actuator_effort(motion.effort),
+        coordinates="actuator",
     )
-    (same,) = read_motions([motors], MTM, "actuator").parts
-    np.testing.assert_allclose(same.state.q, part.state.q, atol=1e-9)
+    (same,) = observe([motors], MTM)
+    np.testing.assert_allclose(same.q, part.q, atol=1e-9)
     np.testing.assert_allclose(same.effort, part.effort, atol=1e-9)
 
 
 def test_recordings_of_several_rates_are_read_at_the_lowest():
-    slow, fast = read_motions([swing(MTM, rate=50.0), swing(MTM, rate=80.0)], MTM, "joint").parts
+    slow, fast = observe([swing(MTM, rate=50.0), swing(MTM, rate=80.0)], MTM)
     assert slow.filter.rate == fast.filter.rate == pytest.approx(50.0, rel=1e-3)
     np.testing.assert_allclose(np.diff(fast.time), 0.02, rtol=1e-3)
     both = slice(40, 400)
-    np.testing.assert_allclose(fast.state.q[both], slow.state.q[both], atol=4e-3)
+    np.testing.assert_allclose(fast.q[both], slow.q[both], atol=4e-3)
 
 
 def test_a_joint_that_stands_and_the_motors_that_hold_it_are_not_fitted_to():
     motion = swing(MTM, still=("elbow_pitch",))
-    parts, names = without_standing(read_motions([motion], MTM, "joint").parts, MTM)
+    parts, names = without_standing(observe([motion], MTM), MTM)
     assert names == ("elbow_pitch",)
     loaded = MTM.actuator_to_joint[2] != 0.0
-    assert parts[0].informative.any(axis=0).tolist() == (~loaded).tolist()
+    assert parts[0].invalid_motor_effort.all(axis=0).tolist() == loaded.tolist()
     ranges = np.full(MTM.n, 0.1)
     ranges[[1, 2]] = 0.019, 0.021
     assert stands(-ranges / 2, ranges / 2, MTM).tolist() == [False, True] + 5 * [False]

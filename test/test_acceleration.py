@@ -24,9 +24,8 @@ def swing(frequency: float, amplitude: float) -> tuple[NDArray[np.float64], ...]
 def seen(time: NDArray[np.float64], q: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """Return the acceleration below the band of positions that are read in steps."""
     recording = Recording(("joint",), time, np.round(q / step)[:, None] * step, None, None)
-    (segment,) = prepare(recording, 20.0, band=BAND, warnings=()).segments
-    assert segment.acceleration is not None
-    return LowPass(BAND, RATE)(segment.acceleration[:, 0])
+    prepared = prepare(recording, 20.0, band=BAND, warnings=())
+    return LowPass(BAND, RATE)(prepared.acceleration[:, 0])
 
 
 def fitted_inertia(seen_qdd: NDArray[np.float64], qdd: NDArray[np.float64]) -> float:

@@ -9,8 +9,8 @@ from known_mtm import truth
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import load
 from dvrk_gravity.identification import FittedParameter, by_weight, evaluate
-from dvrk_gravity.intake import beyond_limits, contradiction, read_motions
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import beyond_limits, contradiction, observe
 from dvrk_gravity.recording import Recording
 
 LEFT, RIGHT = Arm.load("mtml"), Arm.load("mtmr")
@@ -78,7 +78,7 @@ def test_every_verb_warns_once():
     q = anywhere(RIGHT)
     poses = Recording(JOINT_NAMES, None, q, effort=np.full(q.shape, 0.01))
     for warnings in (
-        read_motions([recording], LEFT, "joint").warnings,
+        observe([recording], LEFT)[0].warnings,
         evaluate(model, [recording], "joint").warnings,
         load([recording], model).warnings,
         evaluate(model, [poses], "joint").warnings,
@@ -86,7 +86,7 @@ def test_every_verb_warns_once():
         kinds = [warning.kind for warning in warnings]
         assert kinds.count("other_hand") == 1
         assert "arm_limits" not in kinds
-    right = read_motions([recording], RIGHT, "joint").warnings
+    right = observe([recording], RIGHT)[0].warnings
     assert "other_hand" not in {warning.kind for warning in right}
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis import put_right
+from dvrk_gravity.diagnosis import correct_recordings
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.identification import coordinates_of, evaluate
-from dvrk_gravity.intake import CoordinateErrors, decide_coordinates
+from dvrk_gravity.observation import CoordinateErrors, decide_coordinates
 from dvrk_gravity.recording import Recording
 from testing.world import COARSE, World
 
@@ -45,15 +45,15 @@ def test_every_verb_reads_a_recording_in_the_same_coordinates(recording, truth):
     decision = decide_coordinates(recording(), ARM, None)
     assert decision.coordinates == truth
     assert evaluate(WEIGHT, recording()).coordinates == truth
-    right = put_right([recording()], WEIGHT, None, {})
-    assert right.recordings[0].head.coordinates == truth
+    right = correct_recordings([recording()], WEIGHT, None, {})
+    assert right.recordings[0].coordinates == truth
     assert [finding.effect for finding in right.faults] == (
         [] if truth == "joint" else ["wrong_coordinates"]
     )
     # What `identify` has found and corrected before is no news to a diagnosis.
-    as_before = put_right([recording()], replace(WEIGHT, found_in="actuator"), None, {})
+    as_before = correct_recordings([recording()], replace(WEIGHT, found_in="actuator"), None, {})
     assert (as_before.faults, as_before.warnings) == ((), ())
-    assert as_before.recordings[0].head.coordinates == truth
+    assert as_before.recordings[0].coordinates == truth
 
 
 def poses(recording: Recording) -> Recording:
@@ -79,20 +79,20 @@ def test_where_no_plain_model_can_be_fitted_the_model_at_hand_decides_in_every_v
     assert decision.coordinates == truth
     if shown is poses:
         assert evaluate(model, seen).coordinates == truth
-    right = put_right([seen], model, None, still)
-    assert right.recordings[0].head.coordinates == truth
+    right = correct_recordings([seen], model, None, still)
+    assert right.recordings[0].coordinates == truth
     assert right.faults == ()
     assert len(right.warnings) == (truth == "actuator")
     # What was said of them is not decided again.
-    assert put_right([seen], model, "joint", still).recordings[0].head.coordinates == "joint"
+    assert correct_recordings([seen], model, "joint", still).recordings[0].coordinates == "joint"
 
 
 def test_what_was_said_of_coordinates_is_doubted_by_every_verb_alike():
     (doubt,) = decide_coordinates(of_motors(), ARM, "joint").warnings
     assert doubt in evaluate(WEIGHT, of_motors(), "joint").warnings
-    assert doubt in put_right([of_motors()], WEIGHT, "joint", {}).warnings
+    assert doubt in correct_recordings([of_motors()], WEIGHT, "joint", {}).warnings
     said = replace(of_motors(), coordinates="actuator")
-    right = put_right([said], WEIGHT, None, {})
+    right = correct_recordings([said], WEIGHT, None, {})
     assert (right.faults, right.warnings) == ((), ())
 
 

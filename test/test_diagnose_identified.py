@@ -95,7 +95,7 @@ def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error(
     recording, model = seen(another(3)), identified().model
     least, upper = np.quantile(recording.position[:, YAW], (0.0, 0.7))
     narrow = replace(model.uncertainty, upper=np.array([upper, *model.uncertainty.upper[1:]]))
-    motion = load([recording], replace(model, uncertainty=narrow)).motion
+    motion = load([recording], replace(model, uncertainty=narrow))
 
     def doubt(position: float) -> str:
         wall = WallHypothesis(
@@ -128,7 +128,7 @@ def exact() -> TorqueModel:
 @cache
 def rubbing() -> TorqueModel:
     """The same, with samples of its calibration that show the friction."""
-    motion = load([rubbed(3, FRICTION)], exact()).motion
+    motion = load([rubbed(3, FRICTION)], exact())
     low = LowPass(exact().uncertainty.band, motion.rate)
     kept = CalibrationSamples.of(
         [(motion.q, motion.qd, motion.qdd, low(motion.effort))], motion.rate
@@ -171,7 +171,7 @@ def test_a_delay_of_the_calibration_may_be_in_a_model_that_was_identified():
     recording = rubbed(4, 0.0)
 
     def absorbed(model: TorqueModel) -> float:
-        motion = load([recording], model).motion
+        motion = load([recording], model)
         return next(TimeDelay.hypotheses(motion)).absorbed_variance(motion)
 
     sample = float(np.median(np.diff(recording.time)))
@@ -280,7 +280,7 @@ def test_no_factor_has_friction_drive_the_arm():
 
 def test_friction_by_load_is_the_load_beyond_that_of_calibration_against_the_motion():
     model = identified().model
-    motion, samples = load([seen(another(7))], model).motion, model.uncertainty.calibration
+    motion, samples = load([seen(another(7))], model), model.uncertainty.calibration
     rigid = replace(model, terms=tuple(term for term in model.terms if not term.FRICTION))
     then = np.abs(rigid.torque(samples.q, samples.qd, samples.qdd)).mean(axis=0)
     now = np.abs(rigid.torque(motion.q, motion.qd, motion.qdd))
@@ -294,4 +294,4 @@ def test_friction_by_load_is_the_load_beyond_that_of_calibration_against_the_mot
         np.testing.assert_allclose(columns[rows, joint, index], expected[rows, joint], atol=1e-9)
         assert not np.delete(columns[:, :, index], joint, axis=1).any()
     bare = replace(model, uncertainty=replace(model.uncertainty, calibration=None))
-    assert friction_by_load(load([seen(another(7))], bare).motion).shape[2] == 0
+    assert friction_by_load(load([seen(another(7))], bare)).shape[2] == 0

@@ -172,7 +172,7 @@ def test_the_completed_inertia_is_the_model_s_but_for_what_cannot_be():
 
 
 def test_a_comparison_that_cannot_be_made_says_so_and_is_no_failure():
-    given, motion = seven().model(), load([of_seven()], seven().model()).motion
+    given, motion = seven().model(), load([of_seven()], seven().model())
     weightless = replace(given, terms=tuple(t for t in given.terms if not isinstance(t, Gravity)))
 
     absurd = in_simulation(given, with_links(lambda links: 1e85 * links), motion, [(3.0, 3.5)])
@@ -196,7 +196,7 @@ def test_another_arm_s_models_are_compared_where_each_of_its_joints_went_furthes
     q = MIDDLE + HALF * part
     qd = np.gradient(q, 0.01, axis=0)
     motion = replace(moving(), time=time, q=q, qd=qd, qdd=np.gradient(qd, 0.01, axis=0))
-    measured = load([motion.read(motion.torque())], model()).motion
+    measured = load([motion.read(motion.torque())], model())
     cubic = np.polynomial.Polynomial.fromroots([MIDDLE[INSERTION]] * 3)
     force = 10.0 / HALF[INSERTION] ** 3 * cubic.coef  # 10 N at the ends, of 1 N of friction
     cable = {"elastic_cable.insertion": tuple(force.tolist())}

@@ -44,7 +44,7 @@ def data() -> FilteredData:
     """Return twenty seconds of the small arm, all of whose torque its model explains."""
     motion = moving(0, 20.0)
     effort = model().torque(motion.q, motion.qd, motion.qdd)
-    return FilteredData.of(load([motion.read(effort)], model()).motion)
+    return FilteredData.of(load([motion.read(effort)], model()))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -418,7 +418,7 @@ def test_the_zero_of_a_joint_that_did_not_move_is_not_supposed():
 
     supposed = {
         joint
-        for hypothesis in JointOffset.hypotheses(load([recording], model()).motion)
+        for hypothesis in JointOffset.hypotheses(load([recording], model()))
         for joint in hypothesis.joints
     }
 

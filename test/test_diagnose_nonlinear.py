@@ -55,7 +55,7 @@ def leaning(model: TorqueModel, seed: int) -> Recording:
 def told(seed: int) -> list[tuple[CrossValidation, list[Candidate]]]:
     """Return the tilt beside the model's parameters in a base that is level, and in the leaning."""
     model = TorqueModel.stated(ARM)
-    motion = load([leaning(model, seed)], model).motion
+    motion = load([leaning(model, seed)], model)
     validation = CrossValidation.of(FilteredData.of(motion))
     tilt = validation.data.candidate(next(BaseTilt.hypotheses(motion)))
     level = [refined(validation, tilt, [])]
@@ -98,7 +98,7 @@ def test_a_tilt_is_exact_though_masses_are_off():
 
 def test_where_nothing_changes_what_the_model_says_nothing_changes():
     model = TorqueModel.stated(ARM)
-    validation = CrossValidation.of(FilteredData.of(load([leaning(model, 0)], model).motion))
+    validation = CrossValidation.of(FilteredData.of(load([leaning(model, 0)], model)))
     assert relinearised(validation, []) == (validation, [])
 
 
@@ -131,7 +131,7 @@ def validation() -> CrossValidation:
     taken = torque - MISSED * (torque - LowPass(SLOW, 100.0)(torque))
     effort = shifted(taken, time, DELAY) + 0.05 * random.normal(size=q.shape)
     recording = Recording(ARM.joint_names, time, q, qd, effort)
-    return CrossValidation.of(FilteredData.of(load([recording], MODEL).motion))
+    return CrossValidation.of(FilteredData.of(load([recording], MODEL)))
 
 
 def least_squares(validation: CrossValidation) -> float:

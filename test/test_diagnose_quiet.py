@@ -129,7 +129,7 @@ def test_a_joint_that_stands_still_bears_its_load_where_nothing_rubs_and_at_pose
     smooth = replace(ARM, frictionless=("roll",))
 
     def stuck(recording: Recording, arm) -> list[bool]:
-        motion = load([recording], replace(model(), arm=arm)).motion
+        motion = load([recording], replace(model(), arm=arm))
         return motion.stuck.all(axis=0).tolist()
 
     assert stuck(standing, ARM) == [False, False, False, True]
@@ -138,7 +138,7 @@ def test_a_joint_that_stands_still_bears_its_load_where_nothing_rubs_and_at_pose
 
 
 def test_of_a_motor_that_stands_still_no_inertia_is_supposed():
-    motion = load([held(ROLL, 0.0)], model()).motion
+    motion = load([held(ROLL, 0.0)], model())
     rotors = effects.named("rotor_inertia").hypotheses(motion)
     assert [rotor.site.index for rotor in rotors] == [YAW, PITCH, INSERTION]
 
@@ -154,7 +154,7 @@ def test_a_joint_that_slides_is_slow_at_a_tenth_of_the_speed_of_one_that_turns()
     )
     slow = replace(motion, q=q, qd=qd, qdd=qdd)
 
-    read = load([slow.read(slow.torque())], model()).motion
+    read = load([slow.read(slow.torque())], model())
 
     for joint, slowest in ((YAW, 0.01), (INSERTION, 0.001)):
         turns = np.abs(read.qd[:, joint]) < slowest
@@ -227,7 +227,7 @@ def burst() -> tuple[Motion, np.ndarray]:
         qdd=motion.qdd + (u**2 - 1.0)[:, None] / width**2 * bell * of_yaw,
     )
     inside = np.abs(u) < 0.4 / width
-    blocks = FilteredData.of(load([moved.read(moved.torque())], model()).motion)
+    blocks = FilteredData.of(load([moved.read(moved.torque())], model()))
     assert not [span for span in blocks.held_out_spans if span[1] > 9.6 and span[0] < 10.4]
     return moved, inside
 

@@ -31,9 +31,9 @@ from dvrk_gravity.diagnosis import (
     CrossValidation,
     FilteredData,
     HeldOut,
+    correct_recordings,
     diagnose,
     load,
-    put_right,
     require_gravity,
     require_predictable,
     try_readings,
@@ -84,7 +84,7 @@ def test_no_reading_takes_an_arm_beyond_its_limits():
     def better(middle: float) -> list[str]:
         position = sign * recording.position + 2.0 * middle * MIDDLE * eye(INSERTION)
         read = replace(recording, position=position, velocity=sign * recording.velocity)
-        return [score.reading.words for score in try_readings(load([read], model()).motion)]
+        return [score.reading.words for score in try_readings(load([read], model()))]
 
     assert "the position of insertion has the wrong sign" in better(0.0)
     assert "the position of insertion has the wrong sign" not in better(1.0)
@@ -97,7 +97,7 @@ def test_another_reading_of_positions_removes_what_is_beyond_the_error_that_the_
         known = ModelUncertainty(
             {}, {}, none, none[:3], error * EVERY, 8.0, np.full(4, 0.1), *ARM.range, np.full(4, 9.0)
         )
-        motion = load([read], replace(model(), uncertainty=known)).motion
+        motion = load([read], replace(model(), uncertainty=known))
         before = np.mean(motion.residual[~motion.silent[:, PITCH], PITCH] ** 2)
         removed = 1.0 - np.sqrt(error**2 / (before + error**2))
         assert try_readings(motion)[0].removed == pytest.approx(removed, rel=0.1)
@@ -165,7 +165,7 @@ def test_scales_of_two_joints_are_not_said_to_be_of_all():
 
 def test_a_scale_is_no_wrong_reading_where_the_unit_is_arbitrary_or_beside_another_recording():
     """The first may read in any unit; a reference reads as wrongly itself."""
-    motion = load([with_effort(lambda effort: 0.02 * effort)], model()).motion
+    motion = load([with_effort(lambda effort: 0.02 * effort)], model())
     joints = tuple(replace(joint, read_in=ANY_UNIT) for joint in ARM.joints)
     arbitrary = replace(motion, model=replace(model(), arm=replace(ARM, joints=joints)))
     beside = replace(motion, reference=np.zeros_like(motion.q))
@@ -262,7 +262,7 @@ def test_a_model_without_inertia_does_not_tell_a_clock_from_velocities():
     """Then both are named; it is weight alone that it knows."""
     weight = replace(model(), terms=tuple(t for t in model().terms if t.NAME == "link_weight"))
 
-    (first,) = put_right([stamped(0.503, duration=18.0)], weight, None, {}).faults
+    (first,) = correct_recordings([stamped(0.503, duration=18.0)], weight, None, {}).faults
 
     assert first.effect == "time_scale"
     assert first.alternatives[0][0] == "velocity_scale"
@@ -283,7 +283,7 @@ def test_friction_alone_that_is_late_is_no_delay_of_the_efforts():
 
     def unconfirmed(effort: np.ndarray) -> list[bool]:
         """Return whether of a delay that fits well only a part shows."""
-        loaded = load([motion.read(effort)], rubbing).motion
+        loaded = load([motion.read(effort)], rubbing)
         data = FilteredData.of(loaded)
         claim = replace(next(TimeDelay.hypotheses(loaded)), setting={"delay": delay})
         found = [data.candidate(claim)]
@@ -337,7 +337,7 @@ def test_efforts_that_a_model_can_judge_are_not_refused():
     order = [PITCH, YAW, INSERTION, ROLL]
     for read in (-effort, 0.01 * effort, effort[:, order], effort - weight() * eye(YAW), some):
         recording = replace(recorded(), effort=read)
-        motion = load([recording], model()).motion
+        motion = load([recording], model())
         require_predictable(motion, [recording])
         if read is not some:
             require_gravity(motion, "recording")
@@ -371,10 +371,10 @@ def test_noise_of_joints_is_the_same_however_it_was_recorded_and_unknown_where_i
         **{name: getattr(recording, name)[:, :3] for name in ("position", "velocity", "effort")},
     )
 
-    here = load([recording], model()).floor
+    here = load([recording], model()).noise
 
-    np.testing.assert_allclose(load([there], model()).floor, here, rtol=1e-6)
+    np.testing.assert_allclose(load([there], model()).noise, here, rtol=1e-6)
     white = NOISE / np.sqrt(50.0)  # below 1 of 50 Hz
     assert ((0.8 * white < here) & (here < 1.6 * white)).all()
-    floor = load([part], model(), {"roll": 0.0}).floor
+    floor = load([part], model(), {"roll": 0.0}).noise
     assert np.isfinite(floor).tolist() == [True, True, True, False]

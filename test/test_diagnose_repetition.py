@@ -58,9 +58,7 @@ def periodic(effort_step: float = 0.0) -> FilteredData:
     q, qd = MIDDLE + HALF * np.sin(angle), HALF * TURNS * np.cos(angle)
     exact = model().torque(q, qd, -HALF * TURNS**2 * np.sin(angle))
     read = effort_step * np.round(exact / effort_step) if effort_step else exact
-    return FilteredData.of(
-        load([Recording(ARM.joint_names, motion.time, q, qd, read)], model()).motion
-    )
+    return FilteredData.of(load([Recording(ARM.joint_names, motion.time, q, qd, read)], model()))
 
 
 def test_no_held_out_phase_is_seen_in_another_period():

@@ -46,7 +46,7 @@ base_rpy: [90, 0, 0]
 
 @pytest.fixture(scope="module")
 def motion() -> MeasuredMotion:
-    return load([known_ecm.recorded(1)], known_ecm.model()).motion
+    return load([known_ecm.recorded(1)], known_ecm.model())
 
 
 def first_of(diagnosis: Diagnosis, effect: str, *joints: int):
@@ -87,7 +87,7 @@ def test_an_encoder_s_column_is_the_derivative_of_a_pendulum_s_torque_by_its_fac
     time = np.arange(900) / 100.0
     q = 0.9 * np.sin(2.0 * time)[:, None]
     qd, qdd = 1.8 * np.cos(2.0 * time)[:, None], -3.6 * np.sin(2.0 * time)[:, None]
-    bare = load([Recording(("swing",), time, q, qd, 0.0 * q + 1e-3 * qd)], model).motion
+    bare = load([Recording(("swing",), time, q, qd, 0.0 * q + 1e-3 * qd)], model)
     made = replace(bare, q=q, qd=qd, qdd=qdd, time=time, parts=(slice(0, len(q)),), effort=0.0 * q)
     hypothesis = ReadingHypothesis(
         arm=model.arm, site=Site.joint(0), joints=(0,), setting={"factor": 1.0}
@@ -180,7 +180,7 @@ def test_a_spring_that_is_found_adds_to_those_that_the_model_has():
     base = TorqueModel.from_parameters(
         known_ecm.model().parameters() | springs | {"joint_offset": [0.0, 0.02, 0.001, 0.01]}
     )
-    motion = load([known_ecm.recorded(1)], base).motion
+    motion = load([known_ecm.recorded(1)], base)
     every = list(JointSpring.hypotheses(motion))
     assert {b - a for a, b in (hypothesis.joints for hypothesis in every)} == {1, 2}
     assert len(every) == 2 * (3 + 2)
@@ -278,7 +278,7 @@ def test_a_joint_that_gives_has_the_effort_of_two_masses_with_a_spring_between(t
     link = solve_ivp(of_link, time[[0, -1]], begin, t_eval=time, rtol=1e-8, atol=1e-10).y[0]
     q, qd, qdd = (turned(time, order)[:, None] for order in range(3))
     effort = stiffness * (q - link[:, None]) + rotor * qdd + damping * qd
-    bare = load([Recording(("swing",), time, q, qd, effort)], model).motion
+    bare = load([Recording(("swing",), time, q, qd, effort)], model)
     made = replace(bare, q=q, qd=qd, qdd=qdd, effort=effort, time=time, parts=(slice(0, len(q)),))
     (hypothesis,) = JointFlexibility.hypotheses(made)
     settled = slice(200, -100)

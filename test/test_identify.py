@@ -15,8 +15,8 @@ from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import Fit, build_problem, estimate, evaluate, identify
-from dvrk_gravity.intake import decide_coordinates, read_motions, stands
 from dvrk_gravity.model import start_columns
+from dvrk_gravity.observation import decide_coordinates, observe, stands
 from dvrk_gravity.recording import Recording, clipped_efforts
 
 # --- all that there is -------------------------------------------------------------------
@@ -74,7 +74,7 @@ def test_elastic_torque_is_held_at_the_edge_of_the_data(fit):
 
 
 def test_friction_that_presliding_shares_is_not_called_identifiable():
-    problem = build_problem(read_motions([truth(1)], ARM, "joint").parts, ARM)
+    problem = build_problem(observe([truth(1)], ARM), ARM)
     element = problem.design.columns.select(
         effect="presliding_hysteresis", site_kind="joint", joint=4, index=0
     )

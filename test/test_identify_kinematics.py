@@ -15,8 +15,8 @@ from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import Fit, evaluate, identify
-from dvrk_gravity.intake import read_motions
 from dvrk_gravity.model import Columns, KinematicCalibration, TorqueModel, offset_joints
+from dvrk_gravity.observation import observe
 
 TERMS = ("coulomb_friction", "viscous_friction", "elastic_cable", "base_tilt", "joint_offset")
 ZERO = 0.09  # rad, of wrist_platform
@@ -106,7 +106,7 @@ def test_zeros_that_torque_hardly_shows_are_named(fits):
 
 def test_slopes_between_knots_are_those_at_every_sample():
     """Of 200 Hz every third sample is enough for a motion that went through the low-pass."""
-    motion = read_motions([truth(3, 4.0, 1000.0)], ARM, "joint").parts[0]
+    motion = next(observe([truth(3, 4.0, 1000.0)], ARM)[0].split())
     assert motion.filter.rate == pytest.approx(200.0)
     links = Columns(ARM, ARM.lower, ARM.upper).base.sum(axis=1)
     columns = Columns(ARM, ARM.lower, ARM.upper, KinematicCalibration(links=links))

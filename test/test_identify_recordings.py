@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from fitted import FEW
 from known_mtm import ARM, truth
-from support import MODEL_FILE
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.intake import motors_measured, read_motions
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording, RecordingFile, read_trajectory
+from dvrk_gravity.observation import log_of, motors_measured, observe
+from dvrk_gravity.recording import Recording
 
 WRIST = 3
 
@@ -56,28 +54,21 @@ def frozen(recording: Recording, moving: int) -> tuple[Recording, dict[str, floa
     return held, dict(zip(JOINT_NAMES, still.tolist(), strict=True))
 
 
-def test_a_file_is_read_as_the_recording_in_memory(tmp_path):
-    recording = truth(2, 8.0)
-    recording.save(tmp_path / "run.csv")
-    model, file = TorqueModel.load(MODEL_FILE), RecordingFile(tmp_path / "run.csv")
-    assert evaluate(model, [recording]).joints == evaluate(model, [file]).joints
-
-
 @pytest.mark.parametrize(("coordinates", "joint"), [("joint", 2), ("actuator", 2), ("actuator", 3)])
 def test_a_recording_of_one_joint_is_that_joints_part_of_the_whole(coordinates, joint):
     """In actuator coordinates motors of joints that stand still turn: they are completed."""
     held, still = frozen(truth(3, 6.0), joint)
     read = held if coordinates == "joint" else motor_side(held)
-    part = replace(read_trajectory([only(read, [joint])]), coordinates=coordinates, still=still)
-    full = read_motions([read], ARM, coordinates).parts[0]
-    ours = read_motions([part], ARM, coordinates).parts[0]
+    read = replace(read, coordinates=coordinates)
+    part = replace(only(read, [joint]), coordinates=coordinates)
+    full = next(observe([read], ARM)[0].split())
+    ours = next(observe([part], ARM, fixed_positions=still)[0].split())
     for name in ("q", "qd", "qdd"):
         np.testing.assert_allclose(getattr(ours.state, name), getattr(full.state, name), atol=2e-3)
     assert ours.measured[joint] or (coordinates == "joint" and joint == 2)
-    np.testing.assert_allclose(
-        ours.effort[:, ours.measured], full.effort[:, ours.measured], atol=1e-9
-    )
-    assert not ours.effort[:, ~ours.measured].any()
+    part, whole = (each.motor_effort(ARM) for each in (ours, full))
+    np.testing.assert_allclose(part[:, ours.measured], whole[:, ours.measured], atol=1e-9)
+    assert not part[:, ~ours.measured].any()
 
 
 def test_a_motor_is_measured_if_all_joints_are_that_it_adds_to():
@@ -90,12 +81,12 @@ def test_a_motor_is_measured_if_all_joints_are_that_it_adds_to():
 
 def test_rates_that_differ_come_to_the_lowest():
     slow, fast = truth(1, 12.0, 50.0), truth(2, 12.0, 200.0)
-    motions = read_motions([slow, fast], ARM, "joint")
-    assert {part.filter.rate for part in motions.parts} == {motions.parts[0].filter.rate}
-    assert any("50 Hz" in line for line in motions.handling)
-    np.testing.assert_allclose(np.diff(motions.parts[1].time), 0.02, atol=1e-9)
-    alone = read_motions([fast], ARM, "joint").parts[0]
-    np.testing.assert_allclose(motions.parts[1].state.q, alone.state.q[::4], atol=1e-6)
+    motions = observe([slow, fast], ARM)
+    assert motions[0].filter.rate == motions[1].filter.rate
+    assert any("50 Hz" in line for line in log_of(motions))
+    np.testing.assert_allclose(np.diff(motions[1].time), 0.02, atol=1e-9)
+    alone = next(observe([fast], ARM)[0].split())
+    np.testing.assert_allclose(motions[1].q, alone.q[::4], atol=1e-6)
 
 
 def test_coordinates_that_are_given_wrongly_are_warned_of_and_each_may_have_its_own():

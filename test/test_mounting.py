@@ -14,8 +14,8 @@ from dvrk_gravity.arms import Arm, gravity_in_base, nominal_inertias
 from dvrk_gravity.diagnosis import load, try_readings
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import evaluate
-from dvrk_gravity.intake import Mounting, NominalTorque, in_their_unit, misread, mounting
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import Mounting, NominalTorque, in_their_unit, misread, mounting
 from dvrk_gravity.recording import Recording
 from testing.plain_world import PlainWorld
 
@@ -118,7 +118,7 @@ def test_an_arm_that_hangs_is_not_read_with_efforts_of_the_wrong_sign(upright, h
     """Read so, friction would drive it; where they have the wrong sign, it is the right reading."""
 
     def said(recording: Recording) -> list[str]:
-        motion = load([recording], TorqueModel.stated(ARM)).motion
+        motion = load([recording], TorqueModel.stated(ARM))
         return [score.reading.words for score in try_readings(motion) if score.passes]
 
     assert ALL not in said(hanging)

@@ -13,8 +13,8 @@ from robots import PANDA
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.intake import held_beyond, in_their_unit, require_all
-from dvrk_gravity.recording import Recording, RecordingFile
+from dvrk_gravity.observation import held_beyond, in_their_unit, require_all
+from dvrk_gravity.recording import Recording
 
 HAND = f"{PANDA}#panda_hand"
 ARM = Arm.load(HAND)
@@ -112,22 +112,22 @@ def written(folder, recording: Recording, effort: np.ndarray, word: str = "effor
 def test_a_joint_that_moves_without_efforts_is_neither_absent_nor_held(value, joint, tmp_path):
     recording = clean()
     effort = np.where(np.arange(ARM.n) == joint, value, recording.effort)
-    file = RecordingFile(written(tmp_path, recording, effort), arm=ARM)
+    file = Recording.load(written(tmp_path, recording, effort), arm=ARM)
     with pytest.raises(RecordingError, match=f"{ARM.joint_names[joint]}: has positions, but no"):
-        require_all(file.head, ARM, {})
+        require_all(file, ARM, {})
     assert ARM.joint_names[joint] not in held_beyond([file], ARM, {})[0]
 
 
 def test_memory_that_was_never_written_is_no_effort(tmp_path):
     effort = np.full_like(clean().effort, 2.9e-321)
-    assert not RecordingFile(written(tmp_path, clean(), effort), arm=ARM).head.effort.any()
+    assert not Recording.load(written(tmp_path, clean(), effort), arm=ARM).effort.any()
 
 
 def test_columns_that_were_not_read_are_in_the_refusal(tmp_path):
     file = written(tmp_path, clean(), clean().effort, "load")
     last = ARM.joint_names[-1]
     with pytest.raises(RecordingError, match=rf"no efforts\); columns not read: {last}\.load"):
-        RecordingFile(file, arm=ARM)
+        Recording.load(file, arm=ARM)
     file.write_text(file.read_text().replace(".effort", ".load"))
     with pytest.raises(RecordingError, match=rf"no efforts.*columns not read: .*{last}\.load"):
-        require_all(RecordingFile(file, arm=ARM).head, ARM)
+        require_all(Recording.load(file, arm=ARM), ARM)

@@ -21,10 +21,10 @@ from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
 from dvrk_gravity.compensate import DroppedSampleError, SampleReader
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.intake import KnownPayload, drive_gains, in_their_unit
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import KnownPayload, drive_gains, in_their_unit
 from dvrk_gravity.planning import PlanLimits, exciting_motion
-from dvrk_gravity.recording import Recording, RecordingFile
+from dvrk_gravity.recording import Recording, load_excerpt
 from dvrk_gravity.simulate import record_motion
 from testing.plain_world import PlainWorld
 
@@ -230,7 +230,7 @@ def test_a_joint_that_is_not_where_the_model_has_it_held_is_refused(tmp_path):
         elsewhere.of(held)
     elsewhere.save(tmp_path / "run.csv")
     with pytest.raises(RecordingError, match=says):
-        RecordingFile(tmp_path / "run.csv", arm=held)
+        load_excerpt(tmp_path / "run.csv", arm=held)
     reader = SampleReader(held.joint_names, held=held.held)
     for row in position[:4]:
         reader.read(1, arm.joint_names, row, (), ())

@@ -27,7 +27,7 @@ DRAWN = 200
 def exact() -> FilteredData:
     motion = moving(0, 15.0)
     effort = model().torque(motion.q, motion.qd, motion.qdd)
-    return FilteredData.of(load([motion.read(effort)], model()).motion)
+    return FilteredData.of(load([motion.read(effort)], model()))
 
 
 def knowing(own: int = 0) -> FilteredData:

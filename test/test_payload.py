@@ -158,7 +158,7 @@ def test_a_load_that_fits_best_far_away_is_tried_where_it_is_likely():
 
 
 def test_a_second_load_becomes_part_of_the_link_that_carries_it():
-    motion = load([known_ecm.recorded(1, 9.0)], known_ecm.model()).motion
+    motion = load([known_ecm.recorded(1, 9.0)], known_ecm.model())
     free = PayloadHypothesis(
         arm=motion.arm, site=Site.link(motion.arm.body_names.index("link3")),
         setting={"x": 0.01, "y": 0.02, "z": 0.05},

@@ -15,9 +15,9 @@ from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate
-from dvrk_gravity.intake import without_known_errors
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording, RecordingFile, limited_efforts
+from dvrk_gravity.observation import without_known_errors
+from dvrk_gravity.recording import Recording, limited_efforts
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, simulate
 
 Fault = Callable[[Recording], Recording]
@@ -49,7 +49,7 @@ def recording() -> Recording:
 def put_right(model: TorqueModel, recording: Recording) -> Recording:
     ((right,), (line,)) = without_known_errors([recording], model)
     assert "reading." in line
-    return right.load() if isinstance(right, RecordingFile) else right
+    return right
 
 
 def scaled(recording: Recording, name: str, column: int, factor: float) -> Recording:
@@ -142,7 +142,7 @@ def test_a_recording_is_corrected_as_it_was_distorted(fault, known, recording):
 
 
 @pytest.mark.parametrize("delay", [0.025, -0.025])
-def test_efforts_are_laid_over_their_positions_in_memory_as_in_a_file(delay, recording, tmp_path):
+def test_efforts_are_laid_over_their_positions(delay, recording):
     smooth = recording
     shifted = replace(smooth, effort=np.sin(3.0 * (smooth.time[:, None] - delay) + np.arange(7)))
     known = knowing(effort_delay=delay)
@@ -151,11 +151,6 @@ def test_efforts_are_laid_over_their_positions_in_memory_as_in_a_file(delay, rec
     wanted = smooth.rows(np.isin(smooth.time, right.time))
     np.testing.assert_allclose(right.effort, wanted.effort, atol=1e-6)
     np.testing.assert_array_equal(right.position, wanted.position)
-    shifted.save(tmp_path / "shifted.csv")
-    in_parts = RecordingFile(tmp_path / "shifted.csv", arm=ARM)
-    ((file,), _) = without_known_errors([in_parts.mended(lambda part: part)], known)
-    few = file.changed(lambda parts: (piece for part in parts for piece in part.parts(100)))
-    np.testing.assert_allclose(few.load().effort, right.effort, atol=1e-9)
 
 
 def test_samples_at_a_known_limit_are_marked_in_trajectories_and_left_out_of_poses(recording):

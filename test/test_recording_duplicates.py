@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,7 @@ from known_mtm import ARM, truth
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.diagnosis import load
-from dvrk_gravity.intake import read_motions
-from dvrk_gravity.recording import Duplicates, Recording, RecordingFile, without_duplicates
+from dvrk_gravity.recording import Recording, duplicate_samples, without_duplicates
 
 
 @pytest.fixture(scope="module")
@@ -41,37 +39,30 @@ def appended(*recordings: Recording) -> Recording:
     return replace(recordings[0], time=np.concatenate(time), **columns)
 
 
-def remaining(recordings: list[Recording], size: int) -> list[int]:
-    """Return how many samples of each remain, read in parts of a size."""
-    before = Duplicates()
-    return [
-        sum(len(part) for part in before.fresh(recording.parts(size))) for recording in recordings
-    ]
+def remaining(recordings: list[Recording]) -> list[int]:
+    """Return how many samples of each remain."""
+    left = (~duplicate_samples(each, recordings[:k]) for k, each in enumerate(recordings))
+    return [int(mask.sum()) for mask in left]
 
 
-@pytest.mark.parametrize("size", [70, 333, 1000, 60_000])
-def test_what_was_read_before_is_left_out_whatever_the_parts(measured, other, size):
-    assert remaining([measured, other, measured], size) == [1200, 1200, 0]
-    assert remaining([appended(measured, measured)], size) == [1200]
-    assert remaining([appended(measured, other, measured)], size) == [2400]
-    assert remaining([measured.between(0.0, 8.0), measured.between(5.0, 12.0)], size) == [800, 400]
-    assert remaining([appended(other.between(0.0, 3.0), measured), measured], size) == [1500, 0]
+def test_what_was_read_before_is_left_out(measured, other):
+    assert remaining([measured, other, measured]) == [1200, 1200, 0]
+    assert remaining([appended(measured, measured)]) == [1200]
+    assert remaining([appended(measured, other, measured)]) == [2400]
+    assert remaining([measured.between(0.0, 8.0), measured.between(5.0, 12.0)]) == [800, 400]
+    assert remaining([appended(other.between(0.0, 3.0), measured), measured]) == [1500, 0]
 
 
 def test_what_is_left_is_what_was_not_read_before_in_order(measured, other):
-    before = Duplicates()
-    list(before.fresh(measured.between(2.0, 6.0).parts(500)))
-    parts = list(before.fresh(appended(measured, other).parts(500)))
-    position = np.concatenate([part.position for part in parts])
-    expected = np.concatenate([measured.position[:200], measured.position[600:], other.position])
-    np.testing.assert_array_equal(position, expected)
-    assert before.number == 400
+    whole = appended(measured, other)
+    again = duplicate_samples(whole, [measured.between(2.0, 6.0)])
+    np.testing.assert_array_equal(np.flatnonzero(again), np.arange(200, 600))
 
 
 def test_less_than_a_second_is_no_repetition(measured, other):
     for until, left in ((3.9, 1290), (4.1, 1200)):
         again = appended(other, measured.between(3.0, until))
-        assert remaining([measured, again], 500)[1] == left
+        assert remaining([measured, again])[1] == left
 
 
 def test_stale_samples_and_rest_are_no_duplicates(measured):
@@ -82,11 +73,11 @@ def test_stale_samples_and_rest_are_no_duplicates(measured):
 
     hold = again(np.repeat([50], 400))
     rest = appended(hold, measured, hold)
-    assert remaining([rest], 500) == [2000]
+    assert remaining([rest]) == [2000]
     stale = again(np.repeat(np.arange(0, 1200, 5), 5))
-    assert remaining([stale], 500) == [1200]
-    assert remaining([rest, rest], 60_000) == [2000, 0]  # with what moves on either side they were
-    assert remaining([stale, stale], 500) == [1200, 0]
+    assert remaining([stale]) == [1200]
+    assert remaining([rest, rest]) == [2000, 0]  # with what moves on either side they were
+    assert remaining([stale, stale]) == [1200, 0]
 
 
 def test_a_motion_that_repeats_with_noise_loses_no_sample(measured):
@@ -99,25 +90,15 @@ def test_a_motion_that_repeats_with_noise_loses_no_sample(measured):
         replace(measured, position=noisy(measured.position), effort=noisy(measured.effort))
         for _ in range(2)
     ]
-    assert remaining([appended(*again)], 500) == [2400]
+    assert remaining([appended(*again)]) == [2400]
 
 
-def test_files_are_recognised_under_any_name_and_read_in_parts(measured, other, tmp_path):
-    first, second, more = (tmp_path / f"{name}.csv" for name in ("run", "copy", "more"))
-    appended(measured, other).save(first)
-    shutil.copy(first, second)
-    kept, lines, warnings = without_duplicates([RecordingFile(first), RecordingFile(second)])
-    assert [len(file.load()) for file in kept] == [2400]
-    assert len(lines) == 1
-    assert lines[0].startswith(f"{second}: 2400 of 2400 samples")
-    assert [(warning.kind, warning.numbers["samples"]) for warning in warnings] == [
-        ("duplicate_samples", 2400)
-    ]
-    appended(truth(3, 12.0), measured).save(more)
-    kept, lines, _ = without_duplicates([RecordingFile(first), RecordingFile(more)])
-    assert [len(file.load()) for file in kept] == [2400, 1200]
-    assert len(kept[1].head) == 1200
-    assert "1200 of 2400 samples" in lines[0]
+def test_what_is_left_of_a_recording_is_used_and_what_is_left_out_is_said(measured, other):
+    first, more = appended(measured, other), appended(truth(3, 12.0), measured)
+    kept, warnings = without_duplicates([first, replace(first, source="copy.csv"), more])
+    assert [each and len(each) for each in kept] == [2400, None, 1200]
+    assert [warning.numbers["samples"] for warning in warnings] == [2400, 1200]
+    assert "copy.csv: 2400 of 2400 samples" in str(warnings[0])
 
 
 def test_poses_that_repeat_exactly_count_once():
@@ -128,28 +109,13 @@ def test_poses_that_repeat_exactly_count_once():
         for _ in range(2)
     )  # fmt: skip
     shuffled = poses.rows(random.permutation(40))
-    kept, _, warnings = without_duplicates([poses, shuffled, more])
-    assert all(kept[k].position is given.position for k, given in enumerate((poses, more)))
+    kept, warnings = without_duplicates([poses, shuffled, more])
+    assert kept == [poses, None, more]
     assert [warning.numbers["samples"] for warning in warnings] == [40]
     # From the other direction it is another pose.
     turned = replace(poses, direction=-poses.direction)
-    assert remaining([poses, turned], 60_000) == [40, 40]
-    assert remaining([poses.rows([0, 1, 1, 2, 0])], 60_000) == [3]
-
-
-def test_a_motion_given_twice_or_appended_to_itself_is_read_once(measured, other):
-    once = read_motions([measured], ARM, "joint")
-    for given in ([measured, measured], [appended(measured, measured)]):
-        again = read_motions(given, ARM, "joint")
-        assert [warning.kind for warning in again.warnings].count("duplicate_samples") == 1
-        assert len(again.parts) == len(once.parts) == 1
-        np.testing.assert_allclose(again.parts[0].effort, once.parts[0].effort, atol=1e-9)
-        np.testing.assert_allclose(again.parts[0].state.q, once.parts[0].state.q, atol=1e-9)
-    assert not [warning for warning in once.warnings if warning.kind == "duplicate_samples"]
-    # The rest is too short for the filter.
-    rest = read_motions([measured, appended(measured, other.between(0.0, 0.3))], ARM, "joint")
-    assert len(rest.parts) == 1
-    assert any("1200 of 1230 samples" in line for line in rest.handling)
+    assert remaining([poses, turned]) == [40, 40]
+    assert remaining([poses.rows([0, 1, 1, 2, 0])]) == [3]
 
 
 def test_a_diagnosis_reads_a_recording_once(measured):
@@ -157,5 +123,5 @@ def test_a_diagnosis_reads_a_recording_once(measured):
     once = load([measured], model)
     for given in ([measured, measured], [appended(measured, measured)]):
         again = load(given, model)
-        assert len(again.motion.q) == len(once.motion.q)
+        assert len(again) == len(once)
         assert [warning.kind for warning in again.warnings].count("duplicate_samples") == 1

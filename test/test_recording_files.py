@@ -177,11 +177,6 @@ def test_parts_selected_from_a_recording():
     assert part.start_ns == START
     with pytest.raises(RecordingError, match="no sample between 9 and 10 s"):
         recording.between(9.0, 10.0)
-    blocks = recording.blocks(3)
-    assert [len(block) for block in blocks] == [333, 334, 333]
-    assert np.array_equal(np.concatenate([b.effort for b in blocks]), recording.effort)
-    with pytest.raises(RecordingError, match="1001 blocks"):
-        recording.blocks(1001)
     assert len(recording.rows(recording.position[:, 0] > 0)) < 1000
 
 

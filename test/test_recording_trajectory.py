@@ -1,17 +1,15 @@
-"""A trajectory that is read in pieces equals the whole, in little memory."""
+"""Trajectories prepared for a fit: gaps, what is kept, what is lost."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import Recording, prepare, read_trajectory
+from dvrk_gravity.observation import Bands
+from dvrk_gravity.recording import Recording, prepare
 
-QUANTITIES = ("time", "position", "velocity", "acceleration", "effort")
+read = Bands.of_fit().prepare
 SAME = 1e-9  # of a signal's largest value
 
 
@@ -32,34 +30,6 @@ def swing(samples: int = 6000, rate: float = 200.0, jitter: float = 0.0) -> Reco
     )
 
 
-def assert_same(actual, expected) -> None:
-    """Assert that two trajectories have the same stretches."""
-    assert len(actual.stretches) == len(expected.stretches)
-    for a, b in zip(actual.stretches, expected.stretches, strict=True):
-        for name in QUANTITIES:
-            first, second = getattr(a, name), getattr(b, name)
-            assert first.shape == second.shape, name
-            assert np.abs(first - second).max() < SAME * np.abs(first).max(), name
-
-
-@pytest.mark.parametrize(("size", "jitter"), [(400, 0.002), (777, 0.0), (2999, 0.002)])
-def test_pieces_equal_the_whole(size, jitter):
-    recording = swing(3000, jitter=jitter)
-    assert_same(read_trajectory([recording]), read_trajectory([recording], piece=size))
-
-
-@pytest.mark.parametrize("first", [1999, 2000, 2200])
-def test_gaps_near_the_end_of_a_piece_part_the_same_stretches(first):
-    recording = swing()
-    rows = np.delete(np.arange(6000), np.r_[first : first + 60, first + 90 : first + 140])
-    gappy = recording.rows(rows)
-    whole, pieces = read_trajectory([gappy]), read_trajectory([gappy], piece=2000)
-    assert len(whole.stretches) == 2
-    assert_same(whole, pieces)
-    for read in (whole, pieces):
-        assert any("2 parts, 30 samples" in line for line in read.handling)
-
-
 def interrupted(recording: Recording, longest: int, every: int) -> Recording:
     """Return a recording with up to ``longest`` samples missing about every ``every``."""
     random = np.random.default_rng(4)
@@ -74,12 +44,12 @@ def test_gaps_that_are_short_for_the_filter_cost_no_samples():
     recording = swing(8000, 1000.0)
     gappy = interrupted(recording, 16, 200)
     assert 0.008 < np.diff(gappy.time).max() < 0.0165
-    found, clean = (read_trajectory([given]) for given in (gappy, recording))
-    assert [len(stretch.time) for stretch in found.stretches] == [len(clean.stretches[0].time)]
-    assert any("16 ms" in line for line in found.handling)
+    found, clean = (read(given) for given in (gappy, recording))
+    assert found.parts == clean.parts
+    assert any("16 ms" in line for line in found.processing_log)
     assert "samples_discarded" not in {warning.kind for warning in found.warnings}
-    (actual,), (expected,) = found.stretches, clean.stretches
-    inner = slice(expected.filter.edge, -expected.filter.edge)
+    actual, expected = found.filtered, clean.filtered
+    inner = slice(clean.filter.edge, -clean.filter.edge)
     for name, same in {"position": 1e-3, "velocity": 0.01, "effort": 0.01}.items():
         first, second = getattr(actual, name)[inner], getattr(expected, name)[inner]
         assert np.abs(first - second).max() < same * np.abs(second).max(), name
@@ -89,21 +59,21 @@ def test_the_longest_gap_that_is_bridged_is_the_filters_time_constant():
     recording = swing(8000, 1000.0)
     for missing, parts in ((27, 1), (30, 2)):  # 1 / (2 pi 5.65 Hz) is 28.2 ms
         gappy = recording.rows(np.delete(np.arange(8000), np.r_[4000 : 4000 + missing]))
-        assert len(read_trajectory([gappy]).stretches) == parts
-        assert len(prepare(gappy).segments) == parts
+        assert len(read(gappy).parts) == parts
+        assert len(prepare(gappy).parts) == parts
     slower = prepare(gappy, 20.0, band=4.0)  # what is used below 4 Hz only
-    assert len(slower.segments) == 1
-    assert len(prepare(gappy, 20.0).segments) == 2
+    assert len(slower.parts) == 1
+    assert len(prepare(gappy, 20.0).parts) == 2
 
 
 def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
     recording = swing(8000, 1000.0)
     few = recording.rows(np.delete(np.arange(8000), np.r_[4000:4050]))
     many = recording.rows(np.delete(np.arange(8000), np.r_[1000:1050, 2000:2050, 3000:3050]))
-    for read in (lambda samples: read_trajectory([samples], piece=3000), prepare):
-        assert "samples_discarded" not in {warning.kind for warning in read(few).warnings}
+    for prepared in (read, prepare):
+        assert "samples_discarded" not in {warning.kind for warning in prepared(few).warnings}
         (found,) = (
-            warning for warning in read(many).warnings if warning.kind == "samples_discarded"
+            warning for warning in prepared(many).warnings if warning.kind == "samples_discarded"
         )
         # Three parts of a second are too short for the filter, which needs 1.1 s.
         assert found.numbers == {"samples": 2900, "share": 2900 / 7850, "gaps": 3}
@@ -111,43 +81,14 @@ def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
 
 def test_what_is_kept_is_what_prepare_gives_one_in_five_at_1_khz():
     recording = swing(8000, 1000.0)
-    kept = read_trajectory([recording], piece=3000).stretches[0]
-    motion, effort = (prepare(recording, cutoff).segments[0] for cutoff in (11.3, 5.65))
+    prepared = read(recording)
+    kept = prepared.filtered
+    motion, effort = (prepare(recording, cutoff).filtered for cutoff in (11.3, 5.65))
     rows = slice(None, None, 5)
     for ours, theirs in (
-        (kept.position, motion.recording.position),
-        (kept.velocity, motion.recording.velocity),
-        (kept.acceleration, motion.acceleration),
-        (kept.effort, effort.recording.effort),
+        (kept.position, motion.position),
+        (kept.velocity, motion.velocity),
+        (kept.effort, effort.effort),
     ):
         assert np.abs(ours - theirs[rows]).max() < SAME * np.abs(theirs).max()
-    assert kept.filter.rate == pytest.approx(200.0)
-
-
-def test_a_long_rest_is_no_recording_without_motion():
-    recording = swing()
-    rest = np.arange(6000)[:, None] > 1500
-    held = replace(
-        recording,
-        position=np.where(rest, recording.position[1500], recording.position),
-        velocity=np.where(rest, 0.0, recording.velocity),
-    )
-    found = read_trajectory([held], piece=500)
-    assert not {"nothing_moves", "no_motion", "position_quantisation"} & {
-        warning.kind for warning in found.warnings
-    }
-
-
-def test_what_is_unusable_in_the_whole_is_so_in_pieces():
-    recording = swing()
-    for change, tokens in (
-        ({"time": 1000.0}, "expected seconds, not ms"),
-        ({"position": 57.3}, "expected rad"),
-        ({"effort": 1000.0}, "expected N·m"),
-        ({"position": 1e-6, "velocity": 1e-6}, "no joint moves"),
-    ):
-        spoilt = {name: factor * getattr(recording, name) for name, factor in change.items()}
-        with pytest.raises(RecordingError, match=tokens):
-            read_trajectory([replace(recording, **spoilt)], piece=1500)
-    with pytest.raises(RecordingError, match="samples in a row"):
-        read_trajectory([swing(5)])
+    assert prepared.filter.rate == pytest.approx(200.0)

@@ -150,7 +150,7 @@ def test_evaluate_has_the_status_of_its_answer(share, claimed, status, tmp_path,
     model = tmp_path / "model.yaml"
     replace(TorqueModel(ARM, ()), verdict=claimed).save(model)
     arguments = ["run.csv", "--model", str(model)]
-    monkeypatch.setattr("dvrk_gravity.recording.RecordingFile", lambda *_, **given: None)
+    monkeypatch.setattr("dvrk_gravity.recording.load_excerpt", lambda *_, **given: None)
     assert command_line.run("dvrk_gravity.cli.evaluate", arguments) == status
     said = "\n".join(evaluation_text(result, TorqueModel.load(model)))
     assert ("do not compensate with this" in said) == bool(status)

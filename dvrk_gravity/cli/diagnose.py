@@ -72,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
     from dvrk_gravity.compensate import with_simulation
     from dvrk_gravity.diagnosis import Files, arm_for, diagnose
     from dvrk_gravity.identification import require_solver
-    from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
+    from dvrk_gravity.observation import contradiction
     from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text
 
     require_solver()  # of the simulated bodies, before any work

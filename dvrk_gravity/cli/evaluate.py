@@ -37,8 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
         file, or if the recordings are of the other arm.
     """
     from dvrk_gravity.identification import POOR, by_errors, evaluate
-    from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.observation import contradiction
     from dvrk_gravity.report import columns, evaluation_page, evaluation_text
 
     outputs.check(

@@ -16,7 +16,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.intake import KnownPayload
+    from dvrk_gravity.observation import KnownPayload
     from dvrk_gravity.recording import Coordinates
 
 NAME = "identify"
@@ -142,7 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
-    from dvrk_gravity.intake import KnownPayload
+    from dvrk_gravity.observation import KnownPayload
 
     link, centre = arguments.payload_link, arguments.payload_centre
     if arguments.known_payload is None:

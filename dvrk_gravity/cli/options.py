@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.planning import PlanLimits
-    from dvrk_gravity.recording import Coordinates, RecordingFile
+    from dvrk_gravity.recording import Coordinates, Recording
     from dvrk_gravity.simulate import PlantFile
 
 Bounds = tuple[float, float]
@@ -145,12 +145,12 @@ def recordings(
     arguments: argparse.Namespace,
     arm: Arm,
     coordinates: Coordinates = "joint",
-) -> list[RecordingFile]:
+) -> list[Recording]:
     """Return the recordings of the command line."""
-    from dvrk_gravity.recording import RecordingFile
+    from dvrk_gravity.recording import load_excerpt
 
     given = reading(arguments)
-    return [RecordingFile(path, coordinates=coordinates, arm=arm, **given) for path in paths]
+    return [load_excerpt(path, coordinates=coordinates, arm=arm, **given) for path in paths]
 
 
 def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
@@ -275,7 +275,7 @@ def add_at(parser: argparse.ArgumentParser) -> None:
 
 
 def require_as_recorded(
-    texts: Sequence[str], still: Mapping[str, float], recordings: Sequence[RecordingFile]
+    texts: Sequence[str], still: Mapping[str, float], recordings: Sequence[Recording]
 ) -> None:
     """Refuse a position of a joint that every recording has, and has elsewhere.
 
@@ -288,14 +288,14 @@ def require_as_recorded(
         ConfigError: Naming it, and where it was recorded.
         RecordingError: A recording that cannot be read.
     """
-    from dvrk_gravity.intake import stood_at, travel
+    from dvrk_gravity.observation import stood_at, travel
 
     for entry, name, _ in _entries(texts):
-        if all(name in recording.head.joints for recording in recordings):
+        if all(name in recording.joints for recording in recordings):
             for recording in recordings:
                 if not stood_at(recording, name, still[name]):
                     low, high = travel(recording, name)
-                    where = f"{recording.head.source} has it at {low:.4g} to {high:.4g}"
+                    where = f"{recording.source} has it at {low:.4g} to {high:.4g}"
                     raise ConfigError("--at", entry, f"where {name} is recorded: {where}")
 
 
@@ -308,7 +308,7 @@ def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 def _require_within_reach(entry: str, arm: Arm, name: str, position: float) -> None:
     """Refuse a position further beyond the arm's limits than an encoder zero can be off."""
-    from dvrk_gravity.intake import BEYOND
+    from dvrk_gravity.observation import BEYOND
 
     index = arm.joint_names.index(name)
     joint, lower, upper = arm.joints[index], float(arm.lower[index]), float(arm.upper[index])

@@ -1,12 +1,11 @@
 from .data.candidate import Candidate as Candidate
 from .data.candidate import Score as Score
 from .data.candidate import most_parsimonious as most_parsimonious
-from .data.faults import put_right as put_right
+from .data.faults import correct_recordings as correct_recordings
 from .data.filtered_data import FilteredData as FilteredData
 from .data.filtered_data import FilterSettings as FilterSettings
 from .data.fit_to_judge import require_gravity as require_gravity
 from .data.fit_to_judge import require_predictable as require_predictable
-from .data.loading import UNREAD as UNREAD
 from .data.loading import LoadSettings as LoadSettings
 from .data.loading import load as load
 from .data.model_error import FRICTION_BY_LOAD as FRICTION_BY_LOAD

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.data.faults import Fault, put_right
+from dvrk_gravity.diagnosis.data.faults import Fault, correct_recordings
 from dvrk_gravity.diagnosis.data.fit_to_judge import require_gravity, require_predictable
-from dvrk_gravity.diagnosis.data.loading import Loaded, load
+from dvrk_gravity.diagnosis.data.loading import load
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
 from dvrk_gravity.diagnosis.inference.infer import (
     empty_posterior,
@@ -22,7 +23,8 @@ from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.effects import ReadingErrors, place_of, require_visible_load
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import (
     check_mass,
     contradiction,
     in_their_unit,
@@ -32,17 +34,16 @@ from dvrk_gravity.intake import (
     with_held,
     without_known_errors,
 )
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,
     DataWarning,
-    Duplicates,
     Given,
     Recording,
-    RecordingFile,
     about_arm,
+    duplicate_samples,
     known_coordinates,
     opened,
+    spent,
 )
 
 
@@ -51,12 +52,12 @@ class DiagnosisProblem:
     """What is to be explained.
 
     Attributes:
-        loaded: The motion, beside the model or the reference.
+        motion: Beside the model or the reference.
         faults: Of the recordings themselves, which were corrected.
         errors: Errors of readings that the model knows, and those faults.
     """
 
-    loaded: Loaded
+    motion: MeasuredMotion
     faults: tuple[Fault, ...]
     errors: ReadingErrors
 
@@ -103,11 +104,11 @@ def diagnose(
     say = progress or silent
     say("reading")
     problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
-    read = correct_readings(problem.loaded, say)
-    if contradiction(read.loaded.warnings) and not read.wrong:
-        as_stated, elsewhere = empty_posterior(read.loaded, read.hypotheses), None
+    read = correct_readings(problem.motion, say)
+    if contradiction(read.motion.warnings) and not read.wrong:
+        as_stated, elsewhere = empty_posterior(read.motion, read.hypotheses), None
     else:
-        as_stated = infer(read.loaded, read.hypotheses, say)
+        as_stated = infer(read.motion, read.hypotheses, say)
         elsewhere = with_load_elsewhere(as_stated, say)
     say("measuring gains on held-out blocks")
     diagnosis = report(
@@ -147,30 +148,30 @@ def build(
         references, _ = without_known_errors(
             references, replace(tested, reading_errors=errors), coordinates
         )
-        read = put_right(references, tested, coordinates, still)
+        read = correct_recordings(references, tested, coordinates, still)
         # The difference of two recordings that are misread in two ways would look like physics.
-        references, coordinates = read.recordings, read.recordings[0].head.coordinates
+        references, coordinates = read.recordings, read.recordings[0].coordinates
         warnings += read.of_reference
-    read = put_right(whole, tested, coordinates, still)
+    read = correct_recordings(whole, tested, coordinates, still)
     given = None if model is None else tested
     tested, prepared, said = _prepared(given, arm, read.recordings, still)
-    loaded = load(prepared, tested, still)
+    motion = load(prepared, tested, still)
     doubts = tested.arm.doubts if tested.of_file else ()  # an identified model has its own
-    loaded = replace(
-        loaded,
-        handling=(*corrected, *read.handling, *said, *loaded.handling),
-        warnings=(*about_arm(doubts), *warnings, *read.warnings, *loaded.warnings),
+    motion = replace(
+        motion,
+        processing_log=(*corrected, *read.processing_log, *said, *motion.processing_log),
+        warnings=(*about_arm(doubts), *warnings, *read.warnings, *motion.warnings),
     )
     if references:
-        loaded = _beside_reference(loaded, prepared, references[0], tested, still)
+        motion = _beside_reference(motion, prepared, references[0], tested, still)
     else:
-        require_predictable(loaded.motion, prepared)
-        require_gravity(loaded.motion, prepared[0].head.source)
+        require_predictable(motion, prepared)
+        require_gravity(motion, prepared[0].source)
     if place is not None:
-        loaded = replace(loaded, motion=replace(loaded.motion, payload_at=place))
-        require_visible_load(loaded.motion, str(payload_at))
-    joints = [arm.joint_names.index(name) for name in loaded.motion.arm.joint_names]
-    return DiagnosisProblem(loaded, read.faults, errors.after(read.errors).at(joints))
+        motion = replace(motion, payload_at=place)
+        require_visible_load(motion, str(payload_at))
+    joints = [arm.joint_names.index(name) for name in motion.arm.joint_names]
+    return DiagnosisProblem(motion, read.faults, errors.after(read.errors).at(joints))
 
 
 def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
@@ -199,9 +200,9 @@ def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
 def _prepared(
     model: TorqueModel | None,
     arm: Arm,
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Sequence[Recording],
     still: Mapping[str, float],
-) -> tuple[TorqueModel, Sequence[Recording | RecordingFile], tuple[str, ...]]:
+) -> tuple[TorqueModel, Sequence[Recording], tuple[str, ...]]:
     """Return model and recordings in one unit of effort, and what was done for that.
 
     An arm without an identified model may lack joints that were held.
@@ -218,20 +219,18 @@ def _prepared(
 
 
 def _beside_reference(
-    loaded: Loaded,
-    recordings: Sequence[Recording | RecordingFile],
-    reference: Recording | RecordingFile,
+    motion: MeasuredMotion,
+    recordings: Sequence[Recording],
+    reference: Recording,
     model: TorqueModel,
     still: Mapping[str, float],
-) -> Loaded:
+) -> MeasuredMotion:
     """Return what recordings and a reference both show."""
-    before, names = Duplicates(), [each.head.source for each in (recordings[0], reference)]
+    names = [each.source for each in (recordings[0], reference)]
     for recording in (*recordings, reference):
         require_moving(recording)
-    for recording in (*recordings, reference):
-        before.read(recording)
-    if before.skipped:  # the last of them
+    if spent(reference, duplicate_samples(reference, recordings)):
         raise RecordingError(names[1], "--reference is the recording being diagnosed")
     exact = replace(model, uncertainty=None)  # the model's error is in both recordings
-    loaded = replace(loaded, motion=replace(loaded.motion, model=exact))
-    return compared(loaded, load([reference], model, still), names)
+    motion = replace(motion, model=exact)
+    return compared(motion, load([reference], model, still), names)

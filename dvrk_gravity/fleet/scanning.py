@@ -13,7 +13,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.files.resources import shipped
 from dvrk_gravity.fleet.manifest import MANIFEST, ArmEntry, Manifest, is_whole_recording
-from dvrk_gravity.recording import JOINT_STATE, BagReader, RecordingFile, is_bag
+from dvrk_gravity.recording import JOINT_STATE, BagReader, is_bag, iterate_recording
 
 _READINGS = ("measured_js", "state_joint_current", "joint_states")
 # Of console files: gc-MTMR-28002.json, sawIntuitiveResearchKit-PSM1-28003.json.
@@ -161,7 +161,7 @@ def _by_joints(folder: Path) -> str:
     """Return the shipped arm that has all joints of a folder's first csv; ``""``: none, or two."""
     first = next(path for path in sorted(folder.iterdir()) if is_whole_recording(path))
     try:
-        joints = set(RecordingFile(first).head.joints)
+        joints = set(next(iterate_recording(first)).joints)
     except DvrkGravityError:
         return ""
     fits = [name for name in shipped("arms") if set(Arm.load(name).joint_names) == joints]

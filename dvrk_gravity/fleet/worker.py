@@ -22,7 +22,7 @@ from dvrk_gravity.fleet.manifest import is_url
 from dvrk_gravity.fleet.rows import Row
 from dvrk_gravity.identification import Fit, evaluate, identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
-from dvrk_gravity.recording import RecordingFile
+from dvrk_gravity.recording import Recording, load_excerpt
 
 T = TypeVar("T")
 
@@ -245,8 +245,8 @@ class _Steps:
             self._rows += rows.of_fit(fit)
         return self._rows, report, None
 
-    def _read(self, arm: Arm) -> RecordingFile:
-        return RecordingFile(self._path, topic=self._unit.topic or None, arm=arm)
+    def _read(self, arm: Arm) -> Recording:
+        return load_excerpt(self._path, topic=self._unit.topic or None, arm=arm)
 
     def _try(self, step: str, call: Callable[[], T]) -> T | None:
         try:

@@ -27,30 +27,34 @@ from dvrk_gravity.identification.result import (
     in_short,
     joint_errors,
 )
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import (
+    Bands,
     Decision,
+    Observation,
     all_static,
     beyond_limits,
     completed,
     decide_coordinates,
+    filtered,
     held_beyond,
+    in_joint_space,
+    log_of,
     noise_floor,
-    read,
-    read_motions,
+    observe,
     require_all,
     require_newtons,
     stated_coordinates,
-    whole,
+    warnings_of,
     without_known_errors,
 )
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DEFAULT_CUTOFF,
     Coordinates,
     DataWarning,
     Given,
+    Prepared,
     Recording,
-    Trajectory,
     about,
     about_arm,
     known_coordinates,
@@ -185,21 +189,23 @@ def evaluate(
     odd = require_newtons(model, recordings)
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
-        require_all(recording.head, model.arm, still or None)
+        require_all(recording, model.arm, still or None)
     warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
     if all_static(recordings):
-        poses = [whole(recording) for recording in recordings]
-        decision = coordinates_of(model, poses, coordinates, still)
-        evaluated = _evaluate_static(model, poses, still, decision)
+        decision = coordinates_of(model, recordings, coordinates, still)
+        evaluated = _evaluate_static(model, recordings, still, decision)
     else:
-        trajectories, decisions = list[Trajectory](), list[Decision]()
-        for recording in recordings:
-            trajectory = replace(read(recording, cutoff), still=still)
-            decision = coordinates_of(model, [trajectory], coordinates, still)
-            trajectories.append(replace(trajectory, coordinates=decision.coordinates))
-            decisions.append(decision)
-            warnings += decision.warnings
-        evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
+        decisions = list[Decision]()
+
+        def decide(number: int, prepared: Prepared) -> Coordinates:
+            del number
+            decisions.append(coordinates_of(model, [prepared], coordinates, still))
+            warnings.extend(decisions[-1].warnings)
+            return decisions[-1].coordinates
+
+        bands = Bands.of_fit(cutoff)
+        observed = observe(recordings, model.arm, bands, still or None, decide)
+        evaluated = _evaluate_dynamic(model, observed, decisions[0], cutoff)
     arm = model.arm
     units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
     return replace(
@@ -212,7 +218,7 @@ def evaluate(
 
 def coordinates_of(
     model: TorqueModel,
-    recordings: Sequence[Recording] | Sequence[Trajectory],
+    recordings: Sequence[Recording] | Sequence[Prepared],
     given: Coordinates | None,
     still: Mapping[str, float],
 ) -> Decision:
@@ -226,8 +232,9 @@ def coordinates_of(
         if poses:
             evaluation = _evaluate_static(model, poses, still, Decision(system))
         else:
-            alone = [replace(read(each), coordinates=None, still=still) for each in recordings]
-            evaluation = _evaluate_dynamic(model, alone, Decision(system), DEFAULT_CUTOFF, False)
+            alone = filtered(recordings[0]).read_as(system)
+            observed = in_joint_space(alone, model.arm, Bands.of_fit(), still)
+            evaluation = _evaluate_dynamic(model, [observed], Decision(system), judged=False)
         return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
 
     return decide_coordinates(recordings[0], model.arm, given, misfit)
@@ -235,33 +242,35 @@ def coordinates_of(
 
 def _evaluate_dynamic(
     model: TorqueModel,
-    recordings: Sequence[Trajectory],
+    observed: Sequence[Observation],
     decision: Decision,
-    cutoff: float,
+    cutoff: float = DEFAULT_CUTOFF,
     judged: bool = True,
 ) -> Evaluation:
     """Return the errors on trajectories; ``judged``: what the model expects of them, too."""
     arm, coordinates = model.arm, decision.coordinates
-    motions = read_motions(recordings, arm, coordinates, cutoff)
+    sources = [each.sources[0] for each in observed]
+    parts = [part for each in observed for part in each.split()]
     traces, positions, velocities = [], [], []
     recorded = np.zeros(arm.n, dtype=bool)
-    for motion in motions.parts:
-        core = np.arange(motion.filter.edge, len(motion) - motion.filter.edge)
-        usable = np.broadcast_to(motion.informative, motion.effort.shape)
+    for motion in parts:
+        low = motion.filter
+        assert low is not None
+        core = np.arange(low.edge, len(motion) - low.edge)
+        usable = np.broadcast_to(~motion.invalid_motor_effort, motion.q.shape)
         core = core[usable[core].all(axis=1)]
-        predicted = motion.filter(arm.actuator_effort(model.prediction(motion.state)))
-        q, qd = motion.state.q, motion.state.qd
-        assert qd is not None
+        predicted = low(arm.actuator_effort(model.prediction(motion.state)))
+        q, qd = motion.q, motion.qd
         positions.append(q[core])
         velocities.append(qd[core])
-        measured = motion.effort
+        measured = motion.motor_effort(arm)
         if coordinates == "actuator":
             q, qd = arm.actuator_position(q), arm.actuator_position(qd)
         else:
             measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
         # Of joints that were held nothing was measured.
-        seen = [name in recordings[motion.source].joints for name in arm.joint_names]
-        recorded |= np.array(seen)
+        seen = motion.present
+        recorded |= seen
         position, velocity, effort, torque = (
             array[core][:, seen] for array in (q, qd, measured, predicted)
         )
@@ -269,22 +278,21 @@ def _evaluate_dynamic(
         traces.append(
             Trace(
                 joints, time, position, velocity, effort, torque, coordinates, False,
-                motion.source, motion.noise[seen],
+                motion.clock[0], motion.noise_left(coordinates)[seen],
             )
         )  # fmt: skip
     if not any(len(trace.measured) for trace in traces):
         raise RecordingError(
-            recordings[0].source, "holds no time at which the efforts of all joints are readings"
+            sources[0], "holds no time at which the efforts of all joints are readings"
         )
-    sources = [recording.source for recording in recordings]
     q, qd = np.concatenate(positions), np.concatenate(velocities)
     resting = _idle(arm, q, coordinates, static=False)
-    result = _result(traces, sources, decision, motions.warnings, motions.handling, resting)
+    result = _result(traces, sources, decision, warnings_of(observed), log_of(observed), resting)
     result = replace(result, cutoff=cutoff)
     if not judged:
         return result
-    states = [motion.state for motion in motions.parts]
-    seconds = sum(float(motion.time[-1] - motion.time[0]) for motion in motions.parts)
+    states = [motion.state for motion in parts]
+    seconds = sum(float(motion.time[-1] - motion.time[0]) for motion in parts)
     return replace(
         result,
         outside=outside_range(model, q, qd, recorded),

@@ -29,7 +29,8 @@ from dvrk_gravity.identification.trajectories.problem import (
     require_form,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import Columns, TorqueModel, identified
+from dvrk_gravity.observation import (
     OTHER_SIDE,
     KnownPayload,
     all_static,
@@ -37,28 +38,26 @@ from dvrk_gravity.intake import (
     decide_coordinates,
     drive_gains,
     known_still,
-    read_once,
+    observe,
     require_all,
     their_unit,
-    whole,
     with_held,
 )
-from dvrk_gravity.model import Columns, TorqueModel, identified
 from dvrk_gravity.recording import (
     Coordinates,
-    Duplicates,
+    DataWarning,
     Given,
+    Prepared,
     Recording,
-    RecordingFile,
-    Trajectory,
     about_arm,
+    duplicate_samples,
     known_coordinates,
     opened,
     without_duplicates,
 )
 
 Report = Callable[[str, float], None]
-Recordings = Sequence[Recording | RecordingFile]
+Recordings = Sequence[Recording]
 _SAME_TORQUE = 1e-9  # of the largest: two sums of the same products
 
 
@@ -223,15 +222,12 @@ def _require_one_torque(model: TorqueModel) -> None:
 
 def _require_new(held_out: Recordings, fitted: Recordings) -> None:
     """Refuse to hold out what was fitted, or is held out already."""
-    before = Duplicates()
-    for recording in fitted:
-        before.read(recording)
-    for recording in held_out:
-        before.read(recording)
-        if before.left_out:
+    for index, recording in enumerate(held_out):
+        again = duplicate_samples(recording, (*fitted, *held_out[:index]))
+        if again.any():
             raise RecordingError(
-                recording.head.source,
-                f"{before.number} of {before.samples} samples are those of a recording that was "
+                recording.source,
+                f"{again.sum()} of {len(again)} samples are those of a recording that was "
                 "fitted or already validated: expected recordings that no fit has used",
             )
 
@@ -249,12 +245,12 @@ def _with_gains(
         mass = load.mass if isinstance(load, KnownPayload) else load
         raise ConfigError("--known-payload", mass, "no drive gains with it: it determines them")
     if all_static(recordings):
-        raise RecordingError(recordings[0].head.source, "holds static poses, expected trajectories")
+        raise RecordingError(recordings[0].source, "holds static poses, expected trajectories")
     if not isinstance(load, KnownPayload):
         load = KnownPayload(float(load))
     *bare, loaded = recordings
     for recording in recordings:
-        require_all(recording.head, arm)
+        require_all(recording, arm)
     found = drive_gains(bare, [loaded], arm, load, coordinates[0] or "joint")
     return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
@@ -286,7 +282,7 @@ def _static(
 ) -> Fit:
     from dvrk_gravity.identification.poses.fit import fit_static
 
-    source = recordings[0].head.source
+    source = recordings[0].source
     if effects is not None:
         raise ConfigError(
             "--terms", ",".join(effects),
@@ -300,11 +296,11 @@ def _static(
     if len(set(coordinates)) > 1:
         raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
     for recording in recordings:
-        require_all(recording.head, arm)
-    once, left_out, repeated = without_duplicates(recordings)
-    poses = [whole(recording) for recording in once]
+        require_all(recording, arm)
+    once, repeated = without_duplicates(recordings)
+    poses = [recording for recording in once if recording is not None]
     fit = fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
-    return replace(fit, handling=(*left_out, *fit.handling), warnings=(*repeated, *fit.warnings))
+    return replace(fit, warnings=(*repeated, *fit.warnings))
 
 
 def _dynamic(
@@ -321,57 +317,52 @@ def _dynamic(
     if physical is not False:
         require_solver()
     for recording in recordings:
-        require_all(recording.head, arm, still)
-    complete = [len(recording.head.joints) == len(arm.joint_names) for recording in recordings]
+        require_all(recording, arm, still)
+    complete = [len(recording.joints) == len(arm.joint_names) for recording in recordings]
     if not any(complete):
-        first = recordings[0].head
         raise RecordingError(
-            first.source,
-            f"has {', '.join(first.joints)} only: expected a recording of all joints as well, to "
-            "determine gravity and inertia",
+            recordings[0].source,
+            f"has {', '.join(recordings[0].joints)} only: expected a recording of all joints as "
+            "well, to determine gravity and inertia",
         )
-    report("reading", 0.0)
-    trajectories, left_out, repeated = read_once(recordings)
-    report("coordinates", 0.0)
-    reasons, warnings = list(left_out), list(repeated)
-    readable: list[Trajectory] = []
-    fitted = [index for index, trajectory in enumerate(trajectories) if trajectory is not None]
-    complete = [complete[index] for index in fitted]
-    for full, index in zip(complete, fitted, strict=True):
-        trajectory = trajectories[index]
-        assert trajectory is not None
-        decision = decide_coordinates(trajectory, arm, coordinates[index])
-        system = decision.coordinates
-        warnings += decision.warnings
-        if not full:
-            reasons.append(_partial(trajectory, arm, system, still))
+    reasons, warnings = list[str](), list[DataWarning]()
+
+    def decide(number: int, prepared: Prepared) -> Coordinates:
+        report("coordinates", 0.0)
+        decision = decide_coordinates(prepared, arm, coordinates[number])
+        warnings.extend(decision.warnings)
+        if not complete[number]:
+            reasons.append(_partial(prepared.recording, arm, decision.coordinates, still))
         if reason := decision.reason:
-            reasons.append(reason if sum(complete) == 1 else f"{trajectory.source}: {reason}")
-        readable.append(replace(trajectory, coordinates=system, still={} if full else still))
-    shown = readable[complete.index(True)].coordinates
-    assert shown is not None
+            alone = sum(complete) == 1
+            reasons.append(reason if alone else f"{prepared.recording.source}: {reason}")
+        return decision.coordinates
+
+    report("reading", 0.0)
+    observed = observe(recordings, arm, fixed_positions=still, decide=decide)
+    shown = next(each for each in observed if each.present.all()).coordinates
     columns: type[Columns] = Columns
     if for_file is not None:
         form = FORMS[for_file]
         columns, effects = form.columns, form.effects
         if form.of_bodies and physical is None:
             physical = True
-    fit = fit_dynamic(readable, arm, shown, effects, physical, report, columns, least_gain)
-    if shown == "actuator" and coordinates[fitted[complete.index(True)]] is None:
+    fit = fit_dynamic(observed, arm, shown, effects, physical, report, columns, least_gain)
+    if shown == "actuator" and coordinates[complete.index(True)] is None:
         fit = replace(fit, model=replace(fit.model, found_in=shown))
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
 
 
 def _partial(
-    trajectory: Trajectory, arm: Arm, coordinates: Coordinates, still: Mapping[str, float]
+    recording: Recording, arm: Arm, coordinates: Coordinates, still: Mapping[str, float]
 ) -> str:
     others = ", ".join(
         f"{joint.name} {joint.shown(still[joint.name], 2)}"
         for joint in arm.joints
-        if joint.name not in trajectory.joints
+        if joint.name not in recording.joints
     )
     return (
-        f"{trajectory.source}: {', '.join(trajectory.joints)} only, {coordinates} coordinates; the "
+        f"{recording.source}: {', '.join(recording.joints)} only, {coordinates} coordinates; the "
         f"others stood at {others}; errors are those of the recordings of all joints"
     )
 
@@ -381,7 +372,7 @@ def _validated(fit: Fit, recordings: Recordings) -> Fit:
     result = evaluate(fit.model, recordings, fit.coordinates)
     fitted = np.concatenate([trace.measured for trace in fit.traces])
     errors = errors_of(result.traces, result.idle, fitted.mean(axis=0))
-    names = ", ".join(recording.head.source for recording in recordings)
+    names = ", ".join(recording.source for recording in recordings)
     verdict = judge(
         errors, fit.training, fit.holding, fit.model.arm, fit.coordinates,
         static=all_static(recordings), with_friction=result.with_friction, against=fit.against,

@@ -53,9 +53,10 @@ class PlannedMotion(MeasuredMotion):
         static = state.direction is not None
         rate = None if static or count < 2 else (count - 1) / float(time[-1] - time[0] or 1.0)
         return cls(
-            model, state.q, qd, none if state.qdd is None else state.qdd, none, state.direction,
-            np.tile(time, copies), tuple(slice(k * count, (k + 1) * count) for k in range(copies)),
-            rate, np.ones(model.arm.n, dtype=bool), np.zeros(model.arm.n),
+            model=model, q=state.q, qd=qd, qdd=none if state.qdd is None else state.qdd,
+            effort=none, direction=state.direction, time=np.tile(time, copies),
+            parts=tuple(slice(k * count, (k + 1) * count) for k in range(copies)), rate=rate,
+            present=np.ones(model.arm.n, dtype=bool), step=np.zeros(model.arm.n),
         )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
+from dvrk_gravity.recording.invalid_effort import frozen
 from dvrk_gravity.recording.limits import STILL, beyond_the_arm, jumps, position_unit
 from dvrk_gravity.recording.position_unit import declaring
 from dvrk_gravity.recording.recording import Recording
@@ -20,10 +21,12 @@ from dvrk_gravity.recording.signal_checks import (
     saturation,
 )
 from dvrk_gravity.recording.timing import TimingSettings
-from dvrk_gravity.recording.unread import frozen
 from dvrk_gravity.recording.velocity import common_factor, compare_velocity
 
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
+# s, from which on a gap may be one between the stretches of a recording that was cut. Chosen: a
+# diagnosis needs more of each.
+_BETWEEN_STRETCHES = 5.0
 _JITTER = 0.05  # standard deviation of the intervals, as a part of their median. Chosen
 # Hz, between which robots are recorded: stamps that are not in seconds are known by it. Chosen
 # wider than any console's rate.
@@ -120,6 +123,8 @@ def _time(recording: Recording) -> list[DataWarning]:
             numbers = {"interval": typical}
             findings.append(DataWarning("time_unit", None, numbers, text, unusable=True))
     long = intervals > TimingSettings().gap * typical
+    if any(note.kind == "excerpt" for note in recording.notes):
+        long &= intervals < _BETWEEN_STRETCHES
     if long.any():
         numbers = {"count": int(long.sum()), "longest_s": float(intervals.max())}
         text = f"{long.sum()} gaps in time, the longest {intervals.max():.3g} s"

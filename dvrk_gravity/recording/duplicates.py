@@ -6,9 +6,8 @@ twice it would weigh double, and a motion would seem to repeat without noise.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain, pairwise
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,205 +15,85 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Mask
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.recording import Recording
-from dvrk_gravity.recording.samples import join
-from dvrk_gravity.recording.stream import RecordingFile
 
 Hashes = NDArray[np.uint64]
 
-
-_DURATION = 1.0  # s that must be equal, sample by sample. Chosen: noise makes no two samples equal
+_RUN = 100  # samples in a row that must be equal. Chosen: noise makes no two samples equal
 # Part of them that must differ from the sample before: samples at rest, or not renewed, are always
 # equal. Chosen.
 _CHANGING = 0.1
-_MOST_LAGS = 100  # that are tried in one part. Chosen: recordings are copied a few times
-# Samples of that time, at least, by which it is looked up. Chosen: none of them is found once in
-# exp(16), for memory of an eighth or less.
-_MARKS = 16
 _LEAST = 2.0  # s left of a recording below which it is not used. Chosen: some lengths of the filter
+_FACTOR = 0x9E3779B97F4A7C15  # odd, so that it has an inverse modulo 2^64
 
 
-class Duplicates:
-    """Reads recordings one after the other, and leaves out duplicate samples.
+def duplicate_samples(recording: Recording, before: Iterable[Recording] = ()) -> Mask:
+    """Return (N,) samples of a recording that are those of an earlier one, or earlier ones of it.
 
-    It remembers a 64-bit hash of position and effort of every sample, not the samples.
-
-    Attributes:
-        samples: Samples of the last recording.
-        left_out: Spans [start, stop) of its rows that were left out.
-        remaining: s that are left of it; infinite for static poses.
+    Of trajectories, equal runs of samples in which the readings change; of poses, equal ones.
     """
-
-    def __init__(self) -> None:
-        """Begin before the first recording."""
-        self._hashes: Hashes = np.zeros(1024, dtype=np.uint64)
-        self._count = 0
-        self._first: dict[int, int] = {}  # where a hash was read first, of some samples
-        self._begin("", 0)
-
-    def _begin(self, source: str, samples: int) -> None:
-        self._source, self.samples = source, samples
-        self.left_out: list[tuple[int, int]] = []
-        self.remaining = float("inf")
-
-    @property
-    def number(self) -> int:
-        """Samples that were left out of the last recording."""
-        return sum(stop - start for start, stop in self.left_out)
-
-    def fresh(self, parts: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield the samples of consecutive parts of a recording that are no duplicates."""
-        self._begin("", 0)
-        held: Recording | None = None
-        run, rate = 1, None
-        active: set[int] = set()
-        skipped: list[Recording] = []
-        for part, last in _with_last(parts):
-            if held is None:
-                self._source, rate = part.source, part.rate
-                run = 1 if part.time is None else max(2, round(_DURATION * (rate or 1)))
-            self._add(part, run, part.time is None)
-            self.samples += len(part)
-            block = part if held is None else join([held, part])
-            decided = len(block) if last else len(block) - run
-            if decided <= 0:
-                held = block
-                continue
-            begin = self._count - len(block)
-            if block.time is None:
-                again = self._poses(begin, decided)
-            elif rate is None:
-                again = np.zeros(decided, dtype=bool)
-            else:
-                again, active = self._runs(begin, decided, run, active)
-            row = self.samples - len(block)
-            self.left_out += [(row + a, row + b) for a, b in _spans(again)]
-            if again.all():
-                skipped.append(block.rows(slice(0, 1)))
-            else:
-                yield block.rows(np.flatnonzero(~again)).with_found(skipped)
-                skipped = []
-            if decided < len(block):
-                held = block.rows(slice(decided, None)).counted()
-        if rate is not None:
-            self.remaining = (self.samples - self.number) / rate
-
-    def read(self, recording: Recording | RecordingFile) -> None:
-        """Read a recording only to find its duplicates."""
-        for _ in self.fresh(recording.parts()):
-            pass
-
-    def report(self) -> tuple[str, tuple[DataWarning, ...]] | None:
-        """Return the duplicates of the last recording, in a line and as a warning, if any."""
-        if not self.left_out:
-            return None
-        kept = self.samples - self.number
-        text = (
-            f"{self._source}: {self.number} of {self.samples} samples are exact duplicates of "
-            "earlier samples, and count once"
-        )
-        if not kept:
-            text += "; it is skipped"
-        elif self.remaining < _LEAST:
-            text += f"; the other {self.remaining:.2g} s are too short to be used"
-        numbers = {"samples": self.number, "share": self.number / self.samples}
-        return text, (DataWarning("duplicate_samples", None, numbers, text),)
-
-    @property
-    def skipped(self) -> bool:
-        """Whether the rest of the last recording is too short to be used."""
-        return bool(self.left_out) and (self.number == self.samples or self.remaining < _LEAST)
-
-    def _add(self, part: Recording, run: int, poses: bool) -> None:
-        """Remember the hashes of a part."""
-        hashes = _hashes(part)
-        while self._count + len(hashes) > len(self._hashes):
-            self._hashes = np.concatenate([self._hashes, np.zeros_like(self._hashes)])
-        begin, self._count = self._count, self._count + len(hashes)
-        self._hashes[begin : self._count] = hashes
-        for sample in self._marks(begin, self._count, run, poses).tolist():
-            self._first.setdefault(int(self._hashes[sample]), sample)
-
-    def _marks(self, begin: int, end: int, run: int, poses: bool) -> NDArray[np.int64]:
-        """Return the samples that are looked up: those with the same hashes in every recording."""
-        hashes = self._hashes[begin:end]
-        if poses:
-            return np.arange(begin, end)
-        every = 1 << max(0, int(np.log2(run / _MARKS)))  # of each other a multiple
-        chosen = hashes % np.uint64(every) == 0
-        chosen[1:] &= hashes[1:] != hashes[:-1]
-        return begin + np.flatnonzero(chosen)
-
-    def _poses(self, begin: int, decided: int) -> Mask:
-        samples = range(begin, begin + decided)
-        return np.array([self._first[int(self._hashes[sample])] < sample for sample in samples])
-
-    def _runs(self, begin: int, decided: int, run: int, active: set[int]) -> tuple[Mask, set[int]]:
-        """Return the mask of duplicates from one sample on, and the lags to their originals.
-
-        Args:
-            begin: Number of the first sample.
-            decided: Samples to decide on; as many as make a run are known beyond, if there are.
-            run: Samples that make one.
-            active: Lags at which the samples just before were duplicates.
-        """
-        votes: Counter[int] = Counter()
-        for sample in self._marks(begin, self._count, run, False).tolist():
-            votes[sample - self._first[int(self._hashes[sample])]] += 1
-        again = np.zeros(decided, dtype=bool)
-        continued = set()
-        del votes[0]
-        for back in {lag for lag, _ in votes.most_common(_MOST_LAGS)} | active:
-            # A run may have begun in the part before.
-            start = max(begin - run, back)
-            here = self._hashes[start : self._count]
-            same = here == self._hashes[start - back : self._count - back]
-            changes = np.cumsum(np.append(False, here[1:] != here[:-1]))
-            for first, stop in _spans(same):
-                goes_on = back in active and start + first <= begin < start + stop
-                moving = changes[stop - 1] - changes[first]
-                if not goes_on and (stop - first < run or moving < _CHANGING * (stop - first)):
-                    continue
-                again[max(start + first - begin, 0) : max(start + stop - begin, 0)] = True
-                if start + stop > begin + decided:
-                    continued.add(back)
-        return again, continued
+    run = 1 if recording.time is None else _RUN
+    own = _hashes(recording)
+    windows = _windows(own, run)
+    known = [_windows(_hashes(other), run) for other in before]
+    first, which = np.unique(windows, return_index=True, return_inverse=True)[1:]
+    equal = first[which] < np.arange(len(windows))
+    if known:
+        equal |= np.isin(windows, np.concatenate(known))
+    changes = np.cumsum(np.append(False, own[1:] != own[:-1]))
+    found = np.zeros(len(own), dtype=bool)
+    edges = np.flatnonzero(np.diff(equal, prepend=False, append=False)).tolist()
+    for begin, end in list(pairwise(edges))[::2]:
+        last = end + run - 2
+        if run == 1 or changes[last] - changes[begin] >= _CHANGING * (last - begin):
+            found[begin : last + 1] = True
+    return found
 
 
 def without_duplicates(
-    recordings: Sequence[Recording | RecordingFile],
-) -> tuple[list[Recording | RecordingFile], tuple[str, ...], tuple[DataWarning, ...]]:
-    """Return recordings without duplicate samples, lines about these, and warnings.
+    recordings: Sequence[Recording],
+) -> tuple[list[Recording | None], tuple[DataWarning, ...]]:
+    """Return recordings without duplicate samples, and warnings about these.
 
-    Recordings of duplicates alone are left out. Files are read once for it.
+    ``None`` stands for a recording of which too little is left.
     """
-    before = Duplicates()
-    kept: list[Recording | RecordingFile] = []
-    lines: list[str] = []
+    kept: list[Recording | None] = []
     warnings: list[DataWarning] = []
-    for recording in recordings:
-        before.read(recording)
-        found = before.report()
-        if found is not None:
-            lines.append(found[0])
-            warnings += found[1]
-        if not before.skipped:
-            kept.append(recording.without(before.left_out) if found else recording)
-    return kept, tuple(lines), tuple(warnings)
+    for index, recording in enumerate(recordings):
+        again = duplicate_samples(recording, recordings[:index])
+        left: Recording | None = recording
+        if again.any():
+            left = None if spent(recording, again) else recording.rows(~again)
+            warnings.append(_warning(recording, again, left is None))
+        kept.append(left)
+    return kept, tuple(warnings)
 
 
-def _with_last(parts: Iterable[Recording]) -> Iterator[tuple[Recording, bool]]:
-    """Yield parts, and whether they are the last."""
-    held: Recording | None = None
-    for part in chain(parts, (None,)):
-        if held is not None:
-            yield held, part is None
-        held = part
+def spent(recording: Recording, again: Mask) -> bool:
+    """Return whether too little is left of a recording without its (N,) duplicate samples."""
+    left = int((~again).sum())
+    return bool(again.any()) and (not left or left < _LEAST * (recording.rate or 0.0))
 
 
-def _spans(mask: Mask) -> list[tuple[int, int]]:
-    """Return where runs of true values begin and end."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False)).tolist()
-    return list(pairwise(edges))[::2]
+def _warning(recording: Recording, again: Mask, skipped: bool) -> DataWarning:
+    number, total = int(again.sum()), len(recording)
+    text = (
+        f"{recording.source}: {number} of {total} samples are exact duplicates of earlier samples, "
+        "and count once"
+    )
+    if skipped:
+        text += "; the rest is too short to be used" if number < total else "; it is skipped"
+    numbers = {"samples": number, "share": number / total}
+    return DataWarning("duplicate_samples", None, numbers, text)
+
+
+def _windows(hashes: Hashes, run: int) -> Hashes:
+    """Return a hash of each run of (N,) samples: a polynomial of theirs, modulo 2^64."""
+    powers, inverse = (
+        np.cumprod(np.full(len(hashes), factor, dtype=np.uint64))
+        for factor in (_FACTOR, pow(_FACTOR, -1, 2**64))
+    )
+    total = np.append(np.uint64(0), np.cumsum(hashes * powers))
+    return (total[run:] - total[:-run]) * inverse[: max(len(hashes) - run + 1, 0)]
 
 
 def _hashes(part: Recording) -> Hashes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict, Unpack
@@ -16,7 +16,7 @@ from dvrk_gravity.recording.csv_file import iterate_csv
 from dvrk_gravity.recording.joint_states import iterate_bag
 from dvrk_gravity.recording.renewal import renewed
 from dvrk_gravity.recording.repair import repaired
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples, TimeBase, converted
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples, TimeBase, converted, join
 from dvrk_gravity.validation import path_of
 
 A_PATH = "the path of a .csv file or a rosbag2"
@@ -42,7 +42,7 @@ def read(path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]) -
     """Yield a file in consecutive parts of at most ``chunk`` samples.
 
     Memory stays at a few parts, whatever the length of the file. Times are relative to the first
-    sample of the whole.
+    sample of the whole. Readings are as they were recorded (:func:`mended`).
 
     Raises:
         RecordingError: On reaching a part that cannot be used.
@@ -66,7 +66,12 @@ def read(path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]) -
             f"expected a .csv file, a rosbag2 folder, or a {', '.join(SUFFIXES)} file; of .npz, "
             f".hdf5 or .parquet, make a CSV as {OTHERS} shows",
         )
-    return renewed(repaired(_in_torque(parts, arm)))
+    return _in_torque(parts, arm)
+
+
+def mended(parts: Sequence[Samples]) -> Samples:
+    """Return the parts of a recording as one, without what cannot have been read."""
+    return renewed(repaired(join(parts)))
 
 
 def _in_torque(parts: Iterator[Samples], arm: Arm | None) -> Iterator[Samples]:

@@ -32,8 +32,8 @@ _CLEAR = 0.9  # correlation from which on such a factor is one. Chosen as for ``
 # one leaves. Chosen.
 _LEFT, _WORSE = 0.15, 2.0
 # Positions within the arm's reach are believed unless they leave more than this part, and another
-# unit less than a quarter of what they leave. Chosen as for another mounting (``intake.nominal``);
-# where the other unit's factor is fitted, a tenth.
+# unit less than a quarter of what they leave. Chosen as for another mounting
+# (``observation.nominal``); where the other unit's factor is fitted, a tenth.
 _BELIEVED, _DISPROVED, _FITTED = 0.02, 0.25, 0.1
 # Gear ratios tried, in the least that keeps joints within their limits. Chosen: a motion uses more
 # than an eighth of the ranges, and 3 % of a quarter of a turn is 3 deg.

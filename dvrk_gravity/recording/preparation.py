@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import check
 from dvrk_gravity.recording.data_warning import DataWarning, require_usable
-from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
+from dvrk_gravity.recording.filters import LowPass, derivative, white_density
 from dvrk_gravity.recording.quantization import known_acceleration, quantum
 from dvrk_gravity.recording.recording import Recording
-from dvrk_gravity.recording.samples import not_recorded
+from dvrk_gravity.recording.samples import QUANTITIES, Coordinates, not_recorded
 from dvrk_gravity.recording.timing import (
     TimingSettings,
     longest_bridged,
@@ -30,42 +32,43 @@ SHORTEST = 4  # edges of the filter that a part must be long to be kept
 # the recording promises (1 / sqrt(0.9)).
 DISCARDED = 0.1
 
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """A contiguous part of a prepared recording.
-
-    Attributes:
-        recording: ``(N, n)`` arrays; on a uniform time grid and low-passed, unless static.
-        acceleration: ``(N, n)`` rad/s^2, or ``None`` for static poses.
-        edge: Samples at either end that the filter's end transients reach.
-    """
-
-    recording: Recording
-    acceleration: Array | None
-    edge: int
-
-    @property
-    def core(self) -> slice:
-        """Samples that no end transient reaches."""
-        return slice(self.edge, len(self.recording) - self.edge)
+Filtered = tuple[Recording, Array]  # and its acceleration
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A prepared recording.
+    """A recording, checked and filtered.
 
     Attributes:
-        segments: Parts without gaps, in order.
-        warnings: Findings about the raw recording.
-        handling: Steps of the preparation, one sentence each.
-        filter: The low-pass that went over every signal, or ``None`` for static poses.
+        recording: As it was read.
+        filtered: ``(N, n)`` arrays; on uniform time grids and low-passed, unless static.
+        acceleration: ``(N, n)`` rad/s^2; zero for static poses.
+        parts: Parts of these samples without gaps, in order.
+        warnings: Findings about the recording.
+        processing_log: Steps of the preparation, one sentence each.
+        filter: The low-pass of efforts, at the rate of the samples; ``None`` for static poses.
+        stride: Every so-maniest sample was kept.
     """
 
-    segments: tuple[Segment, ...]
+    recording: Recording
+    filtered: Recording
+    acceleration: Array
+    parts: tuple[slice, ...]
     warnings: tuple[DataWarning, ...]
-    handling: tuple[str, ...]
-    filter: LowPass | None
+    processing_log: tuple[str, ...]
+    filter: LowPass | None = None
+    stride: int = 1
+
+    def read_as(self, coordinates: Coordinates) -> Prepared:
+        """Return the same in the coordinates that the recording's columns really have."""
+        return replace(self, recording=replace(self.recording, coordinates=coordinates))
+
+    def at_rate(self, rate: float) -> Prepared:
+        """Return it at a lower rate, Hz, by cubic splines through the signals of each part."""
+        assert self.filter is not None
+        parts = [(self.filtered.rows(part), self.acceleration[part]) for part in self.parts]
+        slower = _joined([_slower(*part, rate) for part in parts])
+        return replace(self, **slower, filter=replace(self.filter, rate=rate))
 
 
 @dataclass
@@ -136,88 +139,163 @@ class Gaps:
 def prepare(
     recording: Recording,
     cutoff: float = DEFAULT_CUTOFF,
-    order: int = ORDER,
-    effort_limits: Mapping[str, float] | None = None,
     band: float | None = None,
+    motion: float | None = None,
+    limit_acceleration: bool = True,
+    stride: int = 1,
+    ends: bool = True,
     warnings: tuple[DataWarning, ...] | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
 
     Static poses are not changed. In a trajectory, stale samples are removed; it is split at gaps
     that are too long to interpolate over; every part is interpolated onto a uniform grid at the
-    nominal rate; position, velocity and effort go through one zero-phase low-pass. A velocity
+    nominal rate; position, velocity and effort go through zero-phase low-passes. A velocity
     column that is missing, late (as filtered ones are) or worse than the differentiated position is
-    replaced by that derivative. The acceleration is the derivative of the resulting velocity,
-    limited to the band that position steps allow (``known_acceleration``).
+    replaced by that derivative. The acceleration is the derivative of the resulting velocity.
 
     Args:
         recording: Trajectory or static poses.
-        cutoff: Of the low-pass, Hz.
-        order: Of one of its two runs.
-        effort_limits: See ``check``.
+        cutoff: Of the low-pass of efforts, Hz.
         band: Frequency below which the signals will be used, Hz; default: the cut-off. Gaps that
             are short against it are interpolated over, see ``longest_bridged``.
-        warnings: Findings about the recording that this is a part of; ``None``: it is checked.
+        motion: Cut-off of the low-pass of positions and velocities, Hz; default: that of efforts.
+        limit_acceleration: Whether the acceleration is limited to the band that position steps
+            allow (``known_acceleration``).
+        stride: Every so-maniest low-passed sample is kept.
+        ends: Whether the ends of parts, which the efforts' filter disturbs, are kept.
+        warnings: Findings about the recording; ``None``: it is checked.
 
     Raises:
         RecordingError: If a check finds the recording unusable, if it is too short to filter, or
             if the cut-off does not go with the sampling rate.
     """
-    warnings = check(recording, effort_limits) if warnings is None else warnings
+    warnings = check(recording) if warnings is None else warnings
     require_usable(recording.source, warnings)
     rate = recording.rate
     if recording.time is None:
-        segment = Segment(recording, None, 0)
-        return Prepared((segment,), warnings, ("static poses are used as they are",), None)
+        used = "static poses are used as they are"
+        still, whole = np.zeros_like(recording.position), (slice(0, len(recording)),)
+        return Prepared(recording, recording, still, whole, warnings, (used,))
     if rate is None:
         raise RecordingError(recording.source, "holds one sample, expected a trajectory")
-    handling = []
-    low = low_pass(recording, cutoff, rate, order)
+    low, band, motion = _low_pass(recording, cutoff, rate), band or cutoff, motion or cutoff
+    wide = _low_pass(recording, motion, rate)
     old = stale(recording)
+    log: tuple[str, ...] = ()
     if old.any():
-        handling.append(f"{old.sum()} stale samples replaced by interpolation")
-    derived = derived_joints(recording, warnings)
+        log += (f"{old.sum()} stale samples replaced by interpolation",)
+    derived = _derived_joints(recording, warnings)
     if derived:
-        handling.append(f"velocity differentiated from position: {', '.join(derived)}")
-    gaps = Gaps(low, longest_bridged(rate, band or cutoff))
+        log += (f"velocity differentiated from position: {', '.join(derived)}",)
+    gaps = Gaps(low, longest_bridged(rate, band))
     gaps.count(recording.time)
-    parts = split_at_gaps(recording, gaps.longest)
-    step = np.array([quantum(column) for column in recording.position.T])
-    segments: list[Segment] = []
+    step = np.zeros(len(recording.joints))
+    if limit_acceleration:
+        step = np.array([quantum(column) for column in recording.position.T])
+    parts: list[Filtered] = []
     first, gridded = 0, False
-    for part in parts:
+    for part in split_at_gaps(recording, gaps.longest):
         fresh = part.rows(~old[first : first + len(part)])
         first += len(part)
         if len(part) < SHORTEST * low.edge:
+            gaps.lost += len(part)
             continue
         uniform = resample(fresh, rate)
         gridded = gridded or uniform is not fresh
-        segments.append(_filtered(uniform, low, derived, step, band or cutoff))
-    if not segments:
+        kept = slice(None, None, stride) if ends else slice(low.edge, -low.edge, stride)
+        parts.append(_filtered(uniform, low, wide, derived, step, band, kept))
+    if not parts:
         raise RecordingError(
             recording.source,
             f"has no {SHORTEST * low.edge} samples in a row without a gap, "
             f"as a {cutoff:g} Hz filter needs",
         )
-    gaps.lost = sum(len(part) for part in parts if len(part) < SHORTEST * low.edge)
-    gaps.parts = len(segments)
-    handling += gaps.handling()
+    gaps.parts = len(parts)
+    log += tuple(gaps.handling())
     warnings += gaps.warnings(len(recording))
     if gridded:
-        handling.append(f"interpolated (Akima) onto a uniform grid at {rate:.6g} Hz")
-    handling.append(f"{low}, over position, velocity and effort")
-    return Prepared(tuple(segments), warnings, tuple(handling), low)
+        log += (f"interpolated (Akima) onto a uniform grid at {rate:.6g} Hz",)
+    if motion == cutoff:
+        log += (f"{low}, over position, velocity and effort",)
+    else:
+        log += (
+            f"efforts: {low}",
+            f"motion low-passed at {motion:g} Hz; the model's torque then goes through the same "
+            f"{cutoff:g} Hz filter as the measured one",
+        )
+    if stride > 1:
+        log += (f"one of {stride} low-passed samples kept: {rate / stride:.6g} Hz",)
+    slower = LowPass(cutoff, rate / stride)
+    return Prepared(
+        recording, warnings=warnings, processing_log=log, filter=slower, stride=stride,
+        **_joined(parts),
+    )  # fmt: skip
 
 
-def low_pass(recording: Recording, cutoff: float, rate: float, order: int = ORDER) -> LowPass:
+def _joined(parts: Sequence[Filtered]) -> dict[str, Any]:
+    """Return parts, and their accelerations, as one recording with gaps."""
+    first = parts[0][0]
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part, _ in parts]) for name in first.arrays()
+    }
+    edges = np.cumsum([0, *(len(part) for part, _ in parts)]).tolist()
+    return {
+        "filtered": replace(first, **arrays),
+        "acceleration": np.concatenate([acceleration for _, acceleration in parts]),
+        "parts": tuple(slice(a, b) for a, b in pairwise(edges)),
+    }
+
+
+def _slower(part: Recording, acceleration: Array, rate: float) -> Filtered:
+    from scipy.interpolate import CubicSpline
+
+    assert part.time is not None
+    first, last = part.time[0], part.time[-1]
+    number = int((last - first) * rate + 1e-6) + 1
+    time = np.minimum(first + np.arange(number) / rate, last)
+    signals: dict[str, Any] = {
+        name: CubicSpline(part.time, values)(time)
+        for name, values in part.arrays().items()
+        if name in QUANTITIES
+    }
+    slower = replace(part, time=time, direction=None, **signals)
+    return slower, np.asarray(CubicSpline(part.time, acceleration)(time))
+
+
+def noise_density(time: Array, effort: Array, used: Mask, cutoff: float, rate: float) -> Array:
+    """Return (n,) densities of the noise of efforts above a cut-off, N·m/sqrt(Hz); NaN: unknown.
+
+    Args:
+        time: (N,) s.
+        effort: (N, n) as recorded, in joint or actuator coordinates.
+        used: (N, n) which of them are readings.
+        cutoff: Hz.
+        rate: Hz.
+    """
+    low = LowPass(cutoff, rate)
+    square, count = np.zeros((2, effort.shape[1]))
+    ends = np.flatnonzero(np.diff(time) > longest_bridged(rate, cutoff)) + 1
+    for first, stop in pairwise([0, *ends.tolist(), len(time)]):
+        if stop - first <= SHORTEST * low.edge:
+            continue
+        inner = slice(low.edge, -low.edge)
+        high, counted = (effort[first:stop] - low(effort[first:stop]))[inner], used[first:stop]
+        square += np.where(counted[inner], high**2, 0.0).sum(axis=0)
+        count += counted[inner].sum(axis=0)
+    known = count > 0
+    return np.where(known, white_density(square / np.maximum(count, 1), cutoff, rate), np.nan)
+
+
+def _low_pass(recording: Recording, cutoff: float, rate: float) -> LowPass:
     """Return the filter, or the error that names the recording."""
     try:
-        return LowPass(cutoff, rate, order)
+        return LowPass(cutoff, rate)
     except RecordingError as error:
         raise RecordingError(recording.source, error.problem) from error
 
 
-def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> tuple[str, ...]:
+def _derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> tuple[str, ...]:
     """Return the joints whose velocity is differentiated from the position."""
     if recording.velocity is None:
         return recording.joints
@@ -234,17 +312,16 @@ def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> t
 
 
 def _filtered(
-    raw: Recording, low: LowPass, derived: tuple[str, ...], step: Array, band: float
-) -> Segment:
-    position = low(raw.position)
-    velocity = derivative(position, low.rate)
+    raw: Recording, low: LowPass, wide: LowPass, derived: tuple[str, ...], step: Array, band: float,
+    kept: slice,
+) -> Filtered:  # fmt: skip
+    """Return a uniform part low-passed: efforts by ``low``, motion by ``wide``."""
+    position = wide(raw.position)
+    velocity = derivative(position, wide.rate)
     if raw.velocity is not None:
-        measured = low(raw.velocity)
-        for column, joint in enumerate(raw.joints):
-            if joint not in derived:
-                velocity[:, column] = measured[:, column]
+        columns = [column for column, joint in enumerate(raw.joints) if joint not in derived]
+        velocity[:, columns] = wide(raw.velocity[:, columns])
     effort = None if raw.effort is None else low(raw.effort)
-    acceleration = known_acceleration(derivative(velocity, low.rate), step, low.rate, band)
-    acceleration.flags.writeable = False
-    result = replace(raw, position=position, velocity=velocity, effort=effort)
-    return Segment(result, acceleration, low.edge)
+    acceleration = known_acceleration(derivative(velocity, wide.rate), step, wide.rate, band)
+    result = replace(raw, position=position, velocity=velocity, effort=effort).rows(kept)
+    return result, acceleration[kept]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -17,7 +16,6 @@ from dvrk_gravity.recording import files, writing
 from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.joint_names import arm_names, note_on
 from dvrk_gravity.recording.samples import (
-    CHUNK,
     LARGEST,
     QUANTITIES,
     Coordinates,
@@ -25,7 +23,6 @@ from dvrk_gravity.recording.samples import (
     Storage,
     TimeBase,
     converted,
-    join,
     not_recorded,
 )
 from dvrk_gravity.tabular import frame_of
@@ -177,7 +174,7 @@ class Recording(Samples):
             path, topic=topic, coordinates=coordinates, time_base=time_base, columns=columns,
             arm=None if arm is None else Arm.of(arm),
         )  # fmt: skip
-        return cls.checked(join(list(parts)))
+        return cls.checked(files.mended(list(parts)))
 
     def save(
         self, path: str | Path, storage: Storage = "sqlite3", topic: str = "/measured_js"
@@ -213,11 +210,6 @@ class Recording(Samples):
             PackageError: pandas is not installed.
         """
         return frame_of(writing.columns(self))
-
-    @property
-    def head(self) -> Recording:
-        """The part that has joints, quantities and kind of time: in memory, the whole."""
-        return self
 
     def joint(self, name: str) -> int:
         """Return the column of a joint; raise ``RecordingError`` if it was not recorded."""
@@ -279,19 +271,6 @@ class Recording(Samples):
                     "model's arm holds it",
                 )
 
-    def without(self, left_out: Sequence[tuple[int, int]]) -> Recording:
-        """Return it without some spans of its rows, each [start, stop)."""
-        keep = np.ones(len(self), dtype=bool)
-        for start, stop in left_out:
-            keep[start:stop] = False
-        return self.rows(keep)
-
-    def parts(self, size: int = CHUNK) -> Iterator[Recording]:
-        """Yield consecutive parts; the reader's findings are counted with the first."""
-        for first in range(0, len(self), size):
-            part = self.rows(slice(first, first + size))
-            yield part.counted() if first else part
-
     def between(self, start: float, stop: float) -> Recording:
         """Return the samples with ``start <= time < stop``, s.
 
@@ -308,16 +287,3 @@ class Recording(Samples):
                 f"expected times within {self.time[0]:g} to {self.time[-1]:g} s",
             )
         return self.rows(slice(int(first), int(last)))
-
-    def blocks(self, count: int) -> tuple[Recording, ...]:
-        """Return ``count`` contiguous blocks of equal length (to within one sample).
-
-        Raises:
-            RecordingError: If there are fewer samples than blocks.
-        """
-        if not 1 <= count <= len(self):
-            raise RecordingError(
-                self.source, f"cannot be cut into {count} blocks, expected 1 to {len(self)}"
-            )
-        edges = np.linspace(0, len(self), count + 1).round().astype(int)
-        return tuple(self.rows(slice(int(a), int(b))) for a, b in pairwise(edges))

@@ -7,9 +7,8 @@ of a moving arm then show friction and damping that it does not have.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, compress
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.recording.data_warning import Note, merged
 from dvrk_gravity.recording.quantization import quantum
-from dvrk_gravity.recording.samples import QUANTITIES, Samples, join
+from dvrk_gravity.recording.samples import QUANTITIES, Samples
 from dvrk_gravity.recording.timing import moving, speed
 
 # Hz, of renewals. Twice the cut-off of the motion's filter (MOTION_BAND, DEFAULT_CUTOFF): a
@@ -136,54 +135,25 @@ def common(recording: Samples) -> float:
     return float(some.sum() / max(int((changed & some).sum()), 1))
 
 
-def renewed(parts: Iterable[Samples]) -> Iterator[Samples]:
-    """Yield consecutive parts with held quantities interpolated between their renewals.
+def renewed(samples: Samples) -> Samples:
+    """Return a recording with held quantities interpolated between their renewals.
 
     Each value is taken for a reading at the first sample that has it. Quantities that are held
     together with all others are left as they are (``stale``), and those that are renewed more
     slowly than ``LEAST_RATE`` (``held``).
     """
-    known: dict[str, Hold] = {}
-    notes: tuple[Note, ...] = ()
-    block: Samples | None = None  # rows that wait for a renewal, after some that precede it
-    begin = 0  # of the waiting ones
-    for part in chain(parts, (None,)):
-        if part is not None and part.time is None:
-            yield part
-            continue
-        if part is not None:
-            known, notes = _updated(known, part)
-            block = part if block is None else join([block, part])
-        if block is None:
-            return
-        stop, first = len(block), len(block)
-        if known and part is not None:
-            stop, first = _last_renewals(block, known, begin)
-        if stop > begin:
-            done = _interpolated(block, known).rows(slice(begin, stop))
-            yield replace(done, notes=merged((*done.notes, *notes)))
-            notes = ()
-            block = block.counted()
-        if part is None:
-            return
-        block, begin = (block.rows(slice(first, None)), stop - first) if known else (None, 0)
-
-
-def _updated(known: dict[str, Hold], part: Samples) -> tuple[dict[str, Hold], tuple[Note, ...]]:
-    """Return what is held by the evidence of one more part, and notes on what is new."""
-    found, rate, notes = holds(part), part.rate or 0.0, []
-    held = {quantity: hold for quantity, hold in found.items() if hold is not None}
-    if held and max(hold.samples for hold in held.values()) < OWN * common(part):
-        held = {}
-    result = {quantity: hold for quantity, hold in known.items() if quantity not in found}
-    for quantity, hold in held.items():
-        if rate < LEAST_RATE * hold.samples:
-            continue
-        result[quantity] = hold
-        if quantity not in known:
-            text = f"{in_words(part, quantity, hold)}; interpolated between renewals"
-            notes.append(Note("held_readings", text))
-    return result, tuple(notes)
+    rate = samples.rate or 0.0
+    found = {quantity: hold for quantity, hold in holds(samples).items() if hold is not None}
+    if found and max(hold.samples for hold in found.values()) < OWN * common(samples):
+        return samples
+    known = {q: hold for q, hold in found.items() if rate >= LEAST_RATE * hold.samples}
+    if not known:
+        return samples
+    notes = (
+        Note("held_readings", f"{in_words(samples, q, hold)}; interpolated between renewals")
+        for q, hold in known.items()
+    )
+    return replace(_interpolated(samples, known), notes=merged((*samples.notes, *notes)))
 
 
 def in_words(recording: Samples, quantity: str, hold: Hold) -> str:
@@ -195,22 +165,6 @@ def in_words(recording: Samples, quantity: str, hold: Hold) -> str:
         f"{quantity} of {whose} is renewed at {rate / hold.samples:.3g} Hz, and recorded at "
         f"{rate:.3g} Hz: values are held for {1e3 * hold.samples / rate:.3g} ms"
     )
-
-
-def _last_renewals(block: Samples, known: dict[str, Hold], begin: int) -> tuple[int, int]:
-    """Return the row, from ``begin``, up to which all held values have a later renewal, and theirs.
-
-    Both are no more than a few holds before the end: an arm at rest renews nothing.
-    """
-    longest = max(int(3.0 * hold.samples) + 1 for hold in known.values())
-    columns = [
-        _renewals(column)
-        for quantity, hold in known.items()
-        for column in getattr(block, quantity)[:, hold.joints].T
-    ]
-    stop = max(min(int(rows[-1]) for rows in columns), len(block) - longest, begin)
-    first = min(int(rows[rows <= stop][-1]) for rows in columns)
-    return stop, max(first, stop - longest, 0)
 
 
 def _renewals(values: Array) -> NDArray[np.intp]:

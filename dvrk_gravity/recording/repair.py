@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain, compress
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import FASTEST, UNTIMED_STEP
-from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.arrays import Mask
 from dvrk_gravity.recording.data_warning import Note, merged
 from dvrk_gravity.recording.limits import EFFORT_MARGIN, MOMENT, beyond_reach, largest, reachable
-from dvrk_gravity.recording.samples import Samples, join
+from dvrk_gravity.recording.samples import Samples
 from dvrk_gravity.recording.timing import stale
 
 TURN = 2.0 * np.pi
@@ -36,57 +36,18 @@ _TURN_ERROR = 0.5  # rad, that a step may be off a turn. Chosen: a joint at 25 r
 # Part of the samples that may be no readings. Chosen: more is a fault of the recording, which the
 # checks refuse.
 _MOST = 0.1
-_AROUND = 2.0 * (_MOST_AWAY + _MOST_STALLED)  # s on either side that are looked at with a sample
 
 
-def repaired(parts: Iterator[Samples]) -> Iterator[Samples]:
-    """Yield consecutive parts of a recording without impossible readings, which are counted."""
-    before: Samples | None = None  # the last samples that were yielded
-    held: Samples | None = None  # samples to be decided on with the next ones
-    offset: Array | float = 0.0
-    for part in chain(parts, (None,)):
-        if part is not None and part.time is None:
-            yield part
-            continue
-        if part is not None:
-            part = _moved(part, offset)
-        given = [samples for samples in (held, part) if samples is not None]
-        if not given:
-            return
-        new = join(given)
-        first = 0 if before is None else len(before)
-        block, turned = _unwrapped(new if before is None else join([before, new]))
-        assert block.time is not None
-        offset = offset + turned
-        cut = len(block)
-        if part is not None:
-            cut = max(first, int(np.searchsorted(block.time, block.time[-1] - _AROUND)))
-        found = _impossible(block, before is None, part is None)
-        keep = np.zeros(len(block), dtype=bool)
-        keep[first:cut] = True
-        notes = list(block.notes)
-        for text, joint, rows in found:
-            notes += _count(text, joint, keep, rows)
-            keep[rows] = False
-        held = None if part is None else block.rows(np.arange(cut, len(block))).counted()
-        whole = replace(block, notes=merged(notes))
-        if keep.any():
-            done = whole if keep.all() else whole.rows(np.flatnonzero(keep))
-            yield done
-            assert done.time is not None
-            recent = int(np.searchsorted(done.time, done.time[-1] - _AROUND))
-            before = done.rows(np.arange(recent, len(done))).counted()
-        elif held is not None:
-            held = held.with_found([whole.rows(slice(0, 0))])
-
-
-def _moved(part: Samples, offset: Array | float) -> Samples:
-    """Return samples with an offset added to their positions."""
-    if not np.any(offset):
-        return part
-    position = part.position + offset
-    position.flags.writeable = False
-    return replace(part, position=position)
+def repaired(samples: Samples) -> Samples:
+    """Return a recording without impossible readings, which are counted."""
+    if samples.time is None:
+        return samples
+    whole = _unwrapped(samples)
+    notes, keep = list(whole.notes), np.ones(len(whole), dtype=bool)
+    for text, joint, rows in _impossible(whole):
+        notes += _count(text, joint, keep, rows)
+        keep[rows] = False
+    return replace(whole, notes=merged(notes)).rows(keep) if not keep.all() else whole
 
 
 def _count(text: str, joint: str, keep: Mask, rows: NDArray[np.intp]) -> list[Note]:
@@ -95,15 +56,15 @@ def _count(text: str, joint: str, keep: Mask, rows: NDArray[np.intp]) -> list[No
     return [Note("impossible_readings", text, joint, count)] if count else []
 
 
-def _unwrapped(samples: Samples) -> tuple[Samples, Array | float]:
-    """Return samples with angles that go on beyond a turn, and the offset at their end."""
+def _unwrapped(samples: Samples) -> Samples:
+    """Return samples with angles that go on beyond a turn."""
     time = samples.time
     assert time is not None
     way = np.diff(samples.position, axis=0)
     turns = np.round(way / TURN)
     turning = _may_turn(samples) & ~_in_another_unit(samples)
     if not turns[:, turning].any():
-        return samples, 0.0
+        return samples
     interval = np.diff(time)[:, None]
     rest = way - TURN * turns
     most = np.minimum(FASTEST * (interval + float(np.median(interval))) + UNTIMED_STEP, _TURN_ERROR)
@@ -116,13 +77,14 @@ def _unwrapped(samples: Samples) -> tuple[Samples, Array | float]:
         expected = 0.5 * (samples.velocity[1:] + samples.velocity[:-1]) * interval
         found &= ~((np.abs(expected) > UNTIMED_STEP) & (np.sign(expected) != np.sign(rest)))
     if not found.any():
-        return samples, 0.0
+        return samples
     added = np.zeros_like(samples.position)
     added[1:] = np.cumsum(np.where(found, -TURN * turns, 0.0), axis=0)
     text = "its position wraps at a turn, and was unwrapped"
     notes = [Note("wrapped", text, joint) for joint in compress(samples.joints, found.any(axis=0))]
-    moved = _moved(samples, added)
-    return replace(moved, notes=merged((*samples.notes, *notes))), added[-1]
+    position = samples.position + added
+    position.flags.writeable = False
+    return replace(samples, position=position, notes=merged((*samples.notes, *notes)))
 
 
 def _may_turn(samples: Samples) -> Mask:
@@ -139,20 +101,14 @@ def _may_turn(samples: Samples) -> Mask:
 Left = tuple[str, str, NDArray[np.intp]]  # why, of which joint, which rows
 
 
-def _impossible(samples: Samples, starts: bool, ends: bool) -> list[Left]:
-    """Return rows with impossible readings.
-
-    Args:
-        samples: Those in question, with some before and after.
-        starts: Whether the recording begins with them.
-        ends: Whether it ends with them.
-    """
+def _impossible(samples: Samples) -> list[Left]:
+    """Return rows with impossible readings."""
     found = _beyond_motors(samples)
     way = np.abs(np.diff(samples.position, axis=0))
     if not (way > UNTIMED_STEP * samples.scale).any():  # which any joint can go
         return found
     fresh = np.flatnonzero(~stale(samples))
-    track = _Track(samples.rows(fresh), starts, ends)
+    track = _Track(samples.rows(fresh))
     following = np.append(fresh, len(samples))
     # Of faults in more samples, or of positions in another unit, nothing is left out.
     some = (track.beyond.mean(axis=0) <= 2.0 * _MOST) & ~_in_another_unit(samples)
@@ -195,12 +151,11 @@ def _beyond_motors(samples: Samples) -> list[Left]:
 class _Track:
     """Tracks of joints, and impossible steps in them."""
 
-    def __init__(self, fresh: Samples, starts: bool, ends: bool) -> None:
+    def __init__(self, fresh: Samples) -> None:
         assert fresh.time is not None
         self._time, self._position, self._scale = fresh.time, fresh.position, fresh.scale
         self._way = np.abs(np.diff(fresh.position, axis=0))
         self.beyond = self._way > reachable(fresh)
-        self._starts, self._ends = starts, ends
 
     def of(self, joint: int) -> Iterator[tuple[str, int, int]]:
         """Yield faults of a joint: reason, first sample, sample after the last."""
@@ -218,7 +173,7 @@ class _Track:
                 yield _AWAY, step + 1, steps[at + back] + 1
                 at += back + 1
                 continue
-            first, last = self._starts and at == 0, self._ends and at == len(steps) - 1
+            first, last = at == 0, at == len(steps) - 1
             if first and self._time[step] - self._time[0] <= _MOST_AWAY:
                 yield _AWAY, 0, step + 1
             elif last and self._time[-1] - self._time[step + 1] <= _MOST_AWAY:

@@ -1,27 +1,27 @@
-"""Recordings read from their files in parts, or in memory."""
+"""Recordings for analysis: read once into memory; of a file too long for that, stretches."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from copy import copy
-from functools import partial
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.errors import ArgumentError, RecordingError
-from dvrk_gravity.recording.files import A_PATH, ReadOptions, read
+from dvrk_gravity.arrays import Mask
+from dvrk_gravity.errors import ArgumentError
+from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.files import A_PATH, ReadOptions, mended, read
 from dvrk_gravity.recording.recording import Recording
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, join
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples
 from dvrk_gravity.validation import path_of
 
-Change = Callable[[Iterator[Recording]], Iterator[Recording]]
-"""What makes other consecutive parts of those of a recording."""
-
-HEAD = 10_000  # samples of a file's first part
+MOST_SAMPLES = 600_000  # of a file, that are held in memory: ten minutes at 1 kHz
+STRETCH = 60.0  # s, of each stretch of a longer one: enough to find a period of the motion
+_LONGER = 1.01  # part of the samples from which on a recording is cut: rates are known as well
 
 
 def iterate_recording(
@@ -30,7 +30,8 @@ def iterate_recording(
     """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
     Memory stays at a few parts, whatever the length of the file. Times are relative to the first
-    sample of the whole; options are those of ``Recording.load``.
+    sample of the whole, and readings are as they were recorded; options are those of
+    ``Recording.load``.
 
     Raises:
         RecordingError: On reaching a part that cannot be used.
@@ -38,127 +39,74 @@ def iterate_recording(
     return map(Recording.checked, read(path, chunk, **options))
 
 
-def blocks(parts: Iterable[Recording], size: int) -> Iterator[Recording]:
-    """Yield consecutive parts of any length as blocks of ``size`` samples, the last one shorter."""
-    held: list[Recording] = []
-    count = 0
-    for part in parts:
-        held.append(part)
-        count += len(part)
-        while count > size:
-            whole = join(held)
-            yield whole.rows(slice(0, size))
-            # Left-out samples were counted with the block.
-            held = [whole.rows(slice(size, None)).counted()]
-            count -= size
-    if held:
-        yield join(held)
+def load_excerpt(path: str | Path, **options: Unpack[ReadOptions]) -> Recording:
+    """Return a recording; of a trajectory of more than ``MOST_SAMPLES``, evenly spread stretches.
 
-
-class RecordingFile:
-    """A recording that stays in its file and is read in parts, any number of times.
-
-    Attributes:
-        head: Its first part, which has joints, quantities and kind of time.
+    Options are those of ``Recording.load``. Stretches are apart in time, as at a gap.
 
     Raises:
-        RecordingError: On opening, if the first part cannot be used.
+        RecordingError: If the file cannot be used.
     """
-
-    def __init__(self, path: str | Path, **options: Unpack[ReadOptions]) -> None:
-        """Read the first part; options are those of ``Recording.load``."""
-        self._path, self._options = path, options
-        self._changes: tuple[Change, ...] = ()
-        arm = options.get("arm")
-        if arm is not None and arm.held:  # those are not among the arm's joints
-            whole: ReadOptions = {**options, "arm": None}
-            next(iterate_recording(path, **whole)).require_held(arm)
-        self.head = next(blocks(self.parts(), HEAD))
-
-    def __repr__(self) -> str:
-        """Return the file's name."""
-        return f"<RecordingFile {self._path}>"
-
-    def of(self, arm: Arm) -> RecordingFile:
-        """Return the same file read as an arm's; see ``Recording.of``."""
-        if self._options.get("arm") is arm:
-            return self
-        options: ReadOptions = {**self._options, "arm": arm}
-        result = RecordingFile(self._path, **options)
-        return result.changed(*self._changes) if self._changes else result
-
-    def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
-        """Return the same file without some spans [start, stop) of its rows.
-
-        Raises:
-            RecordingError: If nothing is left.
-        """
-        return self.changed(partial(_without, left_out=tuple(left_out)))
-
-    def mended(self, mend: Callable[[Recording], Recording]) -> RecordingFile:
-        """Return the same file with each part corrected by a function that keeps its samples."""
-        return self.changed(partial(map, mend))
-
-    def changed(self, *changes: Change) -> RecordingFile:
-        """Return the same file with its consecutive parts changed by functions, in order.
-
-        Raises:
-            RecordingError: If nothing is left.
-        """
-        result = copy(self)
-        result._changes = (*self._changes, *changes)
-        first = next(blocks(result.parts(), HEAD), None)
-        if first is None:
-            raise RecordingError(self.head.source, "holds no samples")
-        result.head = first
-        return result
-
-    def parts(self) -> Iterator[Recording]:
-        """Yield consecutive parts."""
-        parts = iterate_recording(self._path, **self._options)
-        for change in self._changes:
-            parts = change(parts)
-        return parts
-
-    def load(self) -> Recording:
-        """Return the whole."""
-        return join(list(self.parts()))
-
-
-def changed(recording: Recording | RecordingFile, change: Change) -> Recording | RecordingFile:
-    """Return a recording whose consecutive parts were changed by a function.
-
-    Raises:
-        RecordingError: If nothing is left.
-    """
-    if isinstance(recording, RecordingFile):
-        return recording.changed(change)
-    parts = list(change(iter((recording,))))
-    if not parts:
-        raise RecordingError(recording.source, "holds no samples")
-    return join(parts)
-
-
-def _without(
-    parts: Iterator[Recording], left_out: Sequence[tuple[int, int]]
-) -> Iterator[Recording]:
-    """Yield parts without some spans of the rows of all."""
-    row = 0
-    for part in parts:
-        keep = np.ones(len(part), dtype=bool)
-        for start, stop in left_out:
-            keep[max(start - row, 0) : max(stop - row, 0)] = False
+    arm = options.get("arm")
+    if arm is not None and arm.held:  # those are not among the arm's joints
+        whole: ReadOptions = {**options, "arm": None}
+        next(iterate_recording(path, **whole)).require_held(arm)
+    parts, total, rate = list[Samples](), 0, None
+    for part in read(path, **options):
+        total, rate = total + len(part), rate or part.rate
+        parts.append(part)
+        if total > MOST_SAMPLES and part.time is not None:  # from now on only counted
+            first, *others = parts
+            parts = [first.rows(slice(1)).with_found(others)]
+    if total <= MOST_SAMPLES or rate is None:
+        return Recording.checked(mended(parts))
+    length = round(STRETCH * rate)
+    kept, row = list[Samples](), 0
+    for part in read(path, **options):
+        chosen = _spread(total, length, MOST_SAMPLES // length, slice(row, row + len(part)))
         row += len(part)
-        if keep.any():
-            yield part.rows(keep)
+        if chosen.any():
+            kept.append(part.rows(chosen).counted())
+    left = total - sum(len(part) for part in kept)
+    return _noted(Recording.checked(mended(kept).with_found(parts)), left, STRETCH)
 
 
-Given = Recording | RecordingFile | str | os.PathLike[str]
+def excerpt(recording: Recording, longest: float, stretch: float = STRETCH) -> Recording:
+    """Return a trajectory, or evenly spread stretches of one that is longer.
+
+    Args:
+        recording: Trajectory; or static poses, which are never cut.
+        longest: Time that all samples may last together, s.
+        stretch: Length of a stretch, s.
+    """
+    rate, total = recording.rate, len(recording)
+    if rate is None or total <= _LONGER * longest * rate:
+        return recording
+    length = max(1, round(stretch * rate))
+    chosen = _spread(total, length, int(longest / stretch), slice(0, total))
+    return _noted(recording.rows(chosen), total - int(chosen.sum()), stretch)
+
+
+def _spread(total: int, length: int, number: int, rows: slice) -> Mask:
+    """Return which rows, of all, are in one of a number of stretches, spread evenly over all."""
+    stretches, number = -(-total // length), max(1, number)
+    chosen = ((np.arange(number) + 0.5) * stretches / number).astype(int)
+    which = np.arange(rows.start, rows.stop) * stretches // total
+    return np.isin(which, chosen)
+
+
+def _noted(kept: Recording, left_out: int, stretch: float) -> Recording:
+    """Return stretches of a recording with a note that so many samples are not in them."""
+    text = f"outside of evenly spread stretches of {stretch:.3g} s"
+    return replace(kept, notes=(Note("excerpt", text, count=left_out), *kept.notes))
+
+
+Given = Recording | str | os.PathLike[str]
 
 
 def opened(
     given: Given | Iterable[Given], coordinates: Coordinates = "joint", arm: Arm | None = None
-) -> list[Recording | RecordingFile]:
+) -> list[Recording]:
     """Return one or several recordings or paths as a list of recordings.
 
     Args:
@@ -170,15 +118,15 @@ def opened(
         ArgumentError: Neither a recording nor a path.
         RecordingError: A file that cannot be used, or joints that are not the arm's.
     """
-    if isinstance(given, Recording | RecordingFile | str | os.PathLike):
+    if isinstance(given, Recording | str | os.PathLike):
         given = [given]
     elif not isinstance(given, Iterable):
         raise ArgumentError("recordings", given, f"a Recording, {A_PATH}, or several of them")
 
-    def opened_recording(source: Given) -> Recording | RecordingFile:
-        if isinstance(source, Recording | RecordingFile):
+    def opened_recording(source: Given) -> Recording:
+        if isinstance(source, Recording):
             return source if arm is None else source.of(arm)
         path = path_of("recordings", source, f"a Recording or {A_PATH}")
-        return RecordingFile(path, coordinates=coordinates, arm=arm)
+        return load_excerpt(path, coordinates=coordinates, arm=arm)
 
     return [opened_recording(source) for source in given]

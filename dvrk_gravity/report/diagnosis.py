@@ -19,7 +19,7 @@ from dvrk_gravity.diagnosis import (
     parameter_text,
 )
 from dvrk_gravity.effects import Estimate
-from dvrk_gravity.intake import contradiction
+from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm, worst_of
 from dvrk_gravity.report.findings import (

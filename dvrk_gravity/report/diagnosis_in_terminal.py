@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.diagnosis import ERROR, FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Unknown
-from dvrk_gravity.intake import contradiction
+from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import in_simulation
 from dvrk_gravity.report.findings import (
     BETWEEN,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from dvrk_gravity.identification import RULE, Evaluation, by_errors
-from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import VERDICTS, TorqueModel
+from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import drawn_arm
 from dvrk_gravity.report.fit_in_terminal import compared, expectation

@@ -25,8 +25,8 @@ from dvrk_gravity.identification import (
     level_of,
     scale_in_words,
 )
-from dvrk_gravity.intake import contradiction
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
+from dvrk_gravity.observation import contradiction
 from dvrk_gravity.recording import Coordinates
 from dvrk_gravity.report.terminal import painted, warning_lines, wrap
 from dvrk_gravity.units import quantity

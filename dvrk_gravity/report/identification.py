@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from dvrk_gravity.identification import POOR, RULE, Choice, Fit
-from dvrk_gravity.intake import contradiction
+from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import drawn_arm
 from dvrk_gravity.report.fit_in_terminal import constant_lines, weight_line

@@ -9,7 +9,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from dvrk_gravity.intake import contradiction
+from dvrk_gravity.observation import contradiction
 from dvrk_gravity.recording import DataWarning, Kind, brief
 
 MOST_WARNINGS = 3

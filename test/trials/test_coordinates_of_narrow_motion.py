@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from dvrk_gravity.identification import coordinates_of
-from dvrk_gravity.intake import decide_coordinates
+from dvrk_gravity.observation import decide_coordinates
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import SimulatedArm, record_motion

@@ -86,7 +86,7 @@ def test_a_psm_whose_weights_are_small_may_have_efforts_of_any_scale(measured_da
     recording = replace(Recording.load(folder / "psm_one_bare.csv", arm), coordinates="actuator")
     for factor in (1.0, 0.001):
         scaled = replace(recording, effort=factor * recording.effort)
-        require_gravity(load([scaled], model).motion, recording.source)
+        require_gravity(load([scaled], model), recording.source)
 
 
 # A UR5 and a master arm in a laboratory, each identified once.
@@ -162,5 +162,5 @@ def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
     motion, noise = np.random.default_rng([1800, 0]).integers(1 << 30, size=2).tolist()
     loaded = load([world.record(another(world, 1800, motion), noise)], model)
 
-    assert try_readings(loaded.motion)[0].passes, "or there is nothing to tell apart"
+    assert try_readings(loaded)[0].passes, "or there is nothing to tell apart"
     assert correct_readings(loaded, lambda line: None).wrong == ()

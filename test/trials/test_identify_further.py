@@ -10,8 +10,8 @@ from known_mtm import ARM, parameter, truth
 from known_poses import NOISE, between, grid, record, worst
 
 from dvrk_gravity.identification import build_problem, estimate, fit_static, identify
-from dvrk_gravity.intake import decide_coordinates, read_motions
 from dvrk_gravity.model import start_columns
+from dvrk_gravity.observation import decide_coordinates, observe
 from dvrk_gravity.recording import Recording
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import MujocoWorld
@@ -48,7 +48,7 @@ def test_directions_that_are_exchanged_are_warned_of():
 
 def plain_estimate(recording: Recording):
     """Return a fit of the columns that every model begins with."""
-    problem = build_problem(read_motions([recording], ARM, "joint").parts, ARM)
+    problem = build_problem(observe([recording], ARM), ARM)
     return estimate(problem, start_columns(problem.design.columns))
 
 

@@ -1,4 +1,4 @@
-"""Measured recordings: what is found in them, bags beside the CSV, the whole in pieces."""
+"""Measured recordings: what is found in them, bags beside the CSV."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from recording_samples import same, shared_data
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.command_line import run
-from dvrk_gravity.recording import Duplicates, Recording, check, read_trajectory
-
-QUANTITIES = ("time", "position", "velocity", "acceleration", "effort")
+from dvrk_gravity.recording import Recording, check, duplicate_samples
 
 
 def convert(*arguments):
@@ -56,21 +54,6 @@ def test_measured_bags_agree_with_the_measured_csv(name, tmp_path):
     same(bag, Recording.load(tmp_path / "bag"))
 
 
-def test_measured_pieces_equal_the_whole():
-    recording = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"))
-    whole, pieces = read_trajectory([recording]), read_trajectory([recording], piece=2000)
-    # Its samples are put back to their times: a slower filter with a shorter margin. A piece of a
-    # few seconds, also the last, weighs joints by its own velocities, and is not compared here.
-    assert len(whole.stretches) == len(pieces.stretches)
-    for a, b in zip(whole.stretches, pieces.stretches, strict=True):
-        for name in QUANTITIES:
-            first, second = getattr(a, name), getattr(b, name)
-            assert first.shape == second.shape, name
-            assert np.abs(first - second).max() < 1e-5 * np.abs(first).max(), name
-    found, expected = ({(w.kind, w.joint) for w in each.warnings} for each in (pieces, whole))
-    assert found == expected
-
-
 def test_a_measured_motion_repeats_no_sample():
     real = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"))
-    assert sum(len(part) for part in Duplicates().fresh(real.parts(1000))) == len(real)
+    assert not duplicate_samples(real).any()

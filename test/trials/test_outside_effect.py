@@ -184,7 +184,7 @@ def test_a_finding_that_a_model_file_refuses_is_left_out_with_the_file_s_reason(
         return {**values, self.effect: (0.1,) * (self.arm.n + 1)}
 
     monkeypatch.setattr(DragHypothesis, "merge", one_number_too_many)
-    motion = load([recording], known_ecm.model()).motion
+    motion = load([recording], known_ecm.model())
     drag = next(each for each in QuadraticDrag.hypotheses(motion) if each.joints == (PITCH,))
     model, (why,) = extended(motion, [(drag, np.array([SIZE]))])
     assert model.parameters() == motion.model.parameters()

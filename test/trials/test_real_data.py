@@ -9,7 +9,7 @@ from known_poses import ARM, RECORDED
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.estimation import slabs
 from dvrk_gravity.identification import held_weights, identify, predict_unseen, read_poses
-from dvrk_gravity.intake import KnownPayload, drive_gains
+from dvrk_gravity.observation import KnownPayload, drive_gains
 from dvrk_gravity.recording import Recording
 
 GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)  # N·m/A, published of the UR10e

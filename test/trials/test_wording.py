@@ -18,7 +18,7 @@ IN_FILES = {
     "dvrk_gravity/console/answer.py": ('"other_hand"',),
     "dvrk_gravity/console/check.py": ('"other_hand"',),
     "dvrk_gravity/console/conversion.py": ('"other_hand"',),
-    "dvrk_gravity/intake/arm_side.py": ('"other_hand"',),
+    "dvrk_gravity/observation/arm_side.py": ('"other_hand"',),
     "dvrk_gravity/model/uncertainty.py": ("together: Array", "self.together"),
     "dvrk_gravity/recording/data_warning.py": ('"other_hand"',),
 }

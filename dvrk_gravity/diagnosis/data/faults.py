@@ -7,9 +7,8 @@ may be too poor for that: it decides only whether a clock or all velocities are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from statistics import NormalDist
 
 import numpy as np
@@ -28,7 +27,8 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import coordinates_of
-from dvrk_gravity.intake import (
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import (
     CoordinateErrors,
     Decision,
     VelocityFault,
@@ -36,8 +36,7 @@ from dvrk_gravity.intake import (
     held_beyond,
     velocity_fault,
 )
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording, RecordingFile, join
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 
 _BEGINNING = 60.0  # s of a recording that are looked at. Chosen: a stretch of a long one
 # Standard errors by which the model fits one clock better than the other. Chosen: one chance in a
@@ -76,7 +75,7 @@ class Fault:
 
 
 @dataclass(frozen=True, eq=False)
-class PutRight:
+class CorrectedRecordings:
     """Corrected recordings, and their faults.
 
     Attributes:
@@ -84,14 +83,14 @@ class PutRight:
         faults: The faults, those of all joints first.
         warnings: That given coordinates look wrong.
         errors: The faults that all recordings share, as errors of readings.
-        handling: What was done as at identification.
+        processing_log: What was done as at identification.
     """
 
-    recordings: list[Recording | RecordingFile]
+    recordings: list[Recording]
     faults: tuple[Fault, ...]
     warnings: tuple[DataWarning, ...]
     errors: ReadingErrors
-    handling: tuple[str, ...]
+    processing_log: tuple[str, ...]
 
     @property
     def of_reference(self) -> tuple[DataWarning, ...]:
@@ -108,12 +107,12 @@ class PutRight:
         return (*faults, *self.warnings)
 
 
-def put_right(
-    recordings: Sequence[Recording | RecordingFile],
+def correct_recordings(
+    recordings: Sequence[Recording],
     model: TorqueModel,
     coordinates: Coordinates | None,
     still: Mapping[str, float],
-) -> PutRight:
+) -> CorrectedRecordings:
     """Return recordings corrected for the faults that they show by themselves, and these faults.
 
     Args:
@@ -123,7 +122,7 @@ def put_right(
             a finding if they are not joint coordinates.
         still: Where joints stood that the recordings do not hold.
     """
-    right, faults, warnings, handling = [], list[Fault](), list[DataWarning](), list[str]()
+    right, faults, warnings, processing_log = [], list[Fault](), list[DataWarning](), list[str]()
     several = len(recordings) > 1
     read = ReadingErrors.none(model.arm.n)
 
@@ -142,15 +141,17 @@ def put_right(
         while found := velocity_fault(head):
             found, fault = _velocity_fault(found, head, model, still)
             note(fault, head, _errors(found, model.arm))
-            recording, head = _mended(recording, found.mend), found.mend(head)
+            recording, head = found.mend(recording), found.mend(head)
         stated = head.coordinates
         given = stated if stated == "actuator" else coordinates
         decision = _coordinates(head, model, given, still)
         warnings += decision.warnings
         if decision.coordinates != stated:
-            recording = _mended(recording, partial(replace, coordinates=decision.coordinates))
+            recording = replace(recording, coordinates=decision.coordinates)
             if given is None and decision.coordinates == model.found_in:
-                handling.append(f"{decision.reason}, as those that the model was identified from")
+                processing_log.append(
+                    f"{decision.reason}, as those that the model was identified from"
+                )
             elif given is None and decision.errors is not None:
                 fault = _wrong_coordinates(model.arm, decision.coordinates, decision.errors)
                 right_one = ReadingErrors.none(model.arm.n)
@@ -159,7 +160,7 @@ def put_right(
                 text = f"{decision.reason}: --coordinates overrides this"
                 warnings.append(DataWarning("coordinates", None, {}, text))
         right.append(recording)
-    return PutRight(right, tuple(faults), tuple(warnings), read, tuple(handling))
+    return CorrectedRecordings(right, tuple(faults), tuple(warnings), read, tuple(processing_log))
 
 
 def _coordinates(
@@ -181,25 +182,10 @@ def _errors(fault: VelocityFault, arm: Arm) -> ReadingErrors:
     return replace(right, velocity=np.where(wrong, fault.exact, 1.0))
 
 
-def beginning(recording: Recording | RecordingFile) -> Recording:
+def beginning(recording: Recording) -> Recording:
     """Return the part of a recording that is looked at."""
-    parts: list[Recording] = []
-    for part in recording.parts():
-        parts.append(part)
-        first = parts[0].time
-        if first is None or part.time is None:
-            continue
-        end = float(first[0]) + _BEGINNING
-        if part.time[-1] > end:
-            parts[-1] = part.rows(part.time <= end) if part.time[0] <= end else part.rows(slice(1))
-            break
-    return join(parts) if len(parts) > 1 else parts[0]
-
-
-def _mended(
-    recording: Recording | RecordingFile, mend: Callable[[Recording], Recording]
-) -> Recording | RecordingFile:
-    return mend(recording) if isinstance(recording, Recording) else recording.mended(mend)
+    time = recording.time
+    return recording if time is None else recording.rows(time <= time[0] + _BEGINNING)
 
 
 def _velocity_fault(
@@ -276,7 +262,7 @@ def _clock_fits_better(
         still: Where joints stood that the recording does not hold.
     """
     try:
-        motion = load([mended], model, still, LoadSettings(shortest=0.0)).motion
+        motion = load([mended], model, still, LoadSettings(shortest=0.0))
     except RecordingError:  # the next to read it raises it, too
         return 0.0
     as_recorded = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)

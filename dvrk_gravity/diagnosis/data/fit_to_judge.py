@@ -13,8 +13,8 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import beats
 from dvrk_gravity.identification import READ_WITHOUT, bears_weight
-from dvrk_gravity.intake import predictable
-from dvrk_gravity.recording import Recording, RecordingFile
+from dvrk_gravity.observation import predictable
+from dvrk_gravity.recording import Recording
 from dvrk_gravity.units import quantity
 
 # Standard errors by which a prediction must beat a constant. Chosen: of two predictions at each of
@@ -30,9 +30,7 @@ _CONSTANT = 0.01  # of a weight's RMS: what varies less is not distinguished fro
 _SAMPLES = 4000  # that are looked at: a bound on time
 
 
-def require_predictable(
-    motion: MeasuredMotion, recordings: Sequence[Recording | RecordingFile]
-) -> None:
+def require_predictable(motion: MeasuredMotion, recordings: Sequence[Recording]) -> None:
     """Refuse efforts that neither the model predicts, nor a plain one fitted to them.
 
     Args:
@@ -55,7 +53,7 @@ def require_predictable(
         except RecordingError:  # too short a one for a plain model
             return
     raise RecordingError(
-        recordings[0].head.source,
+        recordings[0].source,
         "efforts of no joint are predicted better than by a constant, by the model or by one that "
         "is fitted to them: noise, or those of another motion?",
     )

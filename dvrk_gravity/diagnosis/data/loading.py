@@ -1,46 +1,25 @@
-"""Recordings prepared for diagnosis: checked, filtered, joined to one motion in joint space."""
+"""Recordings beside the model under test: what a diagnosis is made of."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.filtered_data import BAND
-from dvrk_gravity.diagnosis.data.motion import SMEARED, MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.intake import (
-    beyond_limits,
-    completed,
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import (
+    Bands,
+    Observation,
     held_beyond,
+    observe,
     require_all,
     require_measured,
 )
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import (
-    DataWarning,
-    Excerpt,
-    LowPass,
-    Prepared,
-    Recording,
-    RecordingFile,
-    Segment,
-    about,
-    excerpt,
-    labels,
-    loaded_if_short,
-    prepare,
-    quantum,
-    unread_efforts,
-    white_density,
-    without_duplicates,
-)
-
-_BETWEEN = 1.0  # s, between recordings whose clocks started again. Chosen: they were apart
-UNREAD = "invalid effort samples (see the warnings) left out, of their joints alone"
+from dvrk_gravity.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -67,33 +46,19 @@ class LoadSettings:
     longest: float = 600.0
     stretch: float = 60.0
 
-
-@dataclass(frozen=True, eq=False)
-class Loaded:
-    """A motion and how it was prepared.
-
-    Attributes:
-        motion: The motion.
-        warnings: What the checks of the recordings found.
-        handling: What was done to the recordings, a sentence each.
-        floor: (n,) effort noise density seen at high frequencies, N·m/sqrt(Hz); NaN if unknown.
-        sources: Names of the recordings, by the numbers in the motion's ``clock``.
-    """
-
-    motion: MeasuredMotion
-    warnings: tuple[DataWarning, ...]
-    handling: tuple[str, ...]
-    floor: Array
-    sources: tuple[str, ...] = ()
+    @property
+    def bands(self) -> Bands:
+        """How recordings are filtered."""
+        return Bands(self.band, self.band, BAND, self.rate, 1.5 * self.band, for_fit=False)
 
 
 def load(
-    recordings: Sequence[Recording | RecordingFile],
+    recordings: Sequence[Recording],
     model: TorqueModel,
     still: Mapping[str, float] | None = None,
     settings: LoadSettings | None = None,
-) -> Loaded:
-    """Prepare recordings for diagnosis.
+) -> MeasuredMotion:
+    """Return what recordings show beside a model.
 
     Args:
         recordings: Trajectories, or static poses, not both; joint or actuator coordinates. Of
@@ -108,106 +73,37 @@ def load(
     settings = settings or LoadSettings()
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
-    heads = [recording.head for recording in recordings]
-    first = heads[0].source
-    kinds = {head.time is None for head in heads}
+    first = recordings[0].source
+    kinds = {recording.time is None for recording in recordings}
     if len(kinds) > 1:
         raise RecordingError(first, "static poses and trajectories cannot be diagnosed together")
     static = kinds.pop()
     still, held = held_beyond(recordings, model.arm, still or {})
-    for head in heads:
-        require_all(head, model.arm, still)
-    if {head.joints for head in heads} != {heads[0].joints}:
+    for recording in recordings:
+        require_all(recording, model.arm, still)
+    if len({recording.joints for recording in recordings}) > 1:
         raise RecordingError(first, "the recordings hold different joints")
-    share = settings.longest / len(recordings)
-    recordings, left_out, repeated = without_duplicates(
-        [loaded_if_short(recording, share) for recording in recordings]
-    )
-    sources = tuple(recording.head.source for recording in recordings)
-    share = settings.longest / len(recordings)
-    pieces: list[MeasuredMotion] = []
-    warnings, handling, floors = list(repeated), [*held, *left_out], list[Array]()
-    for number, recording in enumerate(recordings):
-        looked_at = excerpt(recording, share, min(settings.stretch, share))
-        alone = len(recordings) == 1
-        own = _of_recording(looked_at, model, still, heads[0].start_ns, alone, settings)
-        _extend(warnings, about(number, sources, own.warnings))
-        _extend(handling, own.handling)
-        floors += own.floors
-        later = _after(pieces, own.pieces) if own.pieces and not static else 0.0
-        if later > 0.0:
-            # One arm was in one place at a time: a clock started again.
-            handling.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
-        pieces += [replace(piece, clock=(number,), time=piece.time + later) for piece in own.pieces]
-    if not pieces:
-        raise RecordingError(first, f"has too many gaps: {handling[len(held) + len(left_out)]}")
-    motion = MeasuredMotion.joined(pieces)
+    if len(recordings) == 1:
+        _require_length(recordings[0], settings)
+    observed = observe(
+        recordings, model.arm, settings.bands, still, longest=settings.longest,
+        stretch=settings.stretch,
+    )  # fmt: skip
+    motion = MeasuredMotion.beside_model(model, Observation.joined(observed))
+    motion = replace(motion, processing_log=(*held, *motion.processing_log))
     if model.arm.direct_drive and not static:
         names = np.array(model.arm.joint_names)[motion.present].tolist()
         require_measured(first, names, motion.effort[:, motion.present])
     if static:
-        enough = len(motion.q) >= settings.fewest
-        has, needs = f"{len(motion.q)} static poses", f"at least {settings.fewest}"
+        enough = len(motion) >= settings.fewest
+        has, needs = f"{len(motion)} static poses", f"at least {settings.fewest}"
     else:
-        total = len(motion.q) / (motion.rate or 1.0)
+        total = len(motion) / (motion.rate or 1.0)
         enough = total >= settings.shortest
         has, needs = f"{total:.3g} s of usable motion", f"at least {settings.shortest:g} s"
     if not enough:
         raise RecordingError(first, f"holds {has}, a diagnosis needs {needs}")
-    known = np.ma.masked_invalid(np.square(floors))  # unknown for static poses
-    floor = np.sqrt(known.mean(axis=0).filled(np.nan))
-    return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
-
-
-def _extend(known: list, new: Iterable) -> None:
-    known += [each for each in new if each not in known]
-
-
-@dataclass(frozen=True, eq=False)
-class _OfRecording:
-    pieces: Sequence[MeasuredMotion]
-    warnings: Sequence[DataWarning]
-    handling: Sequence[str]
-    floors: Sequence[Array]
-
-
-def _of_recording(
-    looked_at: Excerpt,
-    model: TorqueModel,
-    still: Mapping[str, float],
-    start_ns: int,
-    alone: bool,
-    settings: LoadSettings,
-) -> _OfRecording:
-    """Prepare one recording; the only one has to be long enough by itself."""
-    pieces, floors = list[MeasuredMotion](), list[Array]()
-    warnings, handling = list(looked_at.warnings or ()), list[str]()
-    rate: float | None = None
-    for stretch in looked_at.stretches:
-        rate = rate or stretch.rate
-        if alone and looked_at.warnings is None:
-            _require_length(stretch, settings)
-        prepared = _prepared(stretch, rate, looked_at.warnings, settings)
-        _extend(warnings, prepared.warnings)
-        _extend(handling, prepared.handling)
-        start = 0.0 if stretch.time is None else (stretch.start_ns - start_ns) * 1e-9
-        thin = 1 if rate is None else max(1, round(rate / settings.rate))
-        found = list(_motions(stretch, prepared.segments, model, start, still, thin))
-        if any(piece.unread.any() for piece in found):
-            _extend(handling, [UNREAD])
-        pieces += found
-        floors.append(_noise_density(stretch, model.arm, settings.band))
-    if pieces:
-        warnings += beyond_limits(np.vstack([piece.q for piece in pieces]), model.arm)
-    return _OfRecording(pieces, warnings, handling, floors)
-
-
-def _after(before: Sequence[MeasuredMotion], pieces: Sequence[MeasuredMotion]) -> float:
-    """Return by how many s pieces must be shifted not to overlap others in time."""
-    first, last = pieces[0].time[0], pieces[-1].time[-1]
-    if all(last < other.time[0] or first > other.time[-1] for other in before):
-        return 0.0
-    return float(max(other.time[-1] for other in before) - first + _BETWEEN)
+    return motion
 
 
 def _require_length(recording: Recording, settings: LoadSettings) -> None:
@@ -221,149 +117,3 @@ def _require_length(recording: Recording, settings: LoadSettings) -> None:
             recording.source,
             f"lasts {duration:.3g} s, a diagnosis needs at least {settings.shortest:g} s of motion",
         )
-
-
-def _prepared(
-    stretch: Recording,
-    rate: float | None,
-    warnings: tuple[DataWarning, ...] | None,
-    settings: LoadSettings,
-) -> Prepared:
-    """Return a filtered stretch; where the whole recording was checked, a bad one is left out."""
-    band = settings.band if rate is None else min(settings.band, rate / 5.0)
-    try:
-        return prepare(stretch, band, band=BAND, warnings=warnings)
-    except RecordingError as error:
-        if warnings is None or stretch.time is None:
-            raise
-        left_out = f"from {stretch.time[0]:.4g} s on a stretch is left out: it {error.problem}"
-        return Prepared((), (), (left_out,), None)
-
-
-def _motions(
-    stretch: Recording,
-    segments: Iterable[Segment],
-    model: TorqueModel,
-    start: float,
-    still: Mapping[str, float],
-    thin: int,
-) -> Iterator[MeasuredMotion]:
-    """Yield the segments of a stretch that began at ``start`` s, every ``thin``-th sample."""
-    arm = model.arm
-    step, rounding, unread = _step(stretch, arm), _rounding(stretch, arm), _unread(stretch, arm)
-    for segment in segments:
-        piece = _piece(segment, thin, model, start, still)
-        mask = np.zeros(piece.q.shape, dtype=bool)
-        for joints, first, last in unread:
-            inside = piece.time >= start + first - SMEARED
-            mask[inside & (piece.time <= start + last + SMEARED)] |= joints
-        yield replace(
-            piece, step=step, rounding=rounding, thinned=thin, unread=mask,
-            timed=stretch.velocity is not None,
-        )  # fmt: skip
-
-
-def _piece(
-    segment: Segment, thin: int, model: TorqueModel, start: float, still: Mapping[str, float]
-) -> MeasuredMotion:
-    recording, rows, arm = segment.recording, segment.core, model.arm
-    names = arm.joint_names
-    columns = [names.index(joint) for joint in recording.joints]
-    present = np.isin(np.arange(arm.n), columns)
-
-    def full(values: Array | None, fill: float = 0.0) -> Array:
-        result = np.full((len(recording), arm.n), fill)
-        if values is not None:
-            result[:, columns] = values
-        return result[rows][::thin]
-
-    q, qd, qdd = full(recording.position), full(recording.velocity), full(segment.acceleration)
-    if not present.all():
-        held = np.array([still.get(joint, 0.0) for joint in names])
-        q, qd, qdd = (
-            completed(values[:, columns], columns, there, arm, recording.coordinates)
-            for values, there in ((q, held), (qd, np.zeros(arm.n)), (qdd, np.zeros(arm.n)))
-        )
-    effort = full(recording.effort)
-    direction = None if recording.direction is None else full(recording.direction, 1.0)
-    if recording.coordinates == "actuator":
-        q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
-        effort = arm.joint_effort(effort)
-        if direction is not None:
-            direction = np.sign(arm.joint_position(direction))
-    if recording.time is None:
-        qd, qdd = np.zeros_like(q), np.zeros_like(q)
-        time, rate = np.arange(len(q), dtype=float), None
-    else:
-        time = recording.time[rows][::thin] + start
-        rate = (recording.rate or 1.0) / thin
-    parts = (slice(0, len(q)),)
-    return MeasuredMotion(
-        model, q, qd, qdd, effort, direction, time, parts, rate, present, np.zeros(arm.n)
-    )
-
-
-def _unread(recording: Recording, arm: Arm) -> list[tuple[Mask, float, float]]:
-    """Return (n,) joints, first and last s of each span of invalid efforts."""
-    found = []
-    for span in unread_efforts(recording):
-        joints = np.isin(np.arange(arm.n), arm.joint_names.index(recording.joints[span.joint]))
-        if recording.coordinates == "actuator":
-            joints = arm.joints_of(joints)
-        found.append((joints, *span.span))
-    return found
-
-
-def _noise_density(recording: Recording, arm: Arm, band: float) -> Array:
-    """Return (n,) effort noise in N·m/sqrt(Hz) above a band of kinematics, Hz; NaN if unknown."""
-    unknown = np.full(arm.n, np.nan)
-    rate = recording.rate
-    if rate is None or recording.effort is None or rate < 4.0 * band:
-        return unknown
-    cutoff = min(1.5 * band, 0.3 * rate)
-    low = LowPass(cutoff, rate)
-    if len(recording) <= 4 * low.edge:
-        return unknown
-    columns = [arm.joint_names.index(joint) for joint in recording.joints]
-    effort = np.zeros((len(recording), arm.n))
-    effort[:, columns] = recording.effort
-    if recording.coordinates == "actuator":
-        # In joint space first: the motors' noises need not be independent.
-        effort = arm.joint_effort(effort)
-    high = effort - low(effort)
-    read = np.ones(high.shape, dtype=bool)
-    for span in unread_efforts(recording):
-        read[slice(*span.rows), columns[span.joint]] = False
-    if recording.coordinates == "actuator":
-        read = ~arm.joints_of(~read)
-    counted = np.maximum(read[low.edge : -low.edge].sum(axis=0), 1)
-    square = np.where(read, high**2, 0.0)[low.edge : -low.edge].sum(axis=0)
-    known = np.isin(np.arange(arm.n), columns)
-    return np.where(known, white_density(square / counted, cutoff, rate), np.nan)
-
-
-def _step(recording: Recording, arm: Arm) -> Array:
-    """Return (n,) resolution of the joints' positions, rad; 0 of those not recorded."""
-    steps = _quanta(recording, arm, recording.position)
-    return np.abs(arm.actuator_to_joint) @ steps if recording.coordinates == "actuator" else steps
-
-
-def _rounding(recording: Recording, arm: Arm) -> Array:
-    """Return (n,) noise density of rounded efforts, N·m/sqrt(Hz).
-
-    An effort that passes many steps is rounded by step / sqrt(12), evenly over all frequencies up
-    to half the rate (Bennett 1948); one that changes slowly, by as much at lower ones.
-    """
-    if recording.rate is None or recording.effort is None:
-        return np.zeros(arm.n)
-    density = _quanta(recording, arm, recording.effort) / np.sqrt(12.0 * recording.rate / 2.0)
-    if recording.coordinates == "actuator":
-        density = np.sqrt(density**2 @ arm.joint_effort(np.eye(arm.n)) ** 2)
-    return density
-
-
-def _quanta(recording: Recording, arm: Arm, values: Array) -> Array:
-    steps = np.zeros(arm.n)
-    for joint, column in zip(recording.joints, values.T, strict=True):
-        steps[arm.joint_names.index(joint)] = quantum(column)
-    return steps

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +13,17 @@ from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State, delayed
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.observation import SMEARED, Observation
 from dvrk_gravity.recording import LowPass
 
 _SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
-_PER_SAMPLE = ("q", "qd", "qdd", "effort", "direction", "reference", "unread", "known_torque")
 
 
 # All chosen, but for the low-pass's half period.
 _SIGN = 0.03  # of a joint's RMS speed: slower, its direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s, likewise at least; of what slides and of travel a tenth in m
 _MOVES = 0.01  # rad, half of a joint's travel: less shows nothing
-SMEARED = 0.025  # s, that the kinematics' low-pass is early or late: half a period at 20 Hz
 _TURNING_BAND = (
     8.0  # Hz, of the speed that shows where a joint reverses: as ``FilterSettings.band``
 )
@@ -39,97 +35,34 @@ _STEP_RATE = 20.0  # encoder steps a second: fewer appear as pulses in a velocit
 _WHOLE = 0.9  # of a motor's torque that a joint must feel to be held by it: all but weak couplings
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredMotion:
-    """N samples of an arm with the model under test, in joint space.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredMotion(Observation):
+    """What an arm did, beside the model under test.
 
     Attributes:
         model: The model under test.
-        q: (N, n) positions, rad; zero for joints that were not recorded.
-        qd: (N, n) velocities, rad/s; zero for static poses.
-        qdd: (N, n) accelerations, rad/s^2; zero for static poses.
-        effort: (N, n) measured torques, N·m.
-        direction: (N, n) +1/-1 for static poses whose approach is known.
-        time: (N,) s since the first recording's beginning; the index for static poses.
-        parts: Contiguous parts, uniformly sampled.
-        rate: Hz; ``None`` for static poses.
-        present: (n,) which joints were recorded.
-        step: (n,) steps of the positions, rad.
-        thinned: Every so-maniest recorded sample was kept.
-        clock: Number of the recording that each part is of; default: all of one.
-        rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
         reference: (N, n) torques of a baseline recording at the same phase, N·m, used in place of
             the model's; ``None``: the model's are used.
-        unread: (N, n) samples whose effort is not a reading, see ``recording.frozen``.
         changed_friction: Joints whose friction differs from the reference's by more than from day
             to day: all of the difference is reported.
         changed_springs: Joints whose springs do.
-        timed: Velocities were measured, which checks the clock.
         known_torque: (N, n) torque of known causes that the model lacks, N·m.
         payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
     """
 
     model: TorqueModel
-    q: Array
-    qd: Array
-    qdd: Array
-    effort: Array
-    direction: Array | None
-    time: Array
-    parts: tuple[slice, ...]
-    rate: float | None
-    present: NDArray[np.bool_]
-    step: Array
-    thinned: int = 1
-    clock: tuple[int, ...] = ()
-    rounding: Array = field(default_factory=lambda: np.zeros(()))
     reference: Array | None = None
-    unread: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), dtype=bool))
     changed_friction: tuple[int, ...] = ()
     changed_springs: tuple[int, ...] = ()
-    timed: bool = True
     known_torque: Array | None = None
     payload_at: tuple[int, Array] | None = None
 
+    PER_SAMPLE = (*Observation.PER_SAMPLE, "reference", "known_torque")
+
     @classmethod
-    def joined(cls, motions: Sequence[MeasuredMotion]) -> MeasuredMotion:
-        """Return motions of one arm, one after the other."""
-        edges = np.cumsum([0, *(len(motion.q) for motion in motions)]).tolist()
-        values: dict[str, Any] = {}
-        for name in _PER_SAMPLE:
-            found = [motion._samples(name) for motion in motions]
-            known = [each for each in found if each is not None]
-            values[name] = np.vstack(known) if len(known) == len(found) else None
-        return replace(
-            motions[0],
-            time=np.concatenate([motion.time for motion in motions]),
-            parts=tuple(slice(a, b) for a, b in pairwise(edges)),
-            clock=tuple(number for motion in motions for number in motion.clocks),
-            rounding=np.sqrt(np.mean([motion.rounding**2 for motion in motions], axis=0)),
-            **values,
-        )
-
-    def at(self, rows: NDArray[np.int_], parts: tuple[slice, ...] | None = None) -> MeasuredMotion:
-        """Return some samples, by default as one part."""
-        values: dict[str, Any] = {}
-        for name in _PER_SAMPLE:
-            found = self._samples(name)
-            values[name] = None if found is None else found[rows]
-        return replace(
-            self,
-            time=self.time[rows],
-            parts=parts or (slice(0, len(rows)),),
-            **values,
-        )
-
-    def _samples(self, name: str) -> NDArray | None:
-        values = getattr(self, name)
-        return None if values is None else np.broadcast_to(values, self.q.shape)
-
-    @property
-    def clocks(self) -> tuple[int, ...]:
-        """Number of the recording that each part is of."""
-        return self.clock or (0,) * len(self.parts)
+    def beside_model(cls, model: TorqueModel, observed: Observation) -> MeasuredMotion:
+        """Return what was observed beside a model."""
+        return cls(model=model, **{f.name: getattr(observed, f.name) for f in fields(observed)})
 
     @property
     def arm(self) -> Arm:
@@ -221,7 +154,7 @@ class MeasuredMotion:
     @cached_property
     def silent(self) -> NDArray[np.bool_]:
         """(N, n) samples whose effort carries no information: not read, or the joint is stuck."""
-        return self.stuck | self.unread
+        return self.stuck | self.invalid_effort
 
     @cached_property
     def stands(self) -> NDArray[np.bool_]:

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.filtered_data import BAND
-from dvrk_gravity.diagnosis.data.loading import Loaded, LoadSettings
+from dvrk_gravity.diagnosis.data.loading import LoadSettings
 from dvrk_gravity.diagnosis.data.model_error import NearbyTorque
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import SAME_STATE, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
+from dvrk_gravity.recording import DataWarning, LowPass, Recording
 
 ONLY_CHANGES = "it holds changes against a reference only, and cannot hold the arm"
 
@@ -43,27 +43,25 @@ def model_of(arm: Arm) -> TorqueModel:
     return TorqueModel(arm, (), verdict=VERDICTS[-1], reason=ONLY_CHANGES)
 
 
-def require_moving(recording: Recording | RecordingFile) -> None:
+def require_moving(recording: Recording) -> None:
     """Raise RecordingError for static poses, which have no times to compare at."""
-    first = recording.head
-    if first.time is None:
+    if recording.time is None:
         raise RecordingError(
-            first.source, "holds static poses: expected a motion, to compare with the reference"
+            recording.source, "holds static poses: expected a motion, to compare with the reference"
         )
 
 
-def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
+def compared(motion: MeasuredMotion, other: MeasuredMotion, names: Sequence[str]) -> MeasuredMotion:
     """Return what both show, with the reference's efforts in place of a model's torques.
 
     Args:
-        loaded: The recordings.
-        reference: The reference.
+        motion: The recordings.
+        other: The reference.
         names: Names of the first recording and of the reference.
 
     Raises:
         RecordingError: Other joints, or too little motion in common.
     """
-    motion, other = loaded.motion, reference.motion
     if (motion.present != other.present).any():
         raise RecordingError(names[1], f"holds other joints than {names[0]}: expected the same")
     assert motion.rate is not None
@@ -72,7 +70,7 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     rough = NearbyTorque.fit(other)
     # Friction follows the present velocity; all else, the reference's phase.
     rubbed, carried = other.effort - rough.friction_torque(other), rough.inertial_torque(other)
-    rubbed = np.where(other.unread, np.nan, rubbed)
+    rubbed = np.where(other.invalid_effort, np.nan, rubbed)
     then, nearby = (
         track.at(times, [torque[p] for p in other.parts]) for torque in (rubbed, carried)
     )
@@ -104,12 +102,10 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         "only the difference of efforts is judged"
     )
     return replace(
-        loaded,
-        motion=both,
-        handling=(*loaded.handling, line),
-        warnings=(*loaded.warnings, *_further(reference.warnings, loaded.warnings)),
-        # Both are noisy.
-        floor=np.hypot(loaded.floor, reference.floor),
+        both,
+        processing_log=(*motion.processing_log, line),
+        warnings=(*motion.warnings, *_further(other.warnings, motion.warnings)),
+        noise=np.hypot(motion.noise, other.noise),  # both are noisy
     )
 
 

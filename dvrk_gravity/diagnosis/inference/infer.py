@@ -10,8 +10,8 @@ import numpy as np
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
     SelectedEffect,
     confirmed,
@@ -44,7 +44,7 @@ class Posterior:
     """What explains a recording.
 
     Attributes:
-        loaded: The motion as it was finally read.
+        motion: As it was finally read.
         validation: The samples, linearised at the fit.
         selected: Effects.
         unexplained: Structure that no effect explains.
@@ -59,7 +59,7 @@ class Posterior:
         detectable: What would have been found.
     """
 
-    loaded: Loaded
+    motion: MeasuredMotion
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
     unexplained: tuple[EffectTrial, ...]
@@ -80,7 +80,9 @@ def silent(line: str) -> None:
 
 
 def infer(
-    loaded: Loaded, hypotheses: Hypotheses | None = None, say: Callable[[str], None] = silent
+    motion: MeasuredMotion,
+    hypotheses: Hypotheses | None = None,
+    say: Callable[[str], None] = silent,
 ) -> Posterior:
     """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
 
@@ -88,18 +90,18 @@ def infer(
     needs more than that, they are hypotheses like any other.
 
     Args:
-        loaded: The motion, beside the model or the reference.
-        hypotheses: About the motion, where they are known.
+        motion: Beside the model or the reference.
+        hypotheses: About it, where they are known.
         say: Called with one line at every step.
     """
-    search = _search(loaded, hypotheses or Hypotheses.of(baseline(loaded.motion)), say)
+    search = _search(motion, hypotheses or Hypotheses.of(baseline(motion)), say)
     friction, springs = search.changed_joints()
     while friction or springs:
         search.validation.data.release()
         say("comparing hypotheses with changed friction and springs")
-        motion = replace(loaded.motion, changed_friction=friction, changed_springs=springs)
-        hypotheses = Hypotheses.of(baseline(motion))
-        posterior = _confirmed(_search(replace(loaded, motion=motion), hypotheses, say))
+        changed = replace(motion, changed_friction=friction, changed_springs=springs)
+        hypotheses = Hypotheses.of(baseline(changed))
+        posterior = _confirmed(_search(changed, hypotheses, say))
         found = {
             joint
             for effect in posterior.selected
@@ -113,17 +115,17 @@ def infer(
     return _confirmed(search)
 
 
-def empty_posterior(loaded: Loaded, hypotheses: Hypotheses) -> Posterior:
+def empty_posterior(motion: MeasuredMotion, hypotheses: Hypotheses) -> Posterior:
     """Return a posterior without effects, of a recording of the other arm: no effect explains it.
 
     Args:
-        loaded: The motion.
+        motion: The motion.
         hypotheses: About it.
     """
-    loaded = replace(loaded, handling=(*loaded.handling, _OTHER_ARM))
+    motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
     counted = Multiplicity.of(hypotheses.pool)
     validation = hypotheses.context.validation
-    return _confirmed(_Search(loaded, validation, [], [], [], [], [], None, counted))
+    return _confirmed(_Search(motion, validation, [], [], [], [], [], None, counted))
 
 
 def with_load_elsewhere(
@@ -141,12 +143,11 @@ def with_load_elsewhere(
     Returns:
         ``None`` where no place is stated, or the stated one explains it as well.
     """
-    loaded = posterior.loaded
-    if loaded.motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
+    motion = posterior.motion
+    if motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    free = replace(loaded, motion=replace(loaded.motion, payload_at=None))
-    anywhere = infer(free, say=say)
+    anywhere = infer(replace(motion, payload_at=None), say=say)
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None
@@ -160,7 +161,7 @@ def with_load_elsewhere(
 class _Search:
     """What was selected, before it is linearised at the fit."""
 
-    loaded: Loaded
+    motion: MeasuredMotion
     validation: CrossValidation
     selected: list[SelectedEffect]
     unexplained: list[EffectTrial]
@@ -172,7 +173,7 @@ class _Search:
 
     def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion = self.loaded.motion
+        motion = self.motion
         if motion.reference is None:
             return (), ()
         named = [effect.trial.candidate for effect in self.selected]
@@ -190,13 +191,13 @@ class _Search:
         return friction, changed_springs(motion, mean, covariance, causes)
 
 
-def _search(loaded: Loaded, about: Hypotheses, say: Callable[[str], None]) -> _Search:
+def _search(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None]) -> _Search:
     """Return effects and unexplained structure that the samples of selection show."""
     validation, pool = about.context.validation, about.pool
     data = validation.data
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
-    at_calibration = AtCalibration.of(loaded.motion)
+    at_calibration = AtCalibration.of(motion)
     selection = Selection(
         validation, sparse, say, expected=about.context.candidates, at_calibration=at_calibration
     )
@@ -204,10 +205,9 @@ def _search(loaded: Loaded, about: Hypotheses, say: Callable[[str], None]) -> _S
     chosen = selection.run()
 
     def noise(context: FitContext) -> Array:
-        return data.noise_rms(loaded.floor, context.validation.residual(context.candidates))
+        return data.noise_rms(motion.noise, context.validation.residual(context.candidates))
 
     # A model with uncertainty was free within that, and is no further.
-    motion = loaded.motion
     certain = motion.model.uncertainty is None and motion.reference is None
     if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
         selection, chosen = _with_free_masses(selection, chosen, pool)
@@ -219,10 +219,10 @@ def _search(loaded: Loaded, about: Hypotheses, say: Callable[[str], None]) -> _S
     selected = explained(selection, kept)
     say("looking for unexplained structure")
     floor = noise(selection.at(kept))
-    loaded.motion.release()
+    motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Search(
-        loaded, validation, selected, unexplained, unconfirmed, pool, sparse,
+        motion, validation, selected, unexplained, unconfirmed, pool, sparse,
         at_calibration, selection.multiplicity,
     )  # fmt: skip
 
@@ -239,7 +239,7 @@ def _confirmed(search: _Search) -> Posterior:
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
-    floor = validation.data.noise_rms(search.loaded.floor, validation.residual(named))
+    floor = validation.data.noise_rms(search.motion.noise, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
     minor = minor_effects(
         validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
@@ -248,7 +248,7 @@ def _confirmed(search: _Search) -> Posterior:
     seen = detectable(FitContext(validation, tuple(named)), search.pool, search.multiplicity)
     validation.data.release()
     return Posterior(
-        search.loaded, validation, tuple(selected), tuple(search.unexplained),
+        search.motion, validation, tuple(selected), tuple(search.unexplained),
         joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
         tuple(search.pool), search.at_calibration, floor, seen,
     )  # fmt: skip

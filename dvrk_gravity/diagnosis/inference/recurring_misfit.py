@@ -85,9 +85,9 @@ class AtCalibration:
         if not motion.present.all():
             return None
         then = MeasuredMotion(
-            motion.model, kept.q, kept.qd, kept.qdd, kept.effort, None,
-            np.arange(len(kept.q)) / kept.rate + kept.part, kept.parts, kept.rate, motion.present,
-            motion.step,
+            model=motion.model, q=kept.q, qd=kept.qd, qdd=kept.qdd, effort=kept.effort,
+            time=np.arange(len(kept.q)) / kept.rate + kept.part, parts=kept.parts, rate=kept.rate,
+            present=motion.present, step=motion.step,
         )  # fmt: skip
         data = FilteredData.of(then, FilterSettings(band=uncertainty.band))
         # The efforts went through that filter when they were read.

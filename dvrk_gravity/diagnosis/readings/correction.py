@@ -9,7 +9,6 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.data.loading import Loaded
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
@@ -50,35 +49,35 @@ class CorrectedReading:
     """A recording as it is to be read.
 
     Attributes:
-        loaded: The motion.
+        motion: The motion.
         wrong: Wrong readings, in the order in which they were corrected.
         hypotheses: About the motion, as it is to be read.
     """
 
-    loaded: Loaded
+    motion: MeasuredMotion
     wrong: tuple[WrongReading, ...]
     hypotheses: Hypotheses
 
 
-def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedReading:
+def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> CorrectedReading:
     """Return the motion as it is to be read; two recordings of one motion were read equally.
 
     A better reading must gain about as much as the best effect does.
     """
     wrong: list[WrongReading] = []
     while True:
-        motion, context = loaded.motion, baseline(loaded.motion)
+        context = baseline(motion)
         tested = motion.reference is None and len(wrong) < _MOST
         found = _better_reading(context) if tested else None
         say("building hypotheses")
         about = Hypotheses.of(context)
         selection = Selection(context.validation, about.pool, say)
         if found is None or found.score.gain <= _SHARE * _best_gain(selection, context):
-            return CorrectedReading(loaded, tuple(wrong), about)
+            return CorrectedReading(motion, tuple(wrong), about)
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
-        loaded = _corrected(loaded, found.score.reading)
         motion.release()
+        motion = _corrected(motion, found.score.reading)
         del context, about, selection  # a long recording leaves no room for two
 
 
@@ -126,20 +125,21 @@ def _better_reading(present: FitContext) -> WrongReading | None:
     return WrongReading(scores[0], motion, others)
 
 
-def _corrected(loaded: Loaded, reading: Reading) -> Loaded:
+def _corrected(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
     """Return a motion in another reading, its noise and its times included."""
-    motion, floor, rate = read_as(loaded.motion, reading), loaded.floor, reading.rate
+    noise, rate = motion.noise, reading.rate
+    motion = read_as(motion, reading)
     if reading.scale is not None:
-        floor = floor * np.diag(reading.effort)
+        noise = noise * np.diag(reading.effort)
     if reading.clock is not None and motion.rate is not None:
-        floor = floor / np.sqrt(rate)
+        noise = noise / np.sqrt(rate)
         motion = replace(
             motion,
             time=motion.time / rate,
             rate=rate * motion.rate,
             rounding=motion.rounding / np.sqrt(rate),
         )
-    return replace(loaded, motion=motion, floor=floor)
+    return replace(motion, noise=noise)
 
 
 def reading_gain(

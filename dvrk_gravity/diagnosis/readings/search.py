@@ -81,7 +81,8 @@ def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
         qdd=reading.rate**2 * motion.qdd @ reading.motion.T,
         effort=motion.effort @ reading.effort.T,
         direction=direction,
-        unread=np.broadcast_to(motion.unread, motion.q.shape) @ (reading.effort.T != 0.0),
+        invalid_effort=np.broadcast_to(motion.invalid_effort, motion.q.shape)
+        @ (reading.effort.T != 0.0),
         rounding=np.sqrt((motion.rounding * np.ones(motion.arm.n)) ** 2 @ reading.effort.T**2),
     )
 

@@ -74,12 +74,12 @@ def report(
         known_payload: Mass that a link carries, kg: the payload found is compared with it.
         errors: Errors of readings that the recordings were corrected for; ``None``: none.
     """
-    loaded, validation = posterior.loaded, posterior.validation
+    motion, validation = posterior.motion, posterior.validation
     held_out, data = HeldOut(validation), validation.data
     motion, names = data.motion, data.motion.arm.joint_names
     named = [effect.trial.candidate for effect in posterior.selected]
     theta, covariance, spreads = _fit(validation, named)
-    differences = _differences(validation, named, loaded.sources)
+    differences = _differences(validation, named, motion.sources)
     model, left_out, conflicts = _extended(posterior, wrong, held_out, named, theta, differences)
     if errors is not None:
         model = replace(model, reading_errors=errors.after(model.reading_errors))
@@ -144,9 +144,9 @@ def report(
         floor_from=source,
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
-        warnings=loaded.warnings,
+        warnings=motion.warnings,
         notes=(
-            *method_notes(loaded, data, floor),
+            *method_notes(motion, data, floor),
             *sentences.larger_errors(grown),
             *sentences.extrapolated(outside),
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),
@@ -185,7 +185,7 @@ def _parameters(
         covariance: (k, k) of them.
         spreads: Standard deviations of its settings.
     """
-    hypothesis, motion = named[i].hypothesis, posterior.loaded.motion
+    hypothesis, motion = named[i].hypothesis, posterior.motion
     beyond = _scale_error(motion.arm) ** 2 * np.outer(theta, theta)
     of_settings = dict(spreads)
     if posterior.at_calibration is not None:
@@ -228,7 +228,7 @@ def _extended(
     differences: Sequence[Difference | None],
 ) -> tuple[TorqueModel, tuple[str, ...], dict[int, str]]:
     """Return the extended model, why it lacks each effect (``""`` if not), and which conflict."""
-    motion, data = posterior.loaded.motion, posterior.validation.data
+    motion, data = posterior.motion, posterior.validation.data
     parts = [theta[rows] for rows in slices_of(named)]
     found = [(each.hypothesis, part) for each, part in zip(named, parts, strict=True)]
     # An effect that no recording shows by itself only compensates an average of differing ones.

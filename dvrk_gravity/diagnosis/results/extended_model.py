@@ -263,7 +263,8 @@ def _right_outside(columns: Array, parameters: Array, error: Array) -> Array:
 def _samples(data: FilteredData, band: float) -> CalibrationSamples | None:
     """Return the samples that an extended model keeps as its calibration, efforts below a band."""
     motion = data.motion
-    if data.band is None or motion.rate is None or not motion.present.all() or motion.unread.any():
+    partly = not motion.present.all() or motion.invalid_effort.any()
+    if data.band is None or motion.rate is None or partly:
         return None
     low = LowPass(band, motion.rate)
     inside = [p for p in motion.parts if p.stop - p.start > 3 * low.edge]

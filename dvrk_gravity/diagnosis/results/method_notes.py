@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.data.loading import Loaded
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.results.sentences import FLOORS
 
 
-def method_notes(loaded: Loaded, data: FilteredData, floor: np.ndarray) -> list[str]:
+def method_notes(motion: MeasuredMotion, data: FilteredData, floor: np.ndarray) -> list[str]:
     """Return how recordings were prepared and hypotheses judged, a sentence each.
 
     Args:
-        loaded: The motion as it was finally read.
+        motion: The motion as it was finally read.
         data: What was compared.
         floor: (n,) noise, N·m.
     """
     notes = [
-        *loaded.handling,
+        *motion.processing_log,
         f"{data.count} blocks, every third held out of fit and model selection; the others in five "
         "folds for cross-validation",
     ]
@@ -32,7 +32,6 @@ def method_notes(loaded: Loaded, data: FilteredData, floor: np.ndarray) -> list[
     if data.band is None:
         return notes
     notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
-    motion = loaded.motion
     names = np.array(motion.arm.joint_names)
     if motion.stands.any():
         notes.append(

@@ -2,7 +2,7 @@
 
 A wrong reading changes no torque. A model that knows of one says so in its file, as parameters
 ``reading.*``; recordings are put right by them before anything is compared
-(``intake.without_known_errors``).
+(``observation.without_known_errors``).
 """
 
 from __future__ import annotations

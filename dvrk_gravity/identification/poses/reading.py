@@ -20,7 +20,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import LinkWeight, as_value, weight_directions
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.quality.identifiability import base_weights
-from dvrk_gravity.intake import beyond_limits, require_all, require_measured
+from dvrk_gravity.observation import beyond_limits, require_all, require_measured
 from dvrk_gravity.parameters import Value
 from dvrk_gravity.recording import Coordinates, DataWarning, Recording, about, prepare
 

@@ -22,8 +22,8 @@ from dvrk_gravity.estimation import Solution, Uncertainty
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.quality.uncertainty import NARROW
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
-from dvrk_gravity.intake import Design
 from dvrk_gravity.model import KINEMATIC, Columns, link_columns
+from dvrk_gravity.observation import Design
 
 _NAMED = 6  # parameters in a sentence; the report's table has all
 _SHOWN = 3  # parameters named in one combination

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,6 @@ from dvrk_gravity.estimation import (
 )
 from dvrk_gravity.identification.result import Holding
 from dvrk_gravity.identification.trajectories.problem import Problem
-from dvrk_gravity.intake import CalibrationMotion, Design
 from dvrk_gravity.model import (
     CalibrationSamples,
     Columns,
@@ -29,6 +28,7 @@ from dvrk_gravity.model import (
     TorqueModel,
     coefficients_of,
 )
+from dvrk_gravity.observation import Design, Observation
 
 # Part of the torque of a column outside the model, above which it is uncertain whether the model
 # has it: so much its own columns reproduce in the data. The choice of terms separates the rest.
@@ -74,26 +74,17 @@ def known_error(design: Design, blind: Array, band: float) -> KnownError:
     return KnownError(np.sqrt(np.mean(error**2, axis=0)), correlation, band, speed)
 
 
-def kept_samples(parts: Sequence[CalibrationMotion], arm: Arm) -> CalibrationSamples | None:
+def kept_samples(parts: Sequence[Observation]) -> CalibrationSamples | None:
     """Return the first complete samples, for the model's file; ``None`` if there are none.
 
-    Parts that lack a motor's torque, if only for a while, or have another rate than the first, are
-    left out: they would not show the model's error.
+    Parts that lack a motor's torque, if only for a while, are left out: they would not show the
+    model's error.
     """
-    whole = [part for part in parts if part.measured.all() and part.informative.all()]
-    if not whole:
+    whole = [part for part in parts if part.measured.all() and not part.invalid_motor_effort.any()]
+    if not whole or whole[0].rate is None:
         return None
-    rate = whole[0].filter.rate
-
-    def arrays() -> Iterator[tuple[Array, ...]]:
-        for part in whole:
-            if part.filter.rate == rate:
-                q, qd, qdd = part.state.q, part.state.qd, part.state.qdd
-                assert qd is not None
-                assert qdd is not None
-                yield q, qd, qdd, arm.joint_effort(part.effort)
-
-    return CalibrationSamples.of(arrays(), rate)
+    arrays = ((part.q, part.qd, part.qdd, part.effort) for part in whole)
+    return CalibrationSamples.of(arrays, whole[0].rate)
 
 
 def confounded(problem: Problem, chosen: Sequence[int]) -> list[int]:

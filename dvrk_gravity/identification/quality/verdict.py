@@ -21,8 +21,8 @@ from dvrk_gravity.identification.result import (
     JointVerdict,
     Verdict,
 )
-from dvrk_gravity.intake import Misread
 from dvrk_gravity.model import VERDICTS
+from dvrk_gravity.observation import Misread
 from dvrk_gravity.recording import STILL, Coordinates, DataWarning
 from dvrk_gravity.units import quantity
 

@@ -35,8 +35,8 @@ from dvrk_gravity.identification.result import (
     HeldWeight,
     Holding,
 )
-from dvrk_gravity.intake import OTHER_ARM, OTHER_SIDE
 from dvrk_gravity.model import ARM_PARAMETER, VERDICTS, WEIGHT, TorqueModel, stated_weight
+from dvrk_gravity.observation import OTHER_ARM, OTHER_SIDE
 from dvrk_gravity.parameters import flatten
 from dvrk_gravity.recording import DataWarning
 

@@ -59,8 +59,15 @@ from dvrk_gravity.identification.trajectories.problem import (
     with_loads,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection
-from dvrk_gravity.intake import Design, Source, noise_floor, read_motions, without_standing
 from dvrk_gravity.model import Columns, TorqueModel, starts
+from dvrk_gravity.observation import (
+    Design,
+    Observation,
+    log_of,
+    noise_floor,
+    warnings_of,
+    without_standing,
+)
 from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates
 
@@ -107,7 +114,7 @@ class ColumnFit:
 
 
 def fit_dynamic(
-    recordings: Sequence[Source],
+    observed: Sequence[Observation],
     arm: Arm,
     coordinates: Coordinates,
     effects: Sequence[str] | None = None,
@@ -119,7 +126,7 @@ def fit_dynamic(
     """Fit a model to trajectories and judge it.
 
     Args:
-        recordings: Trajectories with efforts; one of all joints at least.
+        observed: Trajectories; one of all joints at least.
         arm: The arm.
         coordinates: Of the recordings.
         effects: Effects that may be used besides the rigid body; ``None``: all.
@@ -133,11 +140,10 @@ def fit_dynamic(
         RecordingError: A recording that cannot be used.
         NotConvergedError: No bodies near the fit, where ``physical`` requires them.
     """
-    motions = read_motions(recordings, arm, coordinates)
-    parts, standing = without_standing(motions.parts, arm)
-    if not any(part.informative.any() for part in parts):
+    parts, standing = without_standing([part for each in observed for part in each.split()], arm)
+    if all(part.invalid_motor_effort.all() for part in parts):
         raise RecordingError(
-            recordings[0].head.source,
+            observed[0].sources[0],
             f"determines no motor's torque, as {', '.join(standing)} stand still: expected motions "
             "of all joints",
         )
@@ -163,7 +169,7 @@ def fit_dynamic(
         no_bodies = (_NO_BODIES,)
         found = estimate(problem, chosen, physical=False)
     constant = _constants(design, problem.folds)
-    floor = noise_floor([part.noise for part in parts], [len(part) for part in parts])
+    floor = noise_floor([p.noise_left(coordinates) for p in parts], [len(p) for p in parts])
     held_out, training = (
         _errors(design, predicted, coordinates, constant, floor)
         for predicted in (found.blind, found.predicted)
@@ -174,7 +180,7 @@ def fit_dynamic(
     whole = design.compared.all(axis=1)
     q, effort = design.state.q[whole], arm.joint_effort(design.y)[whole]
     against = (
-        *of_clock(motions.warnings, arm),
+        *of_clock(warnings_of(observed), arm),
         # Bodies near a fit hide what is wrong with efforts: no body has a negative mass.
         *contradictions(_model(columns, free, None), q, effort, found.holding),
     )
@@ -183,7 +189,7 @@ def fit_dynamic(
         held_out, training, found.holding, arm, coordinates, duration=duration, against=against
     )
     error = known_error(design, found.blind, DEFAULT_CUTOFF)
-    kept = None if limited else kept_samples(parts, arm)
+    kept = None if limited else kept_samples(parts)
     if with_all is not None:
         error = _with_all_terms(with_all, error, report)
     uncertainty = model_uncertainty(
@@ -197,8 +203,8 @@ def fit_dynamic(
         parameters=found.parameters,
         identifiability=replace(found.identifiability, statements=statements),
         choices=tuple(problem.selection.choices),
-        warnings=motions.warnings,
-        handling=(*motions.handling, *_not_fitted(standing), *no_bodies),
+        warnings=warnings_of(observed),
+        handling=(*log_of(observed), *_not_fitted(standing), *no_bodies),
         validation=how_validated(problem.folds),
         coordinates=coordinates,
         samples=sum(len(motion) for motion in parts),

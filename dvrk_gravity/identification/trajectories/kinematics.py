@@ -18,7 +18,6 @@ from dvrk_gravity.identification.trajectories.problem import (
     solved,
     with_motor_weights,
 )
-from dvrk_gravity.intake import CalibrationMotion, build_design
 from dvrk_gravity.model import (
     KINEMATIC,
     MISPLACED,
@@ -27,6 +26,7 @@ from dvrk_gravity.model import (
     offset_joints,
     starts,
 )
+from dvrk_gravity.observation import Observation, build_design
 
 STEPS = 6  # of Gauss and Newton, at most. Chosen: it converges quadratically
 # Change of an offset or of the tilt that ends the iteration, rad. Chosen: far below any interval.
@@ -47,7 +47,7 @@ ENTANGLED = 2.0
 def calibrate(
     problem: Problem,
     chosen: list[int],
-    motions: Sequence[CalibrationMotion],
+    motions: Sequence[Observation],
     report: Callable[[str, float], None],
 ) -> tuple[Problem, list[int], tuple[str, ...]]:
     """Return the problem at the best offsets and tilt, if any helps, its columns, and statements.
@@ -116,7 +116,7 @@ def _calibration(problem: Problem, chosen: Sequence[int], fitted: Array) -> Kine
 
 
 def _moved(
-    problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[CalibrationMotion]
+    problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[Observation]
 ) -> tuple[Problem, list[int]]:
     """Return the problem at the kinematics that (k,) coefficients of a fit correct to."""
     design, old = problem.design, problem.design.columns
@@ -136,7 +136,7 @@ def _moved(
 
 
 def _converged(
-    problem: Problem, chosen: list[int], motions: Sequence[CalibrationMotion], within: float
+    problem: Problem, chosen: list[int], motions: Sequence[Observation], within: float
 ) -> tuple[Problem, list[int]]:
     """Return the problem at kinematics that a fit changes by less than ``within`` rad."""
     for _ in range(STEPS):

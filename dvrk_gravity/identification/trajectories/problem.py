@@ -35,8 +35,8 @@ from dvrk_gravity.estimation import (
     reweighted,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection, FoldSums
-from dvrk_gravity.intake import CalibrationMotion, Design, build_design
 from dvrk_gravity.model import KINEMATIC, Columns
+from dvrk_gravity.observation import Design, Observation, build_design
 
 # Choices of what depends on the other terms' torque, which change with it. Chosen: a third changes
 # nothing on the arms of `make peers`.
@@ -210,7 +210,7 @@ class Problem:
 
 
 def build_problem(
-    motions: Sequence[CalibrationMotion],
+    motions: Sequence[Observation],
     arm: Arm,
     effects: Sequence[str] | None = None,
     progress: Callable[[float], None] = lambda share: None,
@@ -227,17 +227,17 @@ def build_problem(
         form: Which columns there are.
         least_gain: See :class:`ColumnSelection`.
     """
-    q = np.concatenate([motion.state.q for motion in motions])
+    q = np.concatenate([motion.q for motion in motions])
     columns = form(arm, q.min(axis=0), q.max(axis=0))
     return problem_of(build_design(columns, motions, progress), motions, effects, least_gain)
 
 
 def problem_of(
-    design: Design, motions: Sequence[CalibrationMotion], effects: Sequence[str] | None,
+    design: Design, motions: Sequence[Observation], effects: Sequence[str] | None,
     least_gain: float,
 ) -> Problem:  # fmt: skip
     """Return the least-squares problem of the regressor of some motions; see :func:`pose`."""
-    clock = [motion.source for motion in motions]
+    clock = [motion.clock[0] for motion in motions]
     folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = _weigh(design)
     whole = NormalEquations.of(design.x, design.y, weighting.sample)
@@ -278,7 +278,7 @@ def choose(
 
 
 def with_loads(
-    problem: Problem, chosen: list[int], motions: Sequence[CalibrationMotion]
+    problem: Problem, chosen: list[int], motions: Sequence[Observation]
 ) -> tuple[Problem, list[int]]:
     """Return the problem with the columns that depend on the torque of a fit, and the choice.
 
@@ -296,7 +296,7 @@ def with_loads(
 
 
 def _with_loads(
-    problem: Problem, chosen: list[int], motions: Sequence[CalibrationMotion]
+    problem: Problem, chosen: list[int], motions: Sequence[Observation]
 ) -> tuple[Problem, list[int]]:
     """Return the problem with these columns beside the fit as it is, and the choice then."""
     design, weighting, selection = problem.design, problem.weighting, problem.selection

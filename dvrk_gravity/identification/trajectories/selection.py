@@ -21,8 +21,8 @@ from dvrk_gravity.estimation import (
     select,
 )
 from dvrk_gravity.identification.result import Choice, improvement
-from dvrk_gravity.intake import Design, training_equations
 from dvrk_gravity.model import RIGID, Columns, kinematic_moves, term_moves
+from dvrk_gravity.observation import Design, training_equations
 
 Moves = Callable[[Columns, set[int]], Iterator[SearchMove]]
 

@@ -11,13 +11,12 @@ from dvrk_gravity.arms import ANY_UNIT, OF_WEIGHT, Arm, newton_metres, weight_re
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.intake.effort_sign import require_signs
-from dvrk_gravity.intake.nominal import NominalTorque, recorded
-from dvrk_gravity.intake.reversed_axis import Misread, misread
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
+from dvrk_gravity.observation.effort_sign import require_signs
+from dvrk_gravity.observation.nominal import NominalTorque, recorded
+from dvrk_gravity.observation.reversed_axis import Misread, misread
 from dvrk_gravity.recording import (
     Recording,
-    RecordingFile,
     beyond_the_arm,
     disproved,
     without_friction,
@@ -176,9 +175,7 @@ def _opposite(parts: Mapping[str, _Part], arm: Arm) -> tuple[str, ...]:
     )
 
 
-def in_their_unit(
-    arm: Arm, recordings: Sequence[Recording | RecordingFile]
-) -> tuple[Arm, tuple[str, ...]]:
+def in_their_unit(arm: Arm, recordings: Sequence[Recording]) -> tuple[Arm, tuple[str, ...]]:
     """Return the arm with the unit of its recordings' efforts, and lines about what is odd.
 
     An arm whose file says that its efforts are in N·m is not checked.
@@ -193,7 +190,7 @@ def in_their_unit(
 
 
 def their_unit(
-    arm: Arm, recordings: Sequence[Recording | RecordingFile]
+    arm: Arm, recordings: Sequence[Recording]
 ) -> tuple[Arm, tuple[str, ...], Misread | None]:
     """Return what :func:`in_their_unit` does, and apart from its lines how they were misread."""
     if not arm.gravity_in_reading:
@@ -205,9 +202,7 @@ def their_unit(
     return with_unit, lines if found else (*lines, *_opposite(parts, arm)), found
 
 
-def _checked(
-    given: Recording | RecordingFile, arm: Arm
-) -> tuple[NominalTorque | None, dict[str, _Part]]:
+def _checked(given: Recording, arm: Arm) -> tuple[NominalTorque | None, dict[str, _Part]]:
     """Return what masses require beside efforts, where those of all joints are in one unit."""
     head = recorded(given, arm)
     for finding in beyond_the_arm(head):
@@ -221,9 +216,7 @@ def _checked(
     return nominal, _parts(nominal)
 
 
-def require_newtons(
-    model: TorqueModel, recordings: Sequence[Recording | RecordingFile]
-) -> tuple[str, ...]:
+def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Refuse efforts not in N·m, or of another mounting, for a model of an arm file's masses.
 
     An identified model is in the unit of the efforts that it was identified from.
@@ -247,20 +240,20 @@ def require_newtons(
         with_unit, lines = _unit(arm, size)
         if with_unit.read_in:
             raise RecordingError(
-                recording.head.source,
+                recording.source,
                 f"efforts are {size:.2g} times what the masses in {arm.source} need: not in N·m "
                 "(--drive-gains converts currents), or other masses; --effort-unit N·m overrides "
                 "them",
             )
         found = misread(nominal) if model.of_file else None
         if found and found.mounted and not arm.base_stated:
-            raise RecordingError(recording.head.source, found.line)
+            raise RecordingError(recording.source, found.line)
         lines += (f"warning: {found.line}",) if found else _opposite(parts, arm)
         odd += [line for line in lines if line.startswith("warning: ") and line not in odd]
     return tuple(odd)
 
 
-def _require_stated_weight(arm: Arm, recordings: Sequence[Recording | RecordingFile]) -> None:
+def _require_stated_weight(arm: Arm, recordings: Sequence[Recording]) -> None:
     """Refuse efforts read without gravity where the gravity that they lack is not known."""
     if arm.inertial_parameters is None:
         raise ConfigError(
@@ -268,7 +261,7 @@ def _require_stated_weight(arm: Arm, recordings: Sequence[Recording | RecordingF
             "an arm's file with masses: efforts without gravity do not show what it weighs",
         )  # fmt: skip
     for recording in recordings:
-        head = recording.head
+        head = recording
         if head.joints != arm.joint_names:
             raise RecordingError(
                 head.source,

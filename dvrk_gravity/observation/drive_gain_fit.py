@@ -23,10 +23,11 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State, last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation import Scales, Track, same_motion, solve_scales
-from dvrk_gravity.intake.design import Design, build_design
-from dvrk_gravity.intake.motion import CalibrationMotion, read_motions
 from dvrk_gravity.model import RIGID, Columns, starts
-from dvrk_gravity.recording import Coordinates, Recording, RecordingFile
+from dvrk_gravity.observation.design import Design, build_design
+from dvrk_gravity.observation.observation import Observation
+from dvrk_gravity.observation.observing import observe
+from dvrk_gravity.recording import Coordinates, Recording, without_duplicates
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -153,8 +154,8 @@ class DriveGains:
 
 
 def drive_gains(
-    bare: Sequence[Recording | RecordingFile],
-    loaded: Sequence[Recording | RecordingFile],
+    bare: Sequence[Recording],
+    loaded: Sequence[Recording],
     arm: Arm,
     load: KnownPayload,
     coordinates: Coordinates = "joint",
@@ -179,14 +180,16 @@ def drive_gains(
         )  # fmt: skip
     arm = replace(arm, drive_gains=None, drive_gain_error=None)
     body, _ = load.carrier(arm)
-    motions = read_motions([recording.of(arm) for recording in (*bare, *loaded)], arm, coordinates)
-    if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
+    recordings = [recording.of(arm) for recording in (*bare, *loaded)]
+    if None in without_duplicates(recordings)[0]:
         raise RecordingError(
-            loaded[-1].head.source,
+            loaded[-1].source,
             "or another one repeats an earlier recording: expected each recording once",
         )
-    first = [part for part in motions.parts if part.source < len(bare)]
-    second = [part for part in motions.parts if part.source >= len(bare)]
+    observed = observe(recordings, arm, decide=lambda number, prepared: coordinates)
+    parts = [part for each in observed for part in each.split()]
+    first = [part for part in parts if part.clock[0] < len(bare)]
+    second = [part for part in parts if part.clock[0] >= len(bare)]
     known, unknown, sizes = _load_columns(arm, load, body)
     carried = build_design(_Fixed(arm, np.column_stack([known, unknown])), second)
     when = _when(first, second, carried)
@@ -265,35 +268,35 @@ def _load_columns(arm: Arm, load: KnownPayload, body: int) -> tuple[Array, Array
     return known, unknown, sizes
 
 
-def _when(
-    first: Sequence[CalibrationMotion], second: Sequence[CalibrationMotion], carried: Design
-) -> Array:
+def _when(first: Sequence[Observation], second: Sequence[Observation], carried: Design) -> Array:
     """Return (N,) times of the loaded samples in the bare recording; NaN where there is none."""
     found = np.full(len(carried.y), np.nan)
-    for number in sorted({part.source for part in second}):
-        index = [i for i, part in enumerate(second) if part.source == number]
-        other = _track([part for part in first if part.source == first[0].source])
-        times = same_motion(_track([second[i] for i in index]), other, second[index[0]].filter.rate)
+    for number in sorted({part.clock[0] for part in second}):
+        index = [i for i, part in enumerate(second) if part.clock[0] == number]
+        other = _track([part for part in first if part.clock == first[0].clock])
+        rate = second[index[0]].rate
+        assert rate is not None
+        times = same_motion(_track([second[i] for i in index]), other, rate)
         for i, when in zip(index, times, strict=True):
             rows = carried.part == i
             found[rows] = np.interp(carried.time[rows], second[i].time, when)
     return found
 
 
-def _track(parts: Sequence[CalibrationMotion]) -> Track:
-    return Track([part.time for part in parts], [part.state.q for part in parts])
+def _track(parts: Sequence[Observation]) -> Track:
+    return Track([part.time for part in parts], [part.q for part in parts])
 
 
 def _of_difference(
-    first: Sequence[CalibrationMotion],
+    first: Sequence[Observation],
     carried: Design,
     when: Array,
     sizes: Array,
     mass: float,
 ) -> tuple[Scales, Array]:
     """Return the scales, and the load's torque, from the difference of two equal motions."""
-    parts = [part for part in first if part.source == first[0].source]
-    before = _track(parts).at(when, [part.effort for part in parts])
+    parts, arm = [part for part in first if part.clock == first[0].clock], carried.columns.arm
+    before = _track(parts).at(when, [part.motor_effort(arm) for part in parts])
     rows = np.isfinite(before).all(axis=1)
     x, after, before = carried.x[rows], carried.y[rows], before[rows]
     sign, moves = _direction(carried.state.rows(np.flatnonzero(rows)))
@@ -321,15 +324,15 @@ def _of_difference(
 
 def _of_all(
     arm: Arm,
-    first: Sequence[CalibrationMotion],
-    second: Sequence[CalibrationMotion],
+    first: Sequence[Observation],
+    second: Sequence[Observation],
     carried: Design,
     sizes: Array,
     mass: float,
 ) -> tuple[Scales, Array]:
     """Return the scales, and the load's torque, from a fit of arm and load to all efforts."""
     motions = [*first, *second]
-    q = np.concatenate([motion.state.q for motion in motions])
+    q = np.concatenate([motion.q for motion in motions])
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
     design = build_design(columns, motions)
     loaded = design.part >= len(first)

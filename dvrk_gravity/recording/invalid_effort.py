@@ -34,7 +34,7 @@ _AT_LIMIT = 0.97
 
 
 @dataclass(frozen=True)
-class FrozenSpan:
+class InvalidSpan:
     """Samples of a joint's effort that are no readings.
 
     Attributes:
@@ -50,7 +50,7 @@ class FrozenSpan:
     value: float
 
     @classmethod
-    def of(cls, recording: Recording, joint: int, first: int, stop: int) -> FrozenSpan:
+    def of(cls, recording: Recording, joint: int, first: int, stop: int) -> InvalidSpan:
         """Return the span of a joint's samples [first, stop)."""
         assert recording.effort is not None
         time = np.arange(len(recording)) if recording.time is None else recording.time
@@ -58,7 +58,7 @@ class FrozenSpan:
         return cls(joint, (first, stop), span, float(recording.effort[first, joint]))
 
 
-def frozen_efforts(recording: Recording) -> list[FrozenSpan]:
+def frozen_efforts(recording: Recording) -> list[InvalidSpan]:
     """Return spans of efforts that stay the same, to the last bit, while their joint moves.
 
     Poses and short recordings have none. An effort at its greatest or least is one that a limit
@@ -74,11 +74,11 @@ def frozen_efforts(recording: Recording) -> list[FrozenSpan]:
             if np.ptp(moving[first:stop]) < enough or _at_a_limit(float(column[first]), others):
                 continue
             if not len(others) or np.std(others) >= _FROZEN_STEPS * _step(column):
-                found.append(FrozenSpan.of(recording, joint, first, stop))
+                found.append(InvalidSpan.of(recording, joint, first, stop))
     return found
 
 
-def clipped_efforts(recording: Recording) -> list[FrozenSpan]:
+def clipped_efforts(recording: Recording) -> list[InvalidSpan]:
     """Return spans of efforts at a limit, their greatest or least, while their joint moves.
 
     The arm took more than was read. Poses and short recordings have none.
@@ -92,14 +92,14 @@ def clipped_efforts(recording: Recording) -> list[FrozenSpan]:
         size = np.abs(velocity()[:, joint])
         slowest = max(0.1 * np.sqrt(np.mean(size**2)), _FROZEN_SPEED / 2.0)
         found += [
-            FrozenSpan.of(recording, joint, first, stop)
+            InvalidSpan.of(recording, joint, first, stop)
             for first, stop in runs
             if np.mean(size[first:stop]) > slowest
         ]
     return found
 
 
-def limited_efforts(recording: Recording) -> list[FrozenSpan]:
+def limited_efforts(recording: Recording) -> list[InvalidSpan]:
     """Return spans of efforts at a limit that is known, ``Recording.effort_limit``."""
     effort, limits, arm = recording.effort, recording.effort_limit, recording.arm
     if effort is None or not limits:
@@ -111,7 +111,7 @@ def limited_efforts(recording: Recording) -> list[FrozenSpan]:
         clipped = np.abs(effort) >= limit
     edges = np.diff(clipped.astype(np.int8), axis=0, prepend=0, append=0)
     return [
-        FrozenSpan.of(recording, joint, first, stop)
+        InvalidSpan.of(recording, joint, first, stop)
         for joint, steps in enumerate(edges.T)
         for first, stop in zip(
             np.flatnonzero(steps > 0).tolist(), np.flatnonzero(steps < 0).tolist(), strict=True
@@ -119,7 +119,7 @@ def limited_efforts(recording: Recording) -> list[FrozenSpan]:
     ]
 
 
-def unread_efforts(recording: Recording) -> list[FrozenSpan]:
+def invalid_efforts(recording: Recording) -> list[InvalidSpan]:
     """Return spans of efforts that a diagnosis does not use: frozen, or at a known limit."""
     return [*frozen_efforts(recording), *limited_efforts(recording)]
 

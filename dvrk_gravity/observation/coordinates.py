@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -12,11 +12,11 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import Folds, NormalEquations, beats, fit, make_folds, paired
-from dvrk_gravity.intake.absent_joints import Source
-from dvrk_gravity.intake.design import build_design, training_equations
-from dvrk_gravity.intake.motion import CalibrationMotion, read, read_motions
 from dvrk_gravity.model import Columns, start_columns
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording
+from dvrk_gravity.observation.design import build_design, training_equations
+from dvrk_gravity.observation.joint_space import Bands, in_joint_space
+from dvrk_gravity.observation.observation import Observation
+from dvrk_gravity.recording import Coordinates, DataWarning, Prepared, Recording
 
 # s of a recording that are looked at. Chosen: some periods of the slowest sine of an exciting
 # motion, 0.07 Hz.
@@ -30,6 +30,24 @@ ALPHA = 0.001
 # Chosen: of a narrow motion with Stribeck friction at its elbow a plain model has .75 of the error
 # in the wrong coordinates, the model that was identified of the arm four times the error.
 _TWICE = 0.5
+
+
+# What can be looked at: as recorded, or filtered for a fit already.
+Source = Recording | Prepared
+
+
+def recorded_as(source: Source) -> Recording:
+    """Return what was recorded."""
+    return source.recording if isinstance(source, Prepared) else source
+
+
+def filtered(source: Source) -> Prepared:
+    """Return it filtered for a fit.
+
+    Raises:
+        RecordingError: Whatever ``prepare`` refuses.
+    """
+    return source if isinstance(source, Prepared) else Bands.of_fit().prepare(source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +122,9 @@ def decide_coordinates(
         return decided if given is None else Decision(given)
     shown = _shown(errors, misfit)
     if given is not None:
-        warnings = () if shown in (None, given) else _doubt(recording.head.source, errors, given)
+        warnings = (
+            () if shown in (None, given) else _doubt(recorded_as(recording).source, errors, given)
+        )
         return Decision(given, "", warnings, errors)
     joint, actuator = (errors.whole[system] for system in get_args(Coordinates))
     if shown is None:
@@ -144,9 +164,8 @@ def _shown(
 
 def _errors(recording: Source, arm: Arm) -> CoordinateErrors | None:
     """Return how a plain model does in both coordinates; ``None`` where it cannot be fitted."""
-    head = recording.head
-    static = isinstance(head, Recording) and (head.time is None or head.effort is None)
-    if static or set(arm.joint_names) - set(head.joints):
+    raw = recorded_as(recording)
+    if raw.time is None or raw.effort is None or set(arm.joint_names) - set(raw.joints):
         return None
     try:
         return _coordinate_errors(recording, arm)
@@ -180,10 +199,10 @@ def _coordinate_errors(recording: Source, arm: Arm) -> CoordinateErrors:
     the determinant of their covariance, which gives the likelihood of Gaussian errors whether they
     are independent at the motors or at the joints.
     """
-    trajectory = replace(read(recording), coordinates=None)
+    prepared = filtered(recording)
     systems = get_args(Coordinates)
     errors, informative, folds, _ = zip(
-        *(_held_out_errors(trajectory, arm, system) for system in systems), strict=True
+        *(_held_out_errors(prepared.read_as(system), arm) for system in systems), strict=True
     )
     # The same samples in both: friction that holds a joint in one need not in the other.
     counted = np.logical_and(*informative)
@@ -210,11 +229,9 @@ def predictable(recording: Recording, arm: Arm, deviations: float) -> bool:
         deviations: Standard errors by which it must be better.
 
     Raises:
-        RecordingError: Whatever ``read_motions`` refuses.
+        RecordingError: Whatever ``prepare`` refuses.
     """
-    system = recording.coordinates
-    plain = replace(read(recording), coordinates=None)
-    error, informative, _, off = _held_out_errors(plain, arm, system or "joint")
+    error, informative, _, off = _held_out_errors(filtered(recording), arm)
     error, off = (np.where(informative, each, 0.0) for each in (error, off))
     return bool(beats(error**2, off**2, deviations).any())
 
@@ -234,18 +251,15 @@ def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[D
     )
 
 
-def _held_out_errors(
-    recording: Source, arm: Arm, coordinates: Coordinates
-) -> tuple[Array, Mask, Folds, Array]:
+def _held_out_errors(prepared: Prepared, arm: Arm) -> tuple[Array, Mask, Folds, Array]:
     """Return a plain model's held-out errors, which are informative, folds, a constant's errors.
 
     Errors are (N, n), of the efforts as recorded, over the RMS of each.
     """
-    motions = [_head(motion) for motion in read_motions([recording], arm, coordinates).parts[:1]]
-    q = motions[0].state.q
-    columns = Columns(arm, q.min(axis=0), q.max(axis=0))
+    observed = _head(in_joint_space(prepared, arm, Bands.of_fit()))
+    columns = Columns(arm, observed.q.min(axis=0), observed.q.max(axis=0))
     chosen = start_columns(columns)
-    design = build_design(columns, motions, chosen=chosen)
+    design = build_design(columns, [observed], chosen=chosen)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
     weight = np.ones_like(design.y)
     whole = NormalEquations.of(design.x, design.y, weight)
@@ -258,7 +272,7 @@ def _held_out_errors(
         theta = fit(seen, weight, scale, positive).theta
         error[tested] = design.y[tested] - design.x[tested] @ theta
     effort, informative = design.y, design.informative
-    if coordinates == "joint":
+    if prepared.recording.coordinates == "joint":
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)
         informative = ~arm.joints_of(~informative)
     rms = np.maximum(np.sqrt(np.mean(effort**2, axis=0)), 1e-6)
@@ -274,12 +288,9 @@ def _size(error: Array) -> float:
     return float(np.exp(0.5 * np.linalg.slogdet(error.T @ error + floor)[1] / max(count, 1)))
 
 
-def _head(motion: CalibrationMotion) -> CalibrationMotion:
-    rows = slice(0, max(int(LOOKED_AT * motion.filter.rate), 6 * motion.filter.edge))
-    return replace(
-        motion,
-        time=motion.time[rows],
-        informative=np.broadcast_to(motion.informative, motion.effort.shape)[rows],
-        state=motion.state.rows(rows),
-        effort=motion.effort[rows],
-    )
+def _head(observed: Observation) -> Observation:
+    """Return the beginning of the first part."""
+    first, low = observed.parts[0], observed.filter
+    assert low is not None
+    rows = max(int(LOOKED_AT * low.rate), 6 * low.edge)
+    return observed.at(slice(first.start, min(first.stop, first.start + rows)))

@@ -17,7 +17,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm, gravity_in_base, rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import readings
-from dvrk_gravity.intake.nominal import Mounting, NominalTorque, apparent_gravity, mounting
+from dvrk_gravity.observation.nominal import Mounting, NominalTorque, apparent_gravity, mounting
 
 _SAMPLES = 600  # compared: a bound on time
 _FLOOR = 0.01  # part of the variance that is left anyway, of masses that are off by a tenth. Chosen

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.estimation import Folds, NormalEquations
-from dvrk_gravity.intake.motion import CalibrationMotion
 from dvrk_gravity.model import Columns
+from dvrk_gravity.observation.observation import Observation
 
 CHUNK = 2000  # samples whose regressor is held at a time; no result depends on it
 # Samples kept after the filter, at most. Chosen for time and memory.
@@ -64,7 +64,7 @@ class Design:
 
 def build_design(
     columns: Columns,
-    motions: Sequence[CalibrationMotion],
+    motions: Sequence[Observation],
     progress: Callable[[float], None] = lambda share: None,
     chosen: Sequence[int] | None = None,
 ) -> Design:
@@ -72,15 +72,18 @@ def build_design(
 
     Args:
         columns: The columns.
-        motions: At least one.
+        motions: At least one, each of one part.
         progress: Called with the share that is done, 0 to 1.
         chosen: Numbers of the columns that ``x`` has, ascending; ``None``: all.
     """
     total = sum(len(motion) for motion in motions)
     kept: list[tuple[NDArray[Any], ...]] = []
-    done, rate = 0, motions[0].filter.rate
+    done, rate = 0, 0.0
     for index, motion in enumerate(motions):
-        low = motion.filter
+        low, effort = motion.filter, motion.motor_effort(columns.arm)
+        assert low is not None
+        measured = np.broadcast_to(motion.measured, effort.shape)
+        usable = np.broadcast_to(~motion.invalid_motor_effort, effort.shape)
         dense = int(low.rate / (SAMPLING * low.cutoff))
         stride = max(1, dense, -(-total // ROWS))
         rate = low.rate / stride
@@ -98,16 +101,14 @@ def build_design(
             offset = (-(start - low.edge)) % stride
             own = slice(start - first + offset, stop - first, stride)
             # Most columns do not touch most motors: nothing to filter there.
-            used = raw.any(axis=0) & motion.measured[:, None]
+            used = raw.any(axis=0) & measured[0][:, None]
             filtered = np.zeros((len(range(*own.indices(len(raw)))), *used.shape))
             filtered[:, used] = low(raw[:, used])[own]
             rows = slice(start + offset, stop, stride)
-            effort, q, qd = motion.effort[rows], motion.state.q[rows], motion.state.qd
-            assert qd is not None
+            time = motion.time[rows]
             kept.append((
-                filtered, effort, motion.time[rows], np.full(len(effort), index), q, qd[rows],
-                np.tile(motion.measured, (len(effort), 1)),
-                np.broadcast_to(motion.informative, motion.effort.shape)[rows],
+                filtered, effort[rows], time, np.full(len(time), index), motion.q[rows],
+                motion.qd[rows], measured[rows], usable[rows],
             ))  # fmt: skip
             done += stop - start
             progress(done / total)

@@ -6,9 +6,8 @@ is above a limit of the reading was never read: such efforts are marked, and use
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 from typing import get_args
 
 import numpy as np
@@ -18,26 +17,16 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import (
-    Coordinates,
-    Recording,
-    RecordingFile,
-    changed,
-    join,
-    limited_efforts,
-)
+from dvrk_gravity.recording import Coordinates, Recording, limited_efforts
 
-# Samples at either side that a cubic spline through further ones depends on: to 1e-6, since its
-# coefficients decay by 2 + sqrt(3) a sample (de Boor, A Practical Guide to Splines).
-_SUPPORT = 12
 _GAP = 3.0  # median intervals, across which efforts are not interpolated. Chosen
 
 
 def without_known_errors(
-    recordings: Iterable[Recording | RecordingFile],
+    recordings: Iterable[Recording],
     model: TorqueModel,
     coordinates: Coordinates | None = None,
-) -> tuple[list[Recording | RecordingFile], tuple[str, ...]]:
+) -> tuple[list[Recording], tuple[str, ...]]:
     """Return recordings as they would be read correctly, and a line about what was done.
 
     Args:
@@ -55,12 +44,11 @@ def without_known_errors(
     known = ", ".join(replace(model, reading_errors=errors).of_readings())
     if not errors.any:
         return list(recordings), ()
-    change = partial(_changed, errors=errors, arm=model.arm, coordinates=coordinates)
     line = (
         f"recordings are corrected for the model's known errors of readings: {known}; if the arm "
         "reads correctly by now, remove them from the model"
     )
-    return [changed(each, partial(change, each.head.source)) for each in recordings], (line,)
+    return [_corrected(each, errors, model.arm, coordinates) for each in recordings], (line,)
 
 
 def stated_coordinates(model: TorqueModel) -> Coordinates | None:
@@ -69,54 +57,42 @@ def stated_coordinates(model: TorqueModel) -> Coordinates | None:
     return next((system for system in get_args(Coordinates) if system == known), None)
 
 
-def _changed(
-    source: str,
-    parts: Iterator[Recording],
-    errors: ReadingErrors,
-    arm: Arm,
-    coordinates: Coordinates | None,
-) -> Iterator[Recording]:
-    inverted: tuple[Array, Array] | None = None
+def _corrected(
+    recording: Recording, errors: ReadingErrors, arm: Arm, coordinates: Coordinates | None
+) -> Recording:
+    position, effort = _inverted(errors, arm, recording, coordinates)
+    columns = [arm.joint_names.index(joint) for joint in recording.joints]
     limit = errors.true_limit()
     limits = {n: float(v) for n, v in zip(arm.joint_names, limit, strict=True) if np.isfinite(v)}
-
-    def corrected(part: Recording) -> Recording | None:
-        nonlocal inverted
-        inverted = inverted or _inverted(errors, arm, part, coordinates)
-        position, effort = inverted
-        columns = [arm.joint_names.index(joint) for joint in part.joints]
-        velocity, direction = part.velocity, part.direction
-        part = replace(
-            part,
-            time=None if part.time is None else part.time / errors.clock,
-            position=_mapped(position, part.position),
-            velocity=None
-            if velocity is None
-            else _mapped(position, velocity / errors.velocity[columns]),
-            effort=None if part.effort is None else _mapped(effort, part.effort),
-            direction=None
-            if direction is None
-            else np.where(_mapped(position, direction) < 0.0, -1.0, 1.0),
-            effort_limit={**part.effort_limit, **limits},
-        )
-        if part.time is not None or not limits:
-            return part
-        read = np.ones(len(part), dtype=bool)
-        for span in limited_efforts(part):
+    velocity, direction = recording.velocity, recording.direction
+    result: Recording | None = replace(
+        recording,
+        time=None if recording.time is None else recording.time / errors.clock,
+        position=_mapped(position, recording.position),
+        velocity=None
+        if velocity is None
+        else _mapped(position, velocity / errors.velocity[columns]),
+        effort=None if recording.effort is None else _mapped(effort, recording.effort),
+        direction=None
+        if direction is None
+        else np.where(_mapped(position, direction) < 0.0, -1.0, 1.0),
+        effort_limit={**recording.effort_limit, **limits},
+    )
+    assert result is not None
+    if recording.time is None and limits:
+        read = np.ones(len(result), dtype=bool)
+        for span in limited_efforts(result):
             read[slice(*span.rows)] = False
-        return part.rows(read) if read.any() else None
-
-    found = (part for part in map(corrected, parts) if part is not None)
-    left = _aligned(found, errors.delay) if errors.delay else found
-    first = next(left, None)
-    if first is None:
+        result = result.rows(read) if read.any() else None
+    elif recording.time is not None and errors.delay:
+        result = _aligned(result, errors.delay)
+    if result is None:
         raise RecordingError(
-            source,
+            recording.source,
             "nothing is left of it: every sample is at reading.effort_limit, or it is shorter than "
             "reading.effort_delay, by the model",
         )
-    yield first
-    yield from left
+    return result
 
 
 def _inverted(
@@ -151,45 +127,19 @@ def _mapped(by: Array, values: Array) -> Array:
     return result
 
 
-def _aligned(parts: Iterable[Recording], delay: float) -> Iterator[Recording]:
-    """Yield consecutive parts with the efforts of ``delay`` s later at each sample.
+def _aligned(recording: Recording, delay: float) -> Recording | None:
+    """Return the samples with the efforts of ``delay`` s later, if any.
 
     Samples whose efforts lie beyond the end of the recording, or in a gap, are left out.
     """
-    held: Recording | None = None
-    done = -np.inf
-    for part in parts:
-        if part.time is None:
-            yield part
-            continue
-        held = part if held is None else join([held, part])
-        assert held.time is not None
-        margin = _SUPPORT / (held.rate or np.inf)
-        end = held.time[-1] - max(delay, 0.0) - margin
-        ready = _shifted(held, delay, done, float(end))
-        if ready is not None:
-            yield ready
-        done = max(done, float(end))
-        held = held.rows(held.time > end - abs(delay) - margin).counted()
-    if held is not None:
-        rest = _shifted(held, delay, done, np.inf)
-        if rest is not None:
-            yield rest
-
-
-def _shifted(recording: Recording, delay: float, after: float, until: float) -> Recording | None:
-    """Return the samples in (after, until] s with their efforts of ``delay`` s later, if any."""
     from scipy.interpolate import CubicSpline  # slow to load
 
     time, effort = recording.time, recording.effort
     assert time is not None
-    rows = (time > after) & (time <= until)
     then = time + delay
-    rows &= (then >= time[0]) & (then <= time[-1])
-    if not rows.any():
-        return None
-    if effort is None:
-        return recording.rows(rows)
+    rows = (then >= time[0]) & (then <= time[-1])
+    if effort is None or not rows.any():
+        return recording.rows(rows) if rows.any() else None
     left = np.clip(np.searchsorted(time, then, side="right") - 1, 0, len(time) - 2)
     interval = np.diff(time)
     rows &= interval[left] <= _GAP * np.median(interval)

@@ -15,11 +15,10 @@ from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import MAX_TILT
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.intake.absent_joints import held_beyond
+from dvrk_gravity.observation.absent_joints import held_beyond
 from dvrk_gravity.recording import (
+    Prepared,
     Recording,
-    RecordingFile,
-    Segment,
     prepare,
     without_friction,
 )
@@ -61,7 +60,7 @@ class NominalTorque:
     effort: Array
 
     @classmethod
-    def of(cls, given: Recording | RecordingFile, arm: Arm) -> NominalTorque | None:
+    def of(cls, given: Recording, arm: Arm) -> NominalTorque | None:
         """Return it; ``None`` where masses, efforts, or joints are not known, or samples few."""
         recording = recorded(given, arm)
         assert recording.arm is not None
@@ -71,15 +70,14 @@ class NominalTorque:
         if arm.inertial_parameters is None or len(recording) < FEWEST:
             return None
         rest = np.zeros_like(recording.position)
-        signals = [(recording.position, rest, rest, recording.effort)]
-        if recording.time is not None:
-            signals = [_signals(part) for part in _parts(recording)] or signals
-        step = max(1, sum(len(each[0]) for each in signals) // SAMPLES)
-        q, qd, qdd, effort = (
-            np.concatenate([signal[::step] for signal in same])
-            for same in zip(*signals, strict=True)
-        )
-        return cls(arm, q, qd, qdd, effort)
+        signals = (recording.position, rest, rest, recording.effort)
+        if (prepared := _filtered(recording)) is not None:
+            own = prepared.filtered
+            assert own.velocity is not None
+            assert own.effort is not None
+            signals = (own.position, own.velocity, prepared.acceleration, own.effort)
+        step = max(1, len(signals[0]) // SAMPLES)
+        return cls(arm, *(signal[::step] for signal in signals))
 
     @cached_property
     def weight(self) -> Array:
@@ -100,30 +98,20 @@ class NominalTorque:
         return np.asarray(rigid_body.torque(self.arm, parameters, self.q, qd, qdd, gravity))
 
 
-def recorded(given: Recording | RecordingFile, arm: Arm) -> Recording:
-    """Return the first part of a recording, of the arm without joints beyond all recorded ones."""
+def recorded(given: Recording, arm: Arm) -> Recording:
+    """Return a recording of the arm without joints beyond all recorded ones."""
     held, _ = held_beyond([given], arm, {})
-    return given.of(arm.holding(held)).head
+    return given.of(arm.holding(held))
 
 
-def _parts(recording: Recording) -> tuple[Segment, ...]:
-    """Return uniform low-passed parts; none of a recording that is too short or too slow."""
+def _filtered(recording: Recording) -> Prepared | None:
+    """Return a low-passed trajectory; ``None`` of poses, and of one too short or too slow."""
     if recording.rate is None or recording.rate < _RATE * BAND:
-        return ()
+        return None
     try:
-        return prepare(recording, BAND, warnings=()).segments
+        return prepare(recording, BAND, ends=False, warnings=())
     except RecordingError:  # whoever reads it next says why
-        return ()
-
-
-def _signals(part: Segment) -> tuple[Array, Array, Array, Array]:
-    """Return position, velocity, acceleration and effort without the filter's end transients."""
-    own = part.recording
-    assert own.velocity is not None
-    assert part.acceleration is not None
-    assert own.effort is not None
-    core = part.core
-    return own.position[core], own.velocity[core], part.acceleration[core], own.effort[core]
+        return None
 
 
 @dataclass(frozen=True)

@@ -17,29 +17,23 @@ from dvrk_gravity.recording import (
     Kind,
     Note,
     Recording,
-    RecordingFile,
-    Trajectory,
     opened,
 )
-
-# What can be fitted to: in memory, in a file, or prepared already.
-Source = Recording | RecordingFile | Trajectory
 
 _MOVES = "has positions, but no efforts (none is a number that an effort can be)"
 _PARTS = 3  # of a robot that a refusal names
 
 
-def all_static(recordings: Sequence[Recording | RecordingFile]) -> bool:
+def all_static(recordings: Sequence[Recording]) -> bool:
     """Return whether recordings hold static poses.
 
     Raises:
         RecordingError: Poses mixed with trajectories.
     """
-    heads = [recording.head for recording in recordings]
-    static = [isinstance(first, Recording) and first.time is None for first in heads]
+    static = [recording.time is None for recording in recordings]
     if any(static) != all(static):
         raise RecordingError(
-            heads[static.index(True)].source,
+            recordings[static.index(True)].source,
             "holds static poses, expected trajectories only or poses only",
         )
     return static[0]
@@ -64,7 +58,7 @@ def known_still(still: Mapping[str, float] | None, arm: Arm) -> Mapping[str, flo
 
 
 def held_beyond(
-    recordings: Sequence[Source], arm: Arm, still: Mapping[str, float]
+    recordings: Sequence[Recording], arm: Arm, still: Mapping[str, float]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return where unrecorded joints stood, and a line about those that were assumed.
 
@@ -72,7 +66,7 @@ def held_beyond(
     An MTM's recording has all seven joints; there, a missing one is a mistake.
     """
     seen = _recorded(recordings)
-    moving = {note.joint for each in recordings for note in _notes(each.head, "effort_missing")}
+    moving = {note.joint for each in recordings for note in _notes(each, "effort_missing")}
     missing = [joint for joint in arm.joint_names if joint not in (*seen, *still, *moving)]
     if not missing or is_mtm(arm):
         return dict(still), ()
@@ -85,8 +79,8 @@ def held_beyond(
 
 
 def with_held(
-    recordings: Sequence[Recording | RecordingFile], arm: Arm, still: Mapping[str, float]
-) -> tuple[Arm, list[Recording | RecordingFile], tuple[str, ...]]:
+    recordings: Sequence[Recording], arm: Arm, still: Mapping[str, float]
+) -> tuple[Arm, list[Recording], tuple[str, ...]]:
     """Return the arm without the joints beyond all recorded ones, and lines that name them.
 
     They stand where it was given, or at zero. Joints with a given position that no recording has,
@@ -113,41 +107,38 @@ def with_held(
     return arm, opened(recordings, arm=arm), left_out
 
 
-def stood_at(recording: Recording | RecordingFile, joint: str, position: float) -> bool:
+def stood_at(recording: Recording, joint: str, position: float) -> bool:
     """Return whether a recording has a joint, and has it at a position, rad or m, all the time."""
-    if joint not in recording.head.joints:
+    if joint not in recording.joints:
         return False
     low, high = travel(recording, joint)
     return position - STAYS < low and high < position + STAYS
 
 
-def travel(recording: Recording | RecordingFile, joint: str) -> tuple[float, float]:
+def travel(recording: Recording, joint: str) -> tuple[float, float]:
     """Return the lowest and highest position of a recorded joint, rad or m."""
-    each = [part.position[:, part.joint(joint)] for part in recording.parts()]
-    return min(float(part.min()) for part in each), max(float(part.max()) for part in each)
+    position = recording.position[:, recording.joint(joint)]
+    return float(position.min()), float(position.max())
 
 
-def _stood(recordings: Iterable[Recording | RecordingFile], joint: str, position: float) -> bool:
+def _stood(recordings: Iterable[Recording], joint: str, position: float) -> bool:
     return all(stood_at(recording, joint, position) for recording in recordings)
 
 
-def _recorded(recordings: Iterable[Source]) -> tuple[str, ...]:
-    return tuple({joint for recording in recordings for joint in recording.head.joints})
+def _recorded(recordings: Iterable[Recording]) -> tuple[str, ...]:
+    return tuple({joint for recording in recordings for joint in recording.joints})
 
 
-def _notes(recording: Recording | Trajectory, kind: Kind) -> Iterator[Note]:
+def _notes(recording: Recording, kind: Kind) -> Iterator[Note]:
     """Yield the reader's notes of a kind about a recording's joints."""
-    notes = recording.notes if isinstance(recording, Recording) else ()
-    return (note for note in notes if note.kind == kind and note.joint)
+    return (note for note in recording.notes if note.kind == kind and note.joint)
 
 
 def _shown(where: Mapping[str, float]) -> str:
     return ", ".join(f"{name} at {position:g}" for name, position in where.items())
 
 
-def require_all(
-    recording: Recording | Trajectory, arm: Arm, still: Mapping[str, float] | None = None
-) -> None:
+def require_all(recording: Recording, arm: Arm, still: Mapping[str, float] | None = None) -> None:
     """Refuse a recording without efforts, or without a joint whose position is not known.
 
     Raises:
@@ -168,13 +159,8 @@ def require_all(
         if some := " or ".join(parts(arm, recording.joints)[:_PARTS]):
             expected += f", or a part of the robot: --arm {some}"
         raise RecordingError(recording.source, f"{what}: expected {expected}")
-    if isinstance(recording, Trajectory):
-        without = any(stretch.effort is None for stretch in recording.stretches)
-    else:
-        without = recording.effort is None
-    if without:
-        notes = recording.notes if isinstance(recording, Recording) else ()
-        read = "".join(f"; {note.text}" for note in notes if note.kind == "columns")
+    if recording.effort is None:
+        read = "".join(f"; {note.text}" for note in recording.notes if note.kind == "columns")
         expected = f"<joint>.effort columns{read}"
         raise RecordingError(recording.source, f"has no efforts, expected {expected}")
 

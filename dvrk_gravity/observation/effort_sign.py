@@ -8,8 +8,8 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.intake.nominal import SAMPLES
 from dvrk_gravity.model import stated_weight
+from dvrk_gravity.observation.nominal import SAMPLES
 from dvrk_gravity.recording import Recording, quantum, without_friction
 
 # Part of the squared efforts that is left anyway, of masses that are off by a tenth, and least gain
