@@ -32,10 +32,10 @@ def exact() -> FilteredData:
 
 def knowing(own: int = 0) -> FilteredData:
     """Return data whose model knows an error, and is unsure of a constant at some joints."""
-    data = replace(exact())
+    data = exact()
     constants = 0.05 * np.eye(ARM.n)[:, :own] * np.ones((len(data.residual), 1, 1))
-    vars(data).update(known_error=KNOWN, model_columns=constants)
-    return data
+    expected = replace(data.expectation, known_error=KNOWN, columns=constants)
+    return replace(data, expectation=expected)
 
 
 def first(effect: str, joint: int) -> Candidate:
@@ -74,7 +74,6 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
             sizes[:] = sizes[0]
         error = told.settings.coherent * KNOWN * np.einsum("tnk,nk->tn", shapes, sizes)
         drawn = replace(data, residual=error)
-        vars(drawn).update(known_error=KNOWN, model_columns=data.model_columns)
         fitted = replace(CrossValidation.of(drawn), weight=validation.weight)
         scattered.append(fitted.parameters([candidate]))
     seen = np.cov(np.array(scattered).T).reshape(covariance.shape)

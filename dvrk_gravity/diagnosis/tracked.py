@@ -70,7 +70,7 @@ def track(
     motion = build(recordings, model, still, coordinates).motion
     data = FilteredData.of(motion)
     validation = CrossValidation.of(data).weighted([])
-    friction = np.sqrt(np.mean(validation.of_choice(data.friction) ** 2, axis=0))
+    friction = np.sqrt(np.mean(validation.of_choice(data.expectation.friction) ** 2, axis=0))
     asked = [each for effect in effects.effects() for each in effect.tracked(motion)]
     found = tuple(
         change

@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches, not_zero
-from dvrk_gravity.diagnosis.data.model_error import (
-    friction_torque,
-    friction_variation,
-    model_columns,
-)
+from dvrk_gravity.diagnosis.data.expectation import Expectation, expect
+from dvrk_gravity.diagnosis.data.model_error import model_columns
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import Effect, Hypothesis, effects
 from dvrk_gravity.estimation import (
@@ -86,9 +83,8 @@ class FilteredData:
         motion: The motion.
         band: Low-pass of residual and columns, Hz; ``None`` for static poses.
         decimation: Every so-maniest sample is kept.
-        residual: (T, n) measured minus modelled torque, N·m.
-        model_columns: (T, n, d) changes of the model's torque by its parameters, of unit variance
-            each.
+        expectation: What should have been measured at these samples.
+        residual: (T, n) measured minus expected torque, N·m.
         blocks: The block of each sample.
         repetition: How the motion repeats, if it does.
         common_time: (T,) s, increasing; the motion is the same whole periods apart.
@@ -100,8 +96,8 @@ class FilteredData:
     motion: MeasuredMotion
     band: float | None
     decimation: int
+    expectation: Expectation
     residual: Array
-    model_columns: Array
     blocks: Blocks
     repetition: Repetition | None
     common_time: Array
@@ -119,10 +115,9 @@ class FilteredData:
             decimation = max(1, int(rate / (settings.oversampling * band)))
         nothing = Blocks(np.zeros(0, dtype=np.int64), 0, settings.blocks)
         empty, none = np.zeros(0), np.zeros((0, 0))
-        data = cls(motion, band, decimation, none, none, nothing, None, empty, settings)
-        data = replace(
-            data, residual=data.as_read, model_columns=data.reduce(model_columns(motion))
-        )
+        expected = expect(motion)
+        data = cls(motion, band, decimation, expected, none, nothing, None, empty, settings)
+        data = replace(data, residual=data.as_read, expectation=expected.filtered(data.reduce))
         if rate is None:
             blocks = make_blocks(CommonTime.single_clock(data.time), None, settings.blocks)
             return replace(data, blocks=blocks, common_time=data.time)
@@ -214,33 +209,28 @@ class FilteredData:
         """
         columns = self.reduce(model_columns(acting))
         product = (columns - self.model_columns) @ parameters
-        return replace(self, residual=self.residual + product, model_columns=columns)
+        expected = replace(self.expectation, columns=columns)
+        return replace(self, residual=self.residual + product, expectation=expected)
+
+    @property
+    def model_columns(self) -> Array:
+        """(T, n, d) torques by which the expected one may be off, of unit variance each."""
+        return self.expectation.columns
 
     @cached_property
     def as_read(self) -> Array:
         """(T, n) measured minus modelled torque of the given model, N·m."""
         return self.reduce(self.motion.residual)
 
-    @cached_property
+    @property
     def known_error(self) -> Array:
         """(n,) RMS error that the model had at calibration, N·m; zero if unknown."""
-        known = self.motion.model.uncertainty
-        return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
+        return self.expectation.known_error
 
     @cached_property
     def torque_rms(self) -> Array:
         """(n,) RMS torque of the joints, N·m."""
         return np.asarray(np.sqrt(np.mean(self.motion.effort**2, axis=0)))
-
-    @cached_property
-    def friction(self) -> Array:
-        """(T, n) torque of the model's friction that may have changed, N·m."""
-        return self.reduce(friction_torque(self.motion))
-
-    @cached_property
-    def day_to_day_error(self) -> Array:
-        """(n,) known error together with day-to-day friction variation, N·m RMS."""
-        return np.hypot(self.known_error, friction_variation(self.motion))
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:

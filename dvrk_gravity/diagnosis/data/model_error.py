@@ -1,43 +1,24 @@
-"""By how much a model, or a baseline recording, may be off without a cause worth reporting."""
+"""By how much an identified model may be off without a cause worth reporting."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
-from dvrk_gravity.arms import rigid_body
-from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.friction_change import FRICTION_PART
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.effects import State, mean_slope_by_delay
-from dvrk_gravity.estimation import NORMAL_95, solve
+from dvrk_gravity.effects import State
 from dvrk_gravity.model import CalibrationSamples, ModelUncertainty
 
-_EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction
 _OF_LOAD = 6  # columns of a joint that a load may be mistaken for, by a model
 _SLOW = 0.3  # of the RMS speed, about which friction falls with speed (``stribeck_friction``)
-# Beside a reference, standard deviations. All are chosen.
-#
 # Of the part of the transmitted torque that is friction, with a model as with a reference: harmonic
 # drives lose some per cent (Taghirad and Bélanger 1998); two joints of a UR10e 7 and 8 %
 # (docs/own_arm.md), and no more than twice the standard deviation.
 FRICTION_BY_LOAD = 0.04
-_BY_INERTIA = 0.1  # by which the inertia of a change reads larger or smaller: flexible drives swing
-# further than their motors (f / f0 squared, f0 their natural frequency). A PSM's weight, of which
-# only inertia shows the mass, reads a tenth light against a recording of a day before (docs/psm.md)
-_BY_CLOCK = 0.0005  # s, between the sampling of positions and efforts: half the interval at 1 kHz
-_BY_SITTING = 0.1  # of all friction, which falls with warmth, between two recordings of one
-# sitting; a third of what it changes by from day to day: with that, doubled friction would go
-# unreported
-_BY_CABLE = 0.1  # of a joint's torque, that cables and springs change by at the ends of its travel.
+BY_CABLE = 0.1  # of a joint's torque, that cables and springs change by at the ends of its travel.
 # A PSM's pitch differs by 0.1 to 0.25 of it between two days (docs/psm.md), which took the true
 # weight out of its interval. A constant is reported as an effort offset instead
-_BEYOND = 2.0  # standard deviations from which on a change of friction is reported; a convention
-_EXCHANGED = 0.9  # correlation with a reported cause from which on a spring's change is that cause
-# Of normal equations of unit diagonal, where the motion does not identify a link's parameters: ten
-# times the square root of a double's precision.
-_RIDGE = 1e-7
 
 # Extrapolation, with the known error as unit; never more than a joint can exert.
 #
@@ -53,218 +34,13 @@ _FARTHEST = 0.5
 _SHAPES = 6  # powers of the distance that span such a function, as many as a cable has
 _FASTER = 10.0  # standard deviation at twice the highest identified speed. Chosen
 
-# Standard deviation of the relative change of a joint's friction since calibration. A PSM that was
-# recorded twice in one motion: the efforts of its four instrument motors, nearly all of them
-# friction, differ by 24 to 40 % (docs/psm.md).
-FRICTION_PART = 0.3
-_DEVIATIONS = 2.0  # beyond which a change of friction is reported; a convention
-_SHARED = 0.5  # of a torque that scaled friction must reproduce to count as its change. Chosen
-
-
-@dataclass(frozen=True, eq=False)
-class NearbyTorque:
-    """Torque of links' masses and of each joint's Coulomb and viscous friction.
-
-    Not a usable model of the arm: inertial parameters that the motion does not identify are
-    arbitrary. Only its change from one motion to a similar one is used.
-
-    Attributes:
-        links: (10 bodies,) the links' inertial parameters, in the order of ``rigid_body``.
-        friction: (2, n) N·m and N·m·s/rad.
-    """
-
-    links: Array
-    friction: Array
-
-    @classmethod
-    def fit(cls, motion: MeasuredMotion, target: Array | None = None) -> NearbyTorque:
-        """Fit to (N, n) torques, by default the measured efforts, each joint by its own scale."""
-        target = motion.effort if target is None else target
-        weight = 1.0 / np.maximum(target.std(axis=0), 1e-9) * motion.present
-        links, n = rigid_body.PER_LINK * len(motion.arm.bodies), motion.arm.n
-        gram, right = np.zeros((links + 2 * n,) * 2), np.zeros(links + 2 * n)
-        sign_and_speed = _sign_and_speed(motion)
-        for rows in motion.pieces():
-            inertial = motion.regressor(rows, motion.gravity)
-            friction = [values[rows, :, None] * np.eye(n) for values in sign_and_speed]
-            columns = np.concatenate([inertial, *friction], axis=2) * weight[:, None]
-            columns = columns.reshape(-1, len(right))
-            gram += columns.T @ columns
-            right += columns.T @ (target[rows] * weight).ravel()
-        found = solve(gram, right, _RIDGE)
-        return cls(found[:links], found[links:].reshape(2, n))
-
-    def friction_torque(self, motion: MeasuredMotion) -> Array:
-        """Return (N, n) friction torques, N·m."""
-        sign, speed = _sign_and_speed(motion)
-        return np.asarray(self.friction[0] * sign + self.friction[1] * speed)
-
-    def inertial_torque(self, motion: MeasuredMotion, gravity: Array | None = None) -> Array:
-        """Return (N, n) torques of the links, N·m; by default in the motion's gravity."""
-        return rigid_body.torque(
-            motion.arm, self.links, motion.true_q, motion.qd, motion.qdd,
-            motion.gravity if gravity is None else gravity,
-        )  # fmt: skip
-
-
-def _sign_and_speed(motion: MeasuredMotion) -> tuple[Array, Array]:
-    sign = np.column_stack([motion.sign(row) for row in np.eye(motion.arm.n)])
-    return sign, motion.qd
-
-
-def reference_columns(motion: MeasuredMotion) -> Array:
-    """Return (N, n, d) torques by which a difference may be off, one standard deviation each.
-
-    For each joint that moves: friction that grows with the transmitted torque, the inertia of what
-    changed, the delay of efforts, springs, and two of the friction that changes from day to day.
-    """
-    assert motion.reference is not None
-    joints = np.flatnonzero(motion.moves).tolist()
-    # Fitted, not the measured difference: noise in a column would explain itself.
-    changed = NearbyTorque.fit(motion, motion.residual)
-    load = changed.inertial_torque(motion)
-    inertia = changed.inertial_torque(motion, np.zeros(3))
-    grown = np.abs(motion.reference + load) - np.abs(motion.reference)
-    late = mean_slope_by_delay(motion)
-    columns = np.zeros((*motion.q.shape, _EACH * len(joints)))
-    middle, half = motion.travel
-    size = np.sqrt(np.mean(motion.reference**2, axis=0))
-    friction = NearbyTorque.fit(motion, motion.reference).friction_torque(motion)
-    rubs = np.sqrt(np.mean(friction**2, axis=0))
-    for index, joint in enumerate(joints):
-        own = columns[:, joint, _EACH * index : _EACH * (index + 1)]
-        sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
-        own[:, 0] = FRICTION_BY_LOAD * grown[:, joint] * sign
-        own[:, 1] = _BY_INERTIA * inertia[:, joint]
-        own[:, 2] = _BY_CLOCK * late[:, joint]
-        if joint not in motion.changed_springs:
-            along = (motion.q[:, joint] - middle[joint]) / half[joint]
-            own[:, _OF_SPRING] = _BY_CABLE * size[joint] * along
-        if joint in motion.changed_friction:
-            continue
-        for column, shape in enumerate((sign, speed), start=_OF_FRICTION):
-            scale = rubs[joint] / max(float(np.sqrt(np.mean(shape**2))), 1e-12)
-            own[:, column] = _BY_SITTING * scale * shape
-    return columns
-
-
-def changed_friction(motion: MeasuredMotion, moved: Array) -> tuple[int, ...]:
-    """Return joints whose friction differs by more than from day to day.
-
-    Args:
-        motion: The motion.
-        moved: (d,) fitted coefficients of :func:`reference_columns`, in standard deviations.
-    """
-    friction = np.abs(moved.reshape(-1, _EACH)[:, _OF_FRICTION:]).max(axis=1, initial=0.0)
-    return tuple(np.flatnonzero(motion.moves)[friction > _BEYOND].tolist())
-
-
-def changed_springs(
-    motion: MeasuredMotion, mean: Array, covariance: Array, causes: Mapping[int, Sequence[int]]
-) -> tuple[int, ...]:
-    """Return joints where a reported constant or spring is partly absorbed by day-to-day springs.
-
-    A spring whose rest position is not the middle of the travel is a constant plus a spring: both
-    are reported, or neither.
-
-    Args:
-        motion: The motion.
-        mean: (d + k,) coefficients of :func:`reference_columns`, in standard deviations, and the
-            parameters of the causes found.
-        covariance: (d + k, d + k) of them.
-        causes: By joint, which of the parameters are of causes at that joint alone.
-    """
-    deviation = np.sqrt(np.diag(covariance))
-    found = []
-    for index, joint in enumerate(np.flatnonzero(motion.moves).tolist()):
-        spring, own = _EACH * index + _OF_SPRING, list(causes.get(joint, ()))
-        if not own or deviation[spring] == 0.0:
-            continue
-        significant = abs(mean[spring]) > NORMAL_95 * deviation[spring]
-        correlation = covariance[spring, own] / (deviation[spring] * deviation[own])
-        if significant or np.abs(correlation).max() > _EXCHANGED:
-            found.append(joint)
-    return tuple(found)
-
-
-def friction_torque(motion: MeasuredMotion) -> Array:
-    """Return the (N, n) torque of friction that may have changed since calibration, N·m.
-
-    Zero for a model without uncertainty, for friction stated in an arm's file, and for poses.
-    """
-    if motion.model.uncertainty is None or motion.model.of_file or motion.static:
-        return np.zeros(motion.q.shape)
-    return motion.friction
-
-
-def friction_variation(motion: MeasuredMotion) -> Array:
-    """Return (n,) RMS torque by which a model's friction varies from day to day, N·m."""
-    return np.asarray(FRICTION_PART * np.sqrt(np.mean(friction_torque(motion) ** 2, axis=0)))
-
-
-def friction_change(friction: Array, error: Array) -> Array:
-    """Return (n,) relative change of each joint's friction that is not worth reporting.
-
-    It is what the other joints' friction changed by, since a day changes many of them, and at most
-    :data:`FRICTION_PART`, both within two standard deviations. Zero without friction.
-
-    Args:
-        friction: (R, n) of the model.
-        error: (R, n) of the model, without what other causes explain.
-    """
-    rubbing = friction.any(axis=0)
-    change = part_of_friction(error, friction)
-    other_joints = max(int(rubbing.sum()) - 1, 1)
-    elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / other_joints)
-    return np.where(rubbing, _DEVIATIONS * np.minimum(FRICTION_PART, elsewhere), 0.0)
-
-
-def part_of_friction(torque: Array, friction: Array) -> Array:
-    """Return (n,) the factor of (R, n) friction that is closest to a torque, by least squares."""
-    square = (friction**2).sum(axis=0)
-    return np.asarray((friction * torque).sum(axis=0) / np.where(square > 0.0, square, 1.0))
-
-
-def like_friction(torque: Array, friction: Array) -> Mask:
-    """Return (n,) where a factor of (R, n) friction reproduces most of a torque."""
-    square, friction_square = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
-    shared = (friction * torque).sum(axis=0) ** 2 > _SHARED * square * friction_square
-    return np.asarray(shared & (square > 0.0))
-
-
-def like_changed_friction(
-    torque: Array, friction: Array, most: Array, of_friction: bool = False
-) -> Mask:
-    """Return (n,) where a torque may be a change of friction since calibration.
-
-    Friction may change in any shape, and a motor's at all of its joints together; another effect
-    looks like its change where scaled friction reproduces most of it.
-
-    Args:
-        torque: (R, n) of a hypothesis.
-        friction: (R, n) of the model.
-        most: (n,) see :func:`friction_change`.
-        of_friction: The hypothesis is about friction.
-    """
-    square, friction_square = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
-    acts = (square > 0.0) & (friction_square > 0.0)
-    if of_friction:
-        # Relative to each joint's friction, weighted by it.
-        part = np.where(acts, square / np.where(acts, friction_square, 1.0), 0.0)
-        return np.asarray(acts & bool((part * part).sum() <= (part * most**2).sum()))
-    factor = part_of_friction(torque, friction)
-    return np.asarray(acts & like_friction(torque, friction) & (np.abs(factor) <= most))
-
 
 def model_columns(motion: MeasuredMotion) -> Array:
     """Return (N, n, d) torques by which a model may be off, one standard deviation each.
 
     In d independent directions: its parameters' posterior, its extrapolation outside the range that
-    it was identified on, and friction that grows with load. None without an uncertainty; beside a
-    reference recording, :func:`reference_columns`.
+    it was identified on, and friction that grows with load. None without an uncertainty.
     """
-    if motion.reference is not None:
-        return reference_columns(motion)
     model = motion.model
     uncertainty = model.uncertainty
     if uncertainty is None:
@@ -339,7 +115,7 @@ def load_columns(motion: MeasuredMotion, load: Array) -> Array:
 
     For each joint that moves: a spring and a constant that changed since, friction that grows with
     the load, and friction of the day: Coulomb, viscous, and what is more of it near zero speed,
-    which a model of another speed does not show. Beside a reference, :func:`reference_columns` has
+    which a model of another speed does not show. Beside a reference, a baseline's own columns have
     springs and friction. None of a model that is exact, or stated in an arm's file.
 
     Args:
@@ -352,7 +128,7 @@ def load_columns(motion: MeasuredMotion, load: Array) -> Array:
     each = _OF_LOAD if by_model else 1
     columns = np.zeros((*motion.q.shape, each * len(joints)))
     middle, half = motion.travel
-    size = _BY_CABLE * np.sqrt(np.mean(motion.effort**2, axis=0))
+    size = BY_CABLE * np.sqrt(np.mean(motion.effort**2, axis=0))
     carried = motion.modelled - motion.friction
     grown = np.abs(carried + load) - np.abs(carried)
     for index, joint in enumerate(joints):

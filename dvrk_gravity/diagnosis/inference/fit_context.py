@@ -15,7 +15,7 @@ import numpy as np
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, split
-from dvrk_gravity.diagnosis.data.model_error import (
+from dvrk_gravity.diagnosis.data.friction_change import (
     FRICTION_PART,
     friction_change,
     like_changed_friction,
@@ -92,7 +92,7 @@ class FrictionChange:
         cls, validation: CrossValidation, fitted: Sequence[tuple[Candidate, Array]]
     ) -> FrictionChange:
         """Take what hypotheses with their parameters leave."""
-        friction = validation.of_choice(validation.data.friction)
+        friction = validation.of_choice(validation.data.expectation.friction)
         zero = np.zeros(friction.shape[1])
         if not friction.any():
             return cls(friction, zero, zero)

@@ -9,8 +9,8 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.baseline_error import changed_friction, changed_springs
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.data.model_error import changed_friction, changed_springs
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
     SelectedEffect,

@@ -67,7 +67,7 @@ def unexplained_structure(
         strong = [
             trial
             for trial in significant
-            if trial.removed > _LEAST and np.any(trial.size > data.day_to_day_error)
+            if trial.removed > _LEAST and np.any(trial.size > data.expectation.day_to_day_error)
         ]
         if not strong:
             break
@@ -176,7 +176,7 @@ def unexplained_joints(
     uncertainty = data.motion.model.uncertainty
     if uncertainty is not None:
         # Day-to-day friction variation is fitted, but not whatever else changed: a PSM's wrist.
-        likely = np.fmax(likely, data.day_to_day_error)
+        likely = np.fmax(likely, data.expectation.day_to_day_error)
         # At an unloaded joint of a file nothing is expected, nor is noise known.
         likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
     named = {joint for trial in unknown for joint in trial.candidate.hypothesis.joints}
@@ -209,7 +209,7 @@ def expected_error(data: FilteredData) -> Array:
     variance = (data.model_columns[data.held_out] ** 2).sum(axis=2)
     variance = np.minimum(variance, data.motion.arm.effort_limit**2)
     mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
-    return np.sqrt(data.day_to_day_error**2 + mean)
+    return np.sqrt(data.expectation.day_to_day_error**2 + mean)
 
 
 def minor_effects(

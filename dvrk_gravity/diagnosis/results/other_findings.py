@@ -11,7 +11,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
-from dvrk_gravity.diagnosis.data.model_error import part_of_friction
+from dvrk_gravity.diagnosis.data.friction_change import part_of_friction
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext, variation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
@@ -203,7 +203,7 @@ def known(
                 sentence = sentences.day_to_day_difference(name, quantity(moves, unit))
                 found.append(_of_size(PARAMETERS, name, moves, unit, sentence))
             continue
-        error = float(data.day_to_day_error[joint])
+        error = float(data.expectation.day_to_day_error[joint])
         if moves > error:
             most = NORMAL_95 * float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))
             sentence = sentences.within_uncertainty(
@@ -253,7 +253,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
 def _like_friction(validation: CrossValidation, candidate: Candidate, theta: Array) -> str:
     """Return the change of friction that a torque resembles most."""
     torque = validation.torque(candidate, theta)
-    part = part_of_friction(torque, validation.of_choice(validation.data.friction))
+    part = part_of_friction(torque, validation.of_choice(validation.data.expectation.friction))
     joint = int(np.argmax(np.abs(part)))
     name = candidate.hypothesis.arm.joint_names[joint]
     return f"{'more' if part[joint] > 0.0 else 'less'} friction at {name}"
