@@ -99,6 +99,12 @@ def _written(numbers: Sequence[float], width: float) -> tuple[list[str], str]:
     return texts, f"{width:.{decimals}f}"
 
 
+def percent(part: float) -> str:
+    """Return a part in percent, with two digits or as a whole number: never as a power of ten."""
+    value = 100.0 * part
+    return f"{value:.0f} %" if abs(value) >= 99.5 else f"{value:.2g} %"
+
+
 def fixed(size: float, decimals: int) -> str:
     """Return a size with so many decimals; `< 0.01` of one that is not zero and would show as it.
 

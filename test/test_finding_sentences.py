@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis import (
     parameter_text,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, Meaning, Residual
-from dvrk_gravity.units import fixed, quantity
+from dvrk_gravity.units import fixed, percent, quantity
 
 # Where a minus is a place or a direction, and no amount.
 PLACES = ("roll", "pitch", "position", "lowest", "highest", "phase", "first_moment")
@@ -230,3 +230,8 @@ def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these(
     assert weak.to_dict()["certainty"] == "perhaps"
     more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))
     assert ordered([weak, certain, more, small]) == [more, certain, small, weak]
+
+
+def test_a_part_in_percent_is_never_a_power_of_ten():
+    shown = [percent(part) for part in (0.0043, 0.25, 0.996, 2.21, -3.0)]
+    assert shown == ["0.43 %", "25 %", "100 %", "221 %", "-300 %"]

@@ -14,6 +14,7 @@ from dvrk_gravity.recording.quantization import quantum, velocity_error
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.renewal import LEAST_RATE, OWN, common, holds, in_words
 from dvrk_gravity.recording.timing import retimed, speed, split_at_gaps, stale
+from dvrk_gravity.units import percent
 
 # When signals are worse than they seem.
 _STALE = 0.01  # part of the samples that repeat the one before while the arm moves. Chosen
@@ -131,7 +132,7 @@ def ripple(recording: Recording) -> list[DataWarning]:
         return []
     text = (
         f"efforts ripple above {recording.rate / 4.0:.3g} Hz, more at higher joint speed: "
-        f"about {100 * share:.2g} % of the torque below {_RIPPLE_BAND:g} Hz may "
+        f"about {percent(share)} of the torque below {_RIPPLE_BAND:g} Hz may "
         "be aliased ripple; command positions in finer steps, or record at 1 kHz"
     )
     numbers = {"share": share, "above_hz": recording.rate / 4.0}

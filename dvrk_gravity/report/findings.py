@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis import Detectable, Finding
-from dvrk_gravity.units import quantity
+from dvrk_gravity.units import percent, quantity
 
 _SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
 KNOWN = (
@@ -80,8 +80,8 @@ def detectable_size(found: Detectable) -> str:
     """Return the smallest change that would have been found, with its unit."""
     if not np.isfinite(found.size):
         return "none"
-    percent = effects.named(found.effect).meaning(found.parameter).percent
-    return f"{100 * found.size:.2g} %" if percent else quantity(found.size, found.unit)
+    part = effects.named(found.effect).meaning(found.parameter).percent
+    return percent(found.size) if part else quantity(found.size, found.unit)
 
 
 def detectable_table(found: Sequence[Detectable]) -> tuple[list[str], list[list[str]]]:

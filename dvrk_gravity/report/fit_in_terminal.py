@@ -29,7 +29,7 @@ from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.recording import Coordinates
 from dvrk_gravity.report.terminal import painted, warning_lines, wrap
-from dvrk_gravity.units import quantity
+from dvrk_gravity.units import percent, quantity
 
 FAR_ABOVE_NOISE = 3.0
 """Times the recording's noise from which on an error is said to be unmodelled. Chosen: an arm whose
@@ -170,7 +170,7 @@ def constant_lines(fit: Fit, everywhere: bool = True) -> Iterator[str]:
 
 
 def _of_what(found: Constant, joint: Joint) -> str:
-    held = f"{100 * found.share:.2g} % of what holds it" if found.held else "all that holds it"
+    held = f"{percent(found.share)} of what holds it" if found.held else "all that holds it"
     most = f"{quantity(found.least, joint.effort_unit)} moves it"
     return f"{held}, {most}{f', stated: {found.settled}' if found.settled else ''}"
 

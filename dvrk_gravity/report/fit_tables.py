@@ -10,7 +10,7 @@ from dvrk_gravity.identification import GOOD, POOR, JointError, JointVerdict, go
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Level, Remark
 from dvrk_gravity.report.units import effort_in_table
-from dvrk_gravity.units import quantity
+from dvrk_gravity.units import percent, quantity
 
 
 def level_of_verdict(verdict: str) -> Level:
@@ -57,7 +57,7 @@ def error_remarks(
     """Yield verdict and error of each joint, for the drawing of the arm."""
     for name, error in errors.items():
         verdict = verdicts[name]
-        text = f"{verdict.words}, error {100 * error.nrmse:.2g} % of the torque"
+        text = f"{verdict.words}, error {percent(error.nrmse)} of the torque"
         yield Remark(name, text, level_of_verdict(verdict.level))
 
 
