@@ -13,7 +13,7 @@ from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.observation import (
     completed,
     held_beyond,
-    known_still,
+    known_fixed_positions,
     motors_measured,
     observe,
     require_all,
@@ -95,11 +95,11 @@ def test_what_is_held_is_no_part_of_the_arm_that_is_fitted(arm):
 
 
 def test_positions_of_joints_that_stood_are_numbers_of_known_joints(arm):
-    assert known_still(None, arm) == {}
-    assert known_still({"yaw": 0.5}, arm) == {"yaw": 0.5}
+    assert known_fixed_positions(None, arm) == {}
+    assert known_fixed_positions({"yaw": 0.5}, arm) == {"yaw": 0.5}
     for still in ([0.1], {"elbow": 0.1}, {"yaw": "left"}, {"yaw": float("nan")}):
         with pytest.raises(ArgumentError, match="still"):
-            known_still(still, arm)
+            known_fixed_positions(still, arm)
 
 
 def test_a_recording_without_a_joint_or_efforts_is_refused_by_name(arm):

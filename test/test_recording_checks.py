@@ -181,13 +181,6 @@ def test_readings_renewed_every_tenth_time_and_a_sudden_start_are_no_jumps():
         assert jumps(CLEAN.rows(np.arange(samples))) == []
 
 
-def test_known_effort_limits_are_used():
-    limits = dict.fromkeys(JOINT_NAMES, 0.0135)
-    found = [w for w in check(CLEAN, limits) if w.kind == "effort_saturation"]
-    assert [w.joint for w in found] == ["wrist_roll"]
-    assert check(CLEAN, dict.fromkeys(JOINT_NAMES, 0.1)) == ()
-
-
 def rests_and_goes(position):
     """Stand still for 10 s, then go at constant speeds."""
     late = np.clip(CLEAN.time - 10.0, 0.0, None)

@@ -28,7 +28,7 @@ from dvrk_gravity.observation import (
     check_mass,
     contradiction,
     in_their_unit,
-    known_still,
+    known_fixed_positions,
     require_newtons,
     stated_coordinates,
     with_held,
@@ -134,7 +134,7 @@ def build(
     place = None if payload_at is None else place_of(arm, payload_at)
     coordinates = known_coordinates(coordinates)
     whole = opened(recordings, coordinates or "joint", arm)
-    still = known_still(still, arm)
+    still = known_fixed_positions(still, arm)
     if not whole:
         raise RecordingError("recordings", "none given, expected at least one")
     tested = model or model_of(arm)

@@ -187,24 +187,24 @@ def evaluate(
         raise RecordingError("recordings", "none given, expected at least one")
     recordings, corrected = without_known_errors(recordings, model, coordinates)
     odd = require_newtons(model, recordings)
-    still, held = held_beyond(recordings, model.arm, {})
+    fixed_positions, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
-        require_all(recording, model.arm, still or None)
+        require_all(recording, model.arm, fixed_positions or None)
     warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
     if all_static(recordings):
-        decision = coordinates_of(model, recordings, coordinates, still)
-        evaluated = _evaluate_static(model, recordings, still, decision)
+        decision = coordinates_of(model, recordings, coordinates, fixed_positions)
+        evaluated = _evaluate_static(model, recordings, fixed_positions, decision)
     else:
         decisions = list[Decision]()
 
         def decide(number: int, prepared: Prepared) -> Coordinates:
             del number
-            decisions.append(coordinates_of(model, [prepared], coordinates, still))
+            decisions.append(coordinates_of(model, [prepared], coordinates, fixed_positions))
             warnings.extend(decisions[-1].warnings)
             return decisions[-1].coordinates
 
         bands = Bands.of_fit(cutoff)
-        observed = observe(recordings, model.arm, bands, still or None, decide)
+        observed = observe(recordings, model.arm, bands, fixed_positions or None, decide)
         evaluated = _evaluate_dynamic(model, observed, decisions[0], cutoff)
     arm = model.arm
     units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
@@ -220,7 +220,7 @@ def coordinates_of(
     model: TorqueModel,
     recordings: Sequence[Recording] | Sequence[Prepared],
     given: Coordinates | None,
-    still: Mapping[str, float],
+    fixed_positions: Mapping[str, float],
 ) -> Decision:
     """Return the coordinates of a trajectory, or of sets of poses, beside a model.
 
@@ -230,10 +230,10 @@ def coordinates_of(
 
     def misfit(system: Coordinates) -> float:
         if poses:
-            evaluation = _evaluate_static(model, poses, still, Decision(system))
+            evaluation = _evaluate_static(model, poses, fixed_positions, Decision(system))
         else:
             alone = filtered(recordings[0]).read_as(system)
-            observed = in_joint_space(alone, model.arm, Bands.of_fit(), still)
+            observed = in_joint_space(alone, model.arm, Bands.of_fit(), fixed_positions)
             evaluation = _evaluate_dynamic(model, [observed], Decision(system), judged=False)
         return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
 
@@ -319,11 +319,11 @@ def _expected(
 def _evaluate_static(
     model: TorqueModel,
     recordings: Sequence[Recording],
-    still: Mapping[str, float],
+    fixed_positions: Mapping[str, float],
     decision: Decision,
 ) -> Evaluation:
     arm, coordinates = model.arm, decision.coordinates
-    stood = np.array([still.get(joint, 0.0) for joint in arm.joint_names])
+    stood = np.array([fixed_positions.get(joint, 0.0) for joint in arm.joint_names])
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
     positions: list[Array] = []

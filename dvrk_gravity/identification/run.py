@@ -37,7 +37,7 @@ from dvrk_gravity.observation import (
     contradiction,
     decide_coordinates,
     drive_gains,
-    known_still,
+    known_fixed_positions,
     observe,
     require_all,
     their_unit,
@@ -115,7 +115,7 @@ def identify(
     effects = [effects] if isinstance(effects, str) else effects
     if effects is not None and not isinstance(effects, Sequence):
         raise ArgumentError("effects", effects, "names of effects")
-    still = known_still(still, arm)
+    still = known_fixed_positions(still, arm)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
     arm, recordings, missing = with_held(recordings, arm, still)

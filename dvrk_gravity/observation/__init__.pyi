@@ -1,7 +1,7 @@
 from .absent_joints import all_static as all_static
 from .absent_joints import completed as completed
 from .absent_joints import held_beyond as held_beyond
-from .absent_joints import known_still as known_still
+from .absent_joints import known_fixed_positions as known_fixed_positions
 from .absent_joints import motors_measured as motors_measured
 from .absent_joints import require_all as require_all
 from .absent_joints import stood_at as stood_at

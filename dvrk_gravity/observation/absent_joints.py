@@ -39,26 +39,30 @@ def all_static(recordings: Sequence[Recording]) -> bool:
     return static[0]
 
 
-def known_still(still: Mapping[str, float] | None, arm: Arm) -> Mapping[str, float]:
+def known_fixed_positions(
+    fixed_positions: Mapping[str, float] | None, arm: Arm
+) -> Mapping[str, float]:
     """Return where joints of an arm stood; an empty mapping if that was not given.
 
     Raises:
         ArgumentError: Not a mapping from the joints' names to positions.
     """
-    if still is None:
+    if fixed_positions is None:
         return {}
-    if not isinstance(still, Mapping):
-        raise ArgumentError("still", still, "a mapping from joints' names to positions, rad")
-    for name, position in still.items():
+    if not isinstance(fixed_positions, Mapping):
+        raise ArgumentError(
+            "still", fixed_positions, "a mapping from joints' names to positions, rad"
+        )
+    for name, position in fixed_positions.items():
         if name not in arm.joint_names:
             raise ArgumentError("still", name, f"some of {', '.join(arm.joint_names)}")
         if not isinstance(position, Real) or not is_finite(float(position)):
             raise ArgumentError(f"still of {name}", position, "a number, rad or m")
-    return still
+    return fixed_positions
 
 
 def held_beyond(
-    recordings: Sequence[Recording], arm: Arm, still: Mapping[str, float]
+    recordings: Sequence[Recording], arm: Arm, fixed_positions: Mapping[str, float]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return where unrecorded joints stood, and a line about those that were assumed.
 
@@ -67,19 +71,21 @@ def held_beyond(
     """
     seen = _recorded(recordings)
     moving = {note.joint for each in recordings for note in _notes(each, "effort_missing")}
-    missing = [joint for joint in arm.joint_names if joint not in (*seen, *still, *moving)]
+    missing = [
+        joint for joint in arm.joint_names if joint not in (*seen, *fixed_positions, *moving)
+    ]
     if not missing or is_mtm(arm):
-        return dict(still), ()
+        return dict(fixed_positions), ()
     # A joint whose position is given may itself be carried by one that is beyond.
-    where = beyond(arm, seen) or beyond(arm, (*seen, *still)) or {}
+    where = beyond(arm, seen) or beyond(arm, (*seen, *fixed_positions)) or {}
     where = {name: position for name, position in where.items() if name in missing}
     if not where:
-        return dict(still), ()
-    return {**still, **where}, (f"not recorded, assumed held (rad, m): {_shown(where)}",)
+        return dict(fixed_positions), ()
+    return {**fixed_positions, **where}, (f"not recorded, assumed held (rad, m): {_shown(where)}",)
 
 
 def with_held(
-    recordings: Sequence[Recording], arm: Arm, still: Mapping[str, float]
+    recordings: Sequence[Recording], arm: Arm, fixed_positions: Mapping[str, float]
 ) -> tuple[Arm, list[Recording], tuple[str, ...]]:
     """Return the arm without the joints beyond all recorded ones, and lines that name them.
 
@@ -87,15 +93,15 @@ def with_held(
     or that stood there in all of them, are dropped, too: nothing of them moved. Where motors share
     joints, of trajectories, those alone that lie beyond.
     """
-    stood, lines = held_beyond(recordings, arm, still)
-    held = {name: at for name, at in stood.items() if name not in still}
-    if still and not is_mtm(arm):
+    stood, lines = held_beyond(recordings, arm, fixed_positions)
+    held = {name: at for name, at in stood.items() if name not in fixed_positions}
+    if fixed_positions and not is_mtm(arm):
         seen = _recorded(recordings)
         free = all_static(recordings) or arm.direct_drive
-        ends = still if free else beyond(arm, seen) or ()
+        ends = fixed_positions if free else beyond(arm, seen) or ()
         given = {
             name: at
-            for name, at in still.items()
+            for name, at in fixed_positions.items()
             if name in ends and (name not in seen or (free and _stood(recordings, name, at)))
         }
         held |= given
@@ -138,13 +144,19 @@ def _shown(where: Mapping[str, float]) -> str:
     return ", ".join(f"{name} at {position:g}" for name, position in where.items())
 
 
-def require_all(recording: Recording, arm: Arm, still: Mapping[str, float] | None = None) -> None:
+def require_all(
+    recording: Recording, arm: Arm, fixed_positions: Mapping[str, float] | None = None
+) -> None:
     """Refuse a recording without efforts, or without a joint whose position is not known.
 
     Raises:
         RecordingError: Naming what is missing.
     """
-    unknown = [name for name in arm.joint_names if name not in (*recording.joints, *(still or {}))]
+    unknown = [
+        name
+        for name in arm.joint_names
+        if name not in (*recording.joints, *(fixed_positions or {}))
+    ]
     if unknown:
         what = f"has no {', '.join(unknown)}"
         expected = "all joints"
@@ -152,7 +164,7 @@ def require_all(recording: Recording, arm: Arm, still: Mapping[str, float] | Non
         if moving:
             what = f"{', '.join(filter(None, moving))}: {_MOVES}"
             expected = "measured ones"
-        elif still is not None:  # only a fit to trajectories can do with less
+        elif fixed_positions is not None:  # only a fit to trajectories can do with less
             turns = arm.joints[arm.joint_names.index(unknown[0])].kind == "revolute"
             at = f"--at {unknown[0]}={'0deg' if turns else '0mm'},..."
             expected += f", or `{at}` for the positions of joints that were not recorded"
@@ -177,23 +189,27 @@ def motors_measured(columns: Sequence[int], arm: Arm, coordinates: Coordinates) 
 
 
 def completed(
-    values: Array, columns: Sequence[int], still: Array, arm: Arm, coordinates: Coordinates
+    values: Array,
+    columns: Sequence[int],
+    fixed_positions: Array,
+    arm: Arm,
+    coordinates: Coordinates,
 ) -> Array:
     """Return (N, n) positions from the (N, k) columns of some joints.
 
     Args:
         values: (N, k), in the coordinates.
         columns: (k,) indices of the joints.
-        still: (n,) where the other *joints* are.
+        fixed_positions: (n,) where the other *joints* are.
         arm: The arm.
         coordinates: Of values and result.
     """
-    result = np.tile(still, (len(values), 1))
+    result = np.tile(fixed_positions, (len(values), 1))
     result[:, columns] = values
     if coordinates == "actuator":
         # The motors of joints that stand still follow the recorded ones.
         others = [joint for joint in range(arm.n) if joint not in columns]
         matrix = arm.actuator_to_joint
-        follow = still[others] - values @ matrix[np.ix_(others, columns)].T
+        follow = fixed_positions[others] - values @ matrix[np.ix_(others, columns)].T
         result[:, others] = np.linalg.solve(matrix[np.ix_(others, others)], follow.T).T
     return result

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
-from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
 from dvrk_gravity.recording.invalid_effort import frozen
 from dvrk_gravity.recording.limits import STILL, beyond_the_arm, jumps, position_unit
@@ -33,42 +32,26 @@ _JITTER = 0.05  # standard deviation of the intervals, as a part of their median
 _RATES = (10.0, 5000.0)
 
 
-def check(
-    recording: Recording, effort_limits: Mapping[str, float] | None = None
-) -> tuple[DataWarning, ...]:
-    """Return the faults of a trajectory or static poses, those of the whole recording first.
-
-    Args:
-        recording: Trajectory or static poses.
-        effort_limits: Limit by joint, N·m, in the recording's coordinates; without it, saturation
-            shows only as an extreme effort that repeats.
-    """
-    signals = check_signals(recording, effort_limits)
+def check(recording: Recording) -> tuple[DataWarning, ...]:
+    """Return the faults of a trajectory or static poses, those of the whole recording first."""
+    signals = _signals(recording)
     if any(finding.kind in UNITS for finding in signals):
-        return signals
+        return tuple(signals)
     counts = check_counts(len(recording), recording.found)
-    motion = check_motion(recording, np.ptp(recording.position, axis=0), recording.notes)
-    return in_order([*counts, *motion, *signals])
-
-
-def in_order(findings: Iterable[DataWarning]) -> tuple[DataWarning, ...]:
-    """Return findings with those of the whole recording first."""
+    findings = [*counts, *_motion(recording), *signals]
     return tuple(sorted(findings, key=lambda finding: finding.joint is not None))
 
 
-def check_signals(
-    recording: Recording, effort_limits: Mapping[str, float] | None = None
-) -> tuple[DataWarning, ...]:
-    """Return the findings about a part of a recording: units, time, signals; see ``check``."""
+def _signals(recording: Recording) -> list[DataWarning]:
+    """Return findings about units, time and signals."""
     findings = beyond_the_arm(recording)
     if findings:
-        # Every further figure would be in the wrong unit.
-        return tuple(findings)
+        return findings  # every further figure would be in the wrong unit
     if recording.time is not None and len(recording) > 2:
         findings += _time(recording)
         found = jumps(recording)
         if found:
-            return (*findings, *found)
+            return [*findings, *found]
         findings += [
             *held(recording),
             *sampling(recording),
@@ -76,8 +59,7 @@ def check_signals(
             *_velocity(recording),
         ]
         findings += [*driven_motors(recording), *frozen(recording)]
-    findings += [*saturation(recording, effort_limits or {}), *quantisation(recording)]
-    return tuple(findings)
+    return [*findings, *saturation(recording), *quantisation(recording)]
 
 
 def check_counts(samples: int, notes: Iterable[Note]) -> list[DataWarning]:
@@ -87,16 +69,15 @@ def check_counts(samples: int, notes: Iterable[Note]) -> list[DataWarning]:
     return [note.warning(total) for note in notes]
 
 
-def check_motion(
-    recording: Recording, ranges: Array, notes: Iterable[Note] = ()
-) -> list[DataWarning]:
-    """Return findings about joints that do not move; ``ranges`` (n,) rad or m, reader's notes."""
+def _motion(recording: Recording) -> list[DataWarning]:
+    """Return findings about joints that do not move."""
+    ranges = np.ptp(recording.position, axis=0)
     still = ranges < STILL * recording.scale
     if np.all(still):
         furthest = recording.joints[int(np.argmax(ranges))]
         unit = position_unit(recording, furthest)
         text = f"no joint moves by more than {ranges.max():.2g} {unit}"
-        text += "".join(f"; {note.text}" for note in notes if note.kind == "moving_topic")
+        text += "".join(f"; {note.text}" for note in recording.notes if note.kind == "moving_topic")
         numbers = {f"range_{unit}": float(ranges.max())}
         return [DataWarning("nothing_moves", None, numbers, text, unusable=True)]
     findings = []

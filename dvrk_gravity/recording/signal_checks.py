@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from dvrk_gravity.arrays import Array, Mask
@@ -167,8 +165,8 @@ def effort_ripple(recording: Recording) -> float | None:
     return float(np.median(shares)) if shares else None
 
 
-def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWarning]:
-    """Return findings about efforts that stay at a limit (N·m by joint) or at an extreme."""
+def saturation(recording: Recording) -> list[DataWarning]:
+    """Return findings about efforts that stay at an extreme."""
     if recording.effort is None:
         return []
     timed = recording.time is not None
@@ -179,24 +177,20 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
     findings = []
     for column, joint in enumerate(recording.joints):
         effort = recording.effort[fresh, column]
-        if joint in limits:
-            pinned = np.abs(effort) >= 0.999 * limits[joint]
-            reached, enough = limits[joint], bool(pinned.any())
+        reached = float(effort[np.argmax(np.abs(effort))])
+        pinned = effort == reached
+        if velocity is None:
+            enough = not timed and np.ptp(effort) > 0.0
+            least = max(_PINNED_RUN, _PINNED_SHARE * len(effort))
+            enough = enough and pinned.sum() > least
         else:
-            reached = float(effort[np.argmax(np.abs(effort))])
-            pinned = effort == reached
-            if velocity is None:
-                enough = not timed and np.ptp(effort) > 0.0
-                least = max(_PINNED_RUN, _PINNED_SHARE * len(effort))
-                enough = enough and pinned.sum() > least
-            else:
-                moving = velocity[fresh, column]
-                moves = moving > 0.1 * np.sqrt(np.mean(moving**2))
-                pinned &= moves
-                # Coarse steps repeat at any effort, and not for less long than at the extremes.
-                inside = (effort > effort.min()) & (effort < effort.max())
-                again = (moves & inside)[1:] & (np.diff(effort) == 0.0)
-                enough = _longest_run(pinned) >= max(_PINNED_RUN, 2 * (1 + _longest_run(again)))
+            moving = velocity[fresh, column]
+            moves = moving > 0.1 * np.sqrt(np.mean(moving**2))
+            pinned &= moves
+            # Coarse steps repeat at any effort, and not for less long than at the extremes.
+            inside = (effort > effort.min()) & (effort < effort.max())
+            again = (moves & inside)[1:] & (np.diff(effort) == 0.0)
+            enough = _longest_run(pinned) >= max(_PINNED_RUN, 2 * (1 + _longest_run(again)))
         if enough:
             count, unit = int(pinned.sum()), effort_unit(recording, joint)
             numbers = {"effort_nm": abs(reached), "samples": count}

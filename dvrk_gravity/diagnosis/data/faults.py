@@ -111,7 +111,7 @@ def correct_recordings(
     recordings: Sequence[Recording],
     model: TorqueModel,
     coordinates: Coordinates | None,
-    still: Mapping[str, float],
+    fixed_positions: Mapping[str, float],
 ) -> CorrectedRecordings:
     """Return recordings corrected for the faults that they show by themselves, and these faults.
 
@@ -120,7 +120,7 @@ def correct_recordings(
         model: The model under test.
         coordinates: Of recordings that do not state actuator coordinates; ``None``: not known, and
             a finding if they are not joint coordinates.
-        still: Where joints stood that the recordings do not hold.
+        fixed_positions: Where joints stood that the recordings do not hold.
     """
     right, faults, warnings, processing_log = [], list[Fault](), list[DataWarning](), list[str]()
     several = len(recordings) > 1
@@ -139,12 +139,12 @@ def correct_recordings(
     for recording in recordings:
         head = beginning(recording)
         while found := velocity_fault(head):
-            found, fault = _velocity_fault(found, head, model, still)
+            found, fault = _velocity_fault(found, head, model, fixed_positions)
             note(fault, head, _errors(found, model.arm))
             recording, head = found.mend(recording), found.mend(head)
         stated = head.coordinates
         given = stated if stated == "actuator" else coordinates
-        decision = _coordinates(head, model, given, still)
+        decision = _coordinates(head, model, given, fixed_positions)
         warnings += decision.warnings
         if decision.coordinates != stated:
             recording = replace(recording, coordinates=decision.coordinates)
@@ -164,10 +164,13 @@ def correct_recordings(
 
 
 def _coordinates(
-    recording: Recording, model: TorqueModel, given: Coordinates | None, still: Mapping[str, float]
+    recording: Recording,
+    model: TorqueModel,
+    given: Coordinates | None,
+    fixed_positions: Mapping[str, float],
 ) -> Decision:
     """Return the coordinates as every verb decides them."""
-    stood, _ = held_beyond([recording], model.arm, still)
+    stood, _ = held_beyond([recording], model.arm, fixed_positions)
     unknown = set(model.arm.joint_names) - {*recording.joints, *stood}
     if not model.terms or unknown or recording.effort is None:
         return decide_coordinates(recording, model.arm, given)
@@ -189,12 +192,17 @@ def beginning(recording: Recording) -> Recording:
 
 
 def _velocity_fault(
-    fault: VelocityFault, recording: Recording, model: TorqueModel, still: Mapping[str, float]
+    fault: VelocityFault,
+    recording: Recording,
+    model: TorqueModel,
+    fixed_positions: Mapping[str, float],
 ) -> tuple[VelocityFault, Fault]:
     """Return the fault as the model decides it, of the clock or of the velocities, and in words."""
     alternatives: tuple[tuple[str, tuple[str, ...], str], ...] = ()
     if fault.clock:
-        better = _clock_fits_better(fault.mend(recording), fault.factor.value, model, still)
+        better = _clock_fits_better(
+            fault.mend(recording), fault.factor.value, model, fixed_positions
+        )
         if better < -_SIGNIFICANT:
             fault = replace(fault, clock=False)
         elif better <= _SIGNIFICANT:
@@ -251,7 +259,7 @@ def _wrong_coordinates(arm: Arm, right: Coordinates, errors: CoordinateErrors) -
 
 
 def _clock_fits_better(
-    mended: Recording, factor: float, model: TorqueModel, still: Mapping[str, float]
+    mended: Recording, factor: float, model: TorqueModel, fixed_positions: Mapping[str, float]
 ) -> float:
     """Return by how many standard errors a model fits a mended clock better than the recorded one.
 
@@ -259,10 +267,10 @@ def _clock_fits_better(
         mended: The recording in what may be its true times.
         factor: Recorded over true time.
         model: The model under test.
-        still: Where joints stood that the recording does not hold.
+        fixed_positions: Where joints stood that the recording does not hold.
     """
     try:
-        motion = load([mended], model, still, LoadSettings(shortest=0.0))
+        motion = load([mended], model, fixed_positions, LoadSettings(shortest=0.0))
     except RecordingError:  # the next to read it raises it, too
         return 0.0
     as_recorded = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)

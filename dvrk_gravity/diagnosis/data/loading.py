@@ -55,7 +55,7 @@ class LoadSettings:
 def load(
     recordings: Sequence[Recording],
     model: TorqueModel,
-    still: Mapping[str, float] | None = None,
+    fixed_positions: Mapping[str, float] | None = None,
     settings: LoadSettings | None = None,
 ) -> MeasuredMotion:
     """Return what recordings show beside a model.
@@ -64,7 +64,7 @@ def load(
         recordings: Trajectories, or static poses, not both; joint or actuator coordinates. Of
             trajectories longer than ``settings.longest`` together, stretches are used.
         model: The model under test.
-        still: Positions of joints that were not recorded, rad.
+        fixed_positions: Positions of joints that were not recorded, rad.
         settings: Which part of the recordings is used.
 
     Raises:
@@ -78,15 +78,15 @@ def load(
     if len(kinds) > 1:
         raise RecordingError(first, "static poses and trajectories cannot be diagnosed together")
     static = kinds.pop()
-    still, held = held_beyond(recordings, model.arm, still or {})
+    fixed_positions, held = held_beyond(recordings, model.arm, fixed_positions or {})
     for recording in recordings:
-        require_all(recording, model.arm, still)
+        require_all(recording, model.arm, fixed_positions)
     if len({recording.joints for recording in recordings}) > 1:
         raise RecordingError(first, "the recordings hold different joints")
     if len(recordings) == 1:
         _require_length(recordings[0], settings)
     observed = observe(
-        recordings, model.arm, settings.bands, still, longest=settings.longest,
+        recordings, model.arm, settings.bands, fixed_positions, longest=settings.longest,
         stretch=settings.stretch,
     )  # fmt: skip
     motion = MeasuredMotion.beside_model(model, Observation.joined(observed))
