@@ -69,15 +69,16 @@ def test_it_is_refused_with_what_to_write_and_taken_when_that_is_written(hanging
     with pytest.raises(RecordingError, match=r"base_rpy: \[180, 0, 0\]"):
         evaluate(UR5, hanging)
     _, said = in_their_unit(ARM, [hanging])  # as identify does, which goes on
-    assert any("base_rpy: [180, 0, 0]" in line for line in said)
+    assert any("base_rpy: [180, 0, 0]" in note.text for note in said)
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump({"urdf": str(UR5), "base_rpy": [180, 0, 0]}))
     evaluated = evaluate(tmp_path / "arm.yaml", hanging)
-    assert not [line for line in evaluated.handling if "base_rpy" in line]
+    assert not [note for note in evaluated.warnings if "base_rpy" in note.text]
     # What is left is friction, of which the file has none.
     assert evaluated.joints["shoulder_lift_joint"].nrmse < 0.2
     # What a file states itself is believed.
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump({"urdf": str(UR5), "base_rpy": [0, 0, 0]}))
-    assert any("masses" in line for line in evaluate(tmp_path / "arm.yaml", hanging).handling)
+    odd = evaluate(tmp_path / "arm.yaml", hanging).warnings
+    assert any("masses" in note.text for note in odd)
 
 
 def test_a_joint_whose_axis_points_the_other_way_is_named_and_no_mounting(upright, hanging):

@@ -90,7 +90,7 @@ def test_another_unit_at_some_joints_is_named_with_the_option_that_states_it():
     every = ",".join(f"{name}=mN·m" for name in np.array(ARM.joint_names)[HALF])
     stated = options.with_drive_gains(ARM, Namespace(drive_gains=None, effort_unit=every))
     np.testing.assert_allclose(mixed.of(stated).effort, recording.effort)
-    assert "as stated" in in_their_unit(stated, [mixed.of(stated)])[1][0]
+    assert "as stated" in in_their_unit(stated, [mixed.of(stated)])[1][0].text
     percent = np.where(HALF, 100.0 / ARM.effort_limit, 1.0)
     assert "panda_joint5=%" in refused(replace(recording, effort=percent * recording.effort))
     for wrong in ("panda_joint9=mN·m", "panda_joint1=A"):

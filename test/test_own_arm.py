@@ -158,7 +158,7 @@ def test_joints_on_whose_axes_a_load_lies_learn_no_gain_and_are_named(lab):
     found = drive_gains([lab.currents], [loaded], arm, KnownPayload(1.5, centre=(0.0, 0.0, 0.0)))
     assert not found.determined[4:].any()
     assert found.determined[1:4].all()
-    assert arm.joint_names[5] in found.lines(arm)[-1]
+    assert arm.joint_names[5] in found.notes(arm)[-1].text
 
 
 def test_what_determines_no_gain_is_refused_in_a_line(lab, tmp_path, capsys):
@@ -192,13 +192,13 @@ def test_a_unit_is_doubted_from_a_factor_of_four_on_and_gains_are_refused_from_t
         return replace(bare, effort=factor * bare.effort, arm=None)
 
     for factor, unit in ((0.22, "a.u."), (0.28, "N·m"), (3.6, "N·m"), (4.4, "a.u.")):
-        found, lines = in_their_unit(arm, [scaled(factor)])
-        assert (found.effort_units, bool(lines)) == ((unit,) * 6, unit == "a.u."), factor
-        if lines:
+        found, notes = in_their_unit(arm, [scaled(factor)])
+        assert (found.effort_units, bool(notes)) == ((unit,) * 6, unit == "a.u."), factor
+        if notes:
             assert found.effort_size == pytest.approx(factor, rel=0.1)
     for factor, doubted in ((0.04, True), (0.28, False), (3.6, False), (4.4, True), (27.0, True)):
-        _, lines = in_their_unit(with_gains, [in_amperes(scaled(factor))])
-        assert any(line.startswith("warning: ") for line in lines) == doubted, factor
+        _, notes = in_their_unit(with_gains, [in_amperes(scaled(factor))])
+        assert any(note.kind == "effort_unit" for note in notes) == doubted, factor
     for factor in (0.03, 34.0):
         with pytest.raises(ConfigError, match="drive gains"):
             in_their_unit(with_gains, [in_amperes(scaled(factor))])
@@ -209,8 +209,8 @@ def test_an_effort_against_what_nominal_masses_need_is_warned_of(lab):
     arm, effort = Arm.load(UR5), lab.bare.effort.copy()
     assert in_their_unit(arm, [lab.bare])[1] == ()
     effort[:, 1] *= -1.0
-    (line,) = in_their_unit(arm, [replace(lab.bare, effort=effort)])[1]
-    assert "shoulder_lift_joint" in line
+    (note,) = in_their_unit(arm, [replace(lab.bare, effort=effort)])[1]
+    assert (note.kind, "shoulder_lift_joint" in note.text) == ("effort_sign", True)
 
 
 # --- joints that were not recorded -------------------------------------------------------

@@ -47,8 +47,8 @@ def recording() -> Recording:
 
 
 def put_right(model: TorqueModel, recording: Recording) -> Recording:
-    ((right,), (line,)) = without_known_errors([recording], model)
-    assert "reading." in line
+    ((right,), (note,)) = without_known_errors([recording], model)
+    assert "reading." in note.text
     return right
 
 
@@ -197,9 +197,9 @@ def test_a_delay_in_true_time_is_shorter_where_the_clock_was_wrong_as_well():
 def test_coordinates_that_are_given_go_before_those_that_the_model_states(recording):
     actuator = knowing(coordinates="actuator", effort_scale=unit(1.3))
     for coordinates, named in (("joint", False), ("actuator", True), (None, True)):
-        _, (line,) = without_known_errors([recording], actuator, coordinates)
-        assert "reading.effort_scale" in line
-        assert ("reading.coordinates" in line) == named
+        _, (note,) = without_known_errors([recording], actuator, coordinates)
+        assert "reading.effort_scale" in note.text
+        assert ("reading.coordinates" in note.text) == named
     alone = knowing(coordinates="actuator")
     assert without_known_errors([recording], alone, "joint") == ([recording], ())
 

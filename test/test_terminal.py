@@ -89,12 +89,12 @@ def test_an_identification_is_a_table_with_reasons_and_verbose_says_the_rest():
 
 def test_of_many_warnings_few_are_shown_and_the_others_counted():
     many = [replace(OTHER_UNIT, text=f"number {k}") for k in range(MOST_WARNINGS + 2)]
-    said = ("warning: an odd sign", "not recorded: roll", "interpolated")
-    lines = list(warning_lines([*many, DETAIL], said))
-    assert lines[0] == "not recorded: roll"
+    held = DataWarning("held_joints", None, {}, "not recorded: roll")
+    lines = list(warning_lines([*many, DETAIL, held]))
+    assert lines[0] == "data: not recorded: roll"
     assert len(lines) == 1 + MOST_WARNINGS + 1
-    assert "4 more" in lines[-1]
-    assert len(list(warning_lines([*many, DETAIL], said, verbose=True))) == len(many) + 1
+    assert "3 more" in lines[-1]
+    assert len(list(warning_lines([*many, DETAIL, held], verbose=True))) == len(many) + 2
     much = replace(DETAIL, kind="samples_discarded", numbers={"samples": 900, "share": 0.25})
     assert next(warning_lines([*many, much])) == f"warning: {much}"
     for shown in (much, replace(DETAIL, unusable=True)):

@@ -61,7 +61,7 @@ def test_a_reversed_axis_takes_the_blame_of_all_joints():
     assert poor(fit) == {"elbow_joint"}
     assert (fit.model.verdict, fit.model.reason) == (POOR, fit.verdict.findings[0])
     assert "all signs of elbow_joint are reversed" in fit.verdict.findings[0]
-    assert not [line for line in fit.handling if "mounting" in line or "opposite" in line]
+    assert not [note for note in fit.warnings if note.kind in ("misread", "effort_sign")]
 
 
 def test_efforts_without_gravity_are_named_joint_by_joint():

@@ -154,13 +154,20 @@ def build(
         warnings += read.of_reference
     read = correct_recordings(whole, tested, coordinates, still)
     given = None if model is None else tested
-    tested, prepared, said = _prepared(given, arm, read.recordings, still)
+    tested, prepared, notes = _prepared(given, arm, read.recordings, still)
     motion = load(prepared, tested, still)
     doubts = tested.arm.doubts if tested.of_file else ()  # an identified model has its own
     motion = replace(
         motion,
-        processing_log=(*corrected, *read.processing_log, *said, *motion.processing_log),
-        warnings=(*about_arm(doubts), *warnings, *read.warnings, *motion.warnings),
+        processing_log=(*read.processing_log, *motion.processing_log),
+        warnings=(
+            *about_arm(doubts),
+            *corrected,
+            *warnings,
+            *read.warnings,
+            *notes,
+            *motion.warnings,
+        ),
     )
     if references:
         motion = _beside_reference(motion, prepared, references[0], tested, still)
@@ -202,20 +209,20 @@ def _prepared(
     arm: Arm,
     recordings: Sequence[Recording],
     still: Mapping[str, float],
-) -> tuple[TorqueModel, Sequence[Recording], tuple[str, ...]]:
-    """Return model and recordings in one unit of effort, and what was done for that.
+) -> tuple[TorqueModel, Sequence[Recording], tuple[DataWarning, ...]]:
+    """Return model and recordings in one unit of effort, and notes on that.
 
     An arm without an identified model may lack joints that were held.
     """
     if model is None:
         arm, recordings, held = with_held(recordings, arm, still)
-        arm, said = in_their_unit(arm, recordings)
-        return model_of(arm), [each.of(arm) for each in recordings], (*said, *held)
-    said = require_newtons(model, recordings)
+        arm, unit = in_their_unit(arm, recordings)
+        return model_of(arm), [each.of(arm) for each in recordings], (*unit, *held)
+    odd = require_newtons(model, recordings)
     if not model.of_file:
-        return model, recordings, said
+        return model, recordings, odd
     arm, recordings, held = with_held(recordings, arm, still)
-    return TorqueModel.stated(arm), recordings, (*said, *held)
+    return TorqueModel.stated(arm), recordings, (*odd, *held)
 
 
 def _beside_reference(

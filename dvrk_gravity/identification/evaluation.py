@@ -211,8 +211,7 @@ def evaluate(
     return replace(
         evaluated,
         units={name: units[name] for name in evaluated.joints},
-        handling=(*corrected, *odd, *held, *evaluated.handling),
-        warnings=(*warnings, *evaluated.warnings),
+        warnings=(*corrected, *odd, *held, *warnings, *evaluated.warnings),
     )
 
 

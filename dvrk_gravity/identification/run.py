@@ -122,16 +122,16 @@ def identify(
     bias = stated_bias(bias_is, arm)
     validate = opened(validate, arm=arm)
     given = _each(coordinates, len(recordings))
-    gains: tuple[str, ...] = ()
+    gains: tuple[DataWarning, ...] = ()
     if known_payload is not None:
         arm, gains = _with_gains(recordings, arm, known_payload, given)
         recordings, given = recordings[:-1], given[:-1]
     arm, unit, wrong = their_unit(arm, recordings)
     # Neither masses that are not believed judge, nor is a mounting that the file states doubted.
     if wrong is not None and (arm.newtons_said or (wrong.mounted and arm.base_stated)):
-        unit, wrong = (*unit, f"warning: {wrong.line}"), None
-    # The lines on gains by a known load replace the first one on the unit.
-    handling = (*missing, *gains, *unit[bool(gains) :])
+        unit, wrong = (*unit, wrong.warning), None
+    if gains:  # found by a known load
+        unit = tuple(note for note in unit if note.kind != "effort_read")
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     if validate:
         _require_new(validate, recordings)
@@ -145,11 +145,12 @@ def identify(
         fit = _dynamic(
             recordings, arm, given, effects, physical, report, still, for_file, least_gain
         )
-    warnings = (*about_arm(arm.doubts), *fit.warnings)
+    warnings = (*about_arm(arm.doubts), *missing, *gains, *unit, *fit.warnings)
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
-    handling = (*handling, *fit.handling, *((FORMS[for_file].words,) if for_file else ()))
-    fit = replace(fit, handling=handling, warnings=warnings)
+    if for_file:
+        warnings = (*warnings, DataWarning("for_file", None, {}, FORMS[for_file].words))
+    fit = replace(fit, warnings=warnings)
     _require_one_torque(fit.model)
     fit = _judged_with_constants(_validated(fit, validate) if validate else fit, bias)
     fit = _unless_contradicted(fit)
@@ -237,8 +238,8 @@ def _with_gains(
     arm: Arm,
     load: KnownPayload | float,
     coordinates: Sequence[Coordinates | None],
-) -> tuple[Arm, tuple[str, ...]]:
-    """Return the arm with the drive gains found by a known load, and lines about them."""
+) -> tuple[Arm, tuple[DataWarning, ...]]:
+    """Return the arm with the drive gains found by a known load, and notes on them."""
     if isinstance(load, bool) or not isinstance(load, KnownPayload | int | float):
         raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
     if arm.drive_gains is not None:
@@ -252,7 +253,7 @@ def _with_gains(
     for recording in recordings:
         require_all(recording, arm)
     found = drive_gains(bare, [loaded], arm, load, coordinates[0] or "joint")
-    return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
+    return arm.with_drive_gains(found.gain, found.error), found.notes(arm)
 
 
 def _each(

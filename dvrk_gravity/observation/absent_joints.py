@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from numbers import Real
 
 import numpy as np
@@ -14,6 +15,7 @@ from dvrk_gravity.model import parts
 from dvrk_gravity.parameters import is_finite
 from dvrk_gravity.recording import (
     Coordinates,
+    DataWarning,
     Kind,
     Note,
     Recording,
@@ -63,8 +65,8 @@ def known_fixed_positions(
 
 def held_beyond(
     recordings: Sequence[Recording], arm: Arm, fixed_positions: Mapping[str, float]
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return where unrecorded joints stood, and a line about those that were assumed.
+) -> tuple[dict[str, float], tuple[DataWarning, ...]]:
+    """Return where unrecorded joints stood, and a note on those that were assumed.
 
     Joints beyond all recorded ones are assumed held at zero, or at the limit next to it.
     An MTM's recording has all seven joints; there, a missing one is a mistake.
@@ -81,19 +83,23 @@ def held_beyond(
     where = {name: position for name, position in where.items() if name in missing}
     if not where:
         return dict(fixed_positions), ()
-    return {**fixed_positions, **where}, (f"not recorded, assumed held (rad, m): {_shown(where)}",)
+    return {**fixed_positions, **where}, (_held("not recorded, assumed held", where),)
+
+
+def _held(how: str, where: Mapping[str, float]) -> DataWarning:
+    return DataWarning("held_joints", None, {}, f"{how} (rad, m): {_shown(where)}")
 
 
 def with_held(
     recordings: Sequence[Recording], arm: Arm, fixed_positions: Mapping[str, float]
-) -> tuple[Arm, list[Recording], tuple[str, ...]]:
-    """Return the arm without the joints beyond all recorded ones, and lines that name them.
+) -> tuple[Arm, list[Recording], tuple[DataWarning, ...]]:
+    """Return the arm without the joints beyond all recorded ones, and notes that name them.
 
     They stand where it was given, or at zero. Joints with a given position that no recording has,
     or that stood there in all of them, are dropped, too: nothing of them moved. Where motors share
     joints, of trajectories, those alone that lie beyond.
     """
-    stood, lines = held_beyond(recordings, arm, fixed_positions)
+    stood, notes = held_beyond(recordings, arm, fixed_positions)
     held = {name: at for name, at in stood.items() if name not in fixed_positions}
     if fixed_positions and not is_mtm(arm):
         seen = _recorded(recordings)
@@ -105,11 +111,11 @@ def with_held(
             if name in ends and (name not in seen or (free and _stood(recordings, name, at)))
         }
         held |= given
-        lines += (f"held as given (rad, m): {_shown(given)}",) if given else ()
+        notes += (_held("held as given", given),) if given else ()
     if not held:
         return arm, list(recordings), ()
     arm = arm.holding(held)
-    left_out = tuple(f"{line}: not joints of the model" for line in lines)
+    left_out = tuple(replace(note, text=f"{note.text}: not joints of the model") for note in notes)
     return arm, opened(recordings, arm=arm), left_out
 
 

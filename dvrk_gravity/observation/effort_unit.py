@@ -16,6 +16,7 @@ from dvrk_gravity.observation.effort_sign import require_signs
 from dvrk_gravity.observation.nominal import NominalTorque, recorded
 from dvrk_gravity.observation.reversed_axis import Misread, misread
 from dvrk_gravity.recording import (
+    DataWarning,
     Recording,
     beyond_the_arm,
     disproved,
@@ -163,20 +164,21 @@ def _size(parts: Mapping[str, _Part]) -> float | None:
     return sum(abs(part.shared) for part in parts.values()) / sum(p.needed for p in parts.values())
 
 
-def _opposite(parts: Mapping[str, _Part], arm: Arm) -> tuple[str, ...]:
-    """Return a line about efforts opposite to what nominal masses require."""
+def _opposite(parts: Mapping[str, _Part], arm: Arm) -> tuple[DataWarning, ...]:
+    """Return a warning about efforts opposite to what nominal masses require."""
     against = ", ".join(name for name, part in parts.items() if part.shared < 0.0)
     # Of motors that share joints no sign is known.
     if not (against and arm.direct_drive):
         return ()
-    return (
-        f"warning: the effort of {against} is opposite to what the masses in the arm's file need: "
-        "a wrong sign, exchanged joints, another mounting?",
+    text = (
+        f"the effort of {against} is opposite to what the masses in the arm's file need: a wrong "
+        "sign, exchanged joints, another mounting?"
     )
+    return (DataWarning("effort_sign", None, {}, text),)
 
 
-def in_their_unit(arm: Arm, recordings: Sequence[Recording]) -> tuple[Arm, tuple[str, ...]]:
-    """Return the arm with the unit of its recordings' efforts, and lines about what is odd.
+def in_their_unit(arm: Arm, recordings: Sequence[Recording]) -> tuple[Arm, tuple[DataWarning, ...]]:
+    """Return the arm with the unit of its recordings' efforts, and what is to be said of it.
 
     An arm whose file says that its efforts are in N·m is not checked.
 
@@ -185,21 +187,21 @@ def in_their_unit(arm: Arm, recordings: Sequence[Recording]) -> tuple[Arm, tuple
             gravity, and states no masses.
         RecordingError: A recording of some joints, of an arm that is read without gravity.
     """
-    with_unit, lines, found = their_unit(arm, recordings)
-    return with_unit, (*lines, *((f"warning: {found.line}",) if found else ()))
+    with_unit, notes, found = their_unit(arm, recordings)
+    return with_unit, notes if found is None else (*notes, found.warning)
 
 
 def their_unit(
     arm: Arm, recordings: Sequence[Recording]
-) -> tuple[Arm, tuple[str, ...], Misread | None]:
-    """Return what :func:`in_their_unit` does, and apart from its lines how they were misread."""
+) -> tuple[Arm, tuple[DataWarning, ...], Misread | None]:
+    """Return what :func:`in_their_unit` does, and apart from that how they were misread."""
     if not arm.gravity_in_reading:
         _require_stated_weight(arm, recordings)
         return arm, (), None
     nominal, parts = _checked(recordings[0], arm)
-    with_unit, lines = _unit(arm, _size(parts))
+    with_unit, notes = _unit(arm, _size(parts))
     found = misread(nominal)
-    return with_unit, lines if found else (*lines, *_opposite(parts, arm)), found
+    return with_unit, notes if found else (*notes, *_opposite(parts, arm)), found
 
 
 def _checked(given: Recording, arm: Arm) -> tuple[NominalTorque | None, dict[str, _Part]]:
@@ -216,19 +218,19 @@ def _checked(given: Recording, arm: Arm) -> tuple[NominalTorque | None, dict[str
     return nominal, _parts(nominal)
 
 
-def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
+def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tuple[DataWarning, ...]:
     """Refuse efforts not in N·m, or of another mounting, for a model of an arm file's masses.
 
     An identified model is in the unit of the efforts that it was identified from.
 
     Returns:
-        Lines about what is odd, but possible.
+        What is odd, but possible.
 
     Raises:
         RecordingError: Efforts that such masses need nowhere, or only in another gravity.
         ConfigError: Drive gains by which no arm of such masses moves.
     """
-    arm, odd = model.arm, list[str]()
+    arm, odd = model.arm, list[DataWarning]()
     if not arm.gravity_in_reading:
         _require_stated_weight(arm, recordings)
         return ()
@@ -237,7 +239,7 @@ def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tupl
     for recording in recordings:
         nominal, parts = _checked(recording, arm)
         size = _size(parts)
-        with_unit, lines = _unit(arm, size)
+        with_unit, notes = _unit(arm, size)
         if with_unit.read_in:
             raise RecordingError(
                 recording.source,
@@ -248,8 +250,8 @@ def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tupl
         found = misread(nominal) if model.of_file else None
         if found and found.mounted and not arm.base_stated:
             raise RecordingError(recording.source, found.line)
-        lines += (f"warning: {found.line}",) if found else _opposite(parts, arm)
-        odd += [line for line in lines if line.startswith("warning: ") and line not in odd]
+        notes += (found.warning,) if found else _opposite(parts, arm)
+        odd += [note for note in notes if note.kind != "effort_read" and note not in odd]
     return tuple(odd)
 
 
@@ -270,8 +272,8 @@ def _require_stated_weight(arm: Arm, recordings: Sequence[Recording]) -> None:
             )
 
 
-def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
-    """Return the arm with the unit of its efforts, and a line about it if it is odd.
+def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[DataWarning, ...]]:
+    """Return the arm with the unit of its efforts, and a note on it if it is odd.
 
     Args:
         arm: The arm.
@@ -290,21 +292,24 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[str, ...]]:
         arm = arm.with_effort_unit(arm.read_in, arm.effort_size * (size or 1.0))
         why = f"efforts are in {arm.read_in}, and N·m per {arm.read_in} are not known: "
     unit = "the unit of the recordings (a.u.)" if arm.read_in == ANY_UNIT else arm.read_in
-    return arm, (
+    text = (
         f"{why}torques, and masses computed from them, are in {unit}; --drive-gains (N·m/A), or "
-        "--known-payload with a second recording, gives N·m and kg",
+        "--known-payload with a second recording, gives N·m and kg"
     )
+    return arm, (DataWarning("effort_read", None, {}, text),)
 
 
-def _by_gains(gains: Array, exact: bool, size: float | None) -> tuple[str, ...]:
-    """Return lines that name the drive gains, and doubt them if the arm's masses do."""
+def _by_gains(gains: Array, exact: bool, size: float | None) -> tuple[DataWarning, ...]:
+    """Return notes that name the drive gains, and doubt them if the arm's masses do."""
     shown = ", ".join(f"{gain:.4g}" for gain in gains)
     line = f"efforts are motor currents, converted with drive gains of {shown} N·m/A"
     if exact:  # of units that were stated
         line = f"efforts are converted from units of {shown} N·m, as stated"
+    read = DataWarning("effort_read", None, {}, line)
     if size is None or 1.0 / OFF < size < OFF:
-        return (line,)
+        return (read,)
     off = f"with these gains, torques are {size:.2g} times what the masses in the arm's file need"
     if not 1.0 / SLIP < size < SLIP:
         raise ConfigError("drive gains", shown, f"N·m/A: {off}")
-    return (line, f"warning: {off}: gains in N·m/A, a known load in kg, the right arm?")
+    doubt = f"{off}: gains in N·m/A, a known load in kg, the right arm?"
+    return read, DataWarning("effort_unit", None, {}, doubt)

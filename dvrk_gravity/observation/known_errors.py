@@ -17,7 +17,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Coordinates, Recording, limited_efforts
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording, limited_efforts
 
 _GAP = 3.0  # median intervals, across which efforts are not interpolated. Chosen
 
@@ -26,8 +26,8 @@ def without_known_errors(
     recordings: Iterable[Recording],
     model: TorqueModel,
     coordinates: Coordinates | None = None,
-) -> tuple[list[Recording], tuple[str, ...]]:
-    """Return recordings as they would be read correctly, and a line about what was done.
+) -> tuple[list[Recording], tuple[DataWarning, ...]]:
+    """Return recordings as they would be read correctly, and a note on what was done.
 
     Args:
         recordings: Trajectories or static poses.
@@ -48,7 +48,8 @@ def without_known_errors(
         f"recordings are corrected for the model's known errors of readings: {known}; if the arm "
         "reads correctly by now, remove them from the model"
     )
-    return [_corrected(each, errors, model.arm, coordinates) for each in recordings], (line,)
+    note = DataWarning("known_errors", None, {}, line)
+    return [_corrected(each, errors, model.arm, coordinates) for each in recordings], (note,)
 
 
 def stated_coordinates(model: TorqueModel) -> Coordinates | None:

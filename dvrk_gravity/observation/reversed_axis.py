@@ -18,6 +18,7 @@ from dvrk_gravity.arms import Arm, gravity_in_base, rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import readings
 from dvrk_gravity.observation.nominal import Mounting, NominalTorque, apparent_gravity, mounting
+from dvrk_gravity.recording import DataWarning
 
 _SAMPLES = 600  # compared: a bound on time
 _FLOOR = 0.01  # part of the variance that is left anyway, of masses that are off by a tenth. Chosen
@@ -48,6 +49,11 @@ class Misread:
     line: str
     record: str
     mounted: bool
+
+    @property
+    def warning(self) -> DataWarning:
+        """That it may be so, where it is not refused."""
+        return DataWarning("misread", None, {}, self.line)
 
 
 def misread(nominal: NominalTorque | None) -> Misread | None:

@@ -20,6 +20,8 @@ Kind = Literal[
     "effort_quantisation", "no_motion", "nothing_moves", "position_unit", "effort_unit",
     "position_jump", "exchanged_joints", "effort_sign", "time_unit", "coordinates", "arm_limits",
     "other_hand", "excerpt", "arm_file",
+    "held_joints", "effort_read", "drive_gains", "known_errors", "for_file", "no_bodies",
+    "not_judged", "larger_errors", "misread",
 ]  # fmt: skip
 
 

@@ -78,7 +78,7 @@ def diagnosis_text(
     if diagnosis.outside and not verbose:
         more = f"; {len(diagnosis.outside) - 1} more" if len(diagnosis.outside) > 1 else ""
         yield wrap(f"extrapolated: {diagnosis.outside[0]}{more}", width)
-    for line in warning_lines(diagnosis.warnings, diagnosis.notes, verbose):
+    for line in warning_lines(diagnosis.warnings, verbose):
         yield wrap(line, width)
     if verbose:
         yield from (wrap(line, width) for line in _details(diagnosis))

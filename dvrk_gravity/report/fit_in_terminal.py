@@ -144,7 +144,7 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
     if verdict.record:
         yield wrap(f"record instead: {verdict.record}", width)
     warnings = [each for each in fit.warnings if str(each) not in verdict.findings]
-    for line in warning_lines(warnings, fit.handling, verbose):
+    for line in warning_lines(warnings, verbose):
         yield wrap(line, width)
     if verbose:
         yield from (wrap(line, width) for line in _details(fit))
@@ -242,7 +242,7 @@ def evaluation_text(
             f"({result.outside[0]}{f'; {more} more' if more else ''})",
             width,
         )
-    for line in warning_lines(result.warnings, result.handling, verbose):
+    for line in warning_lines(result.warnings, verbose):
         yield wrap(line, width)
     if verbose:
         yield from (wrap(line, width) for line in _about_errors(result, model))

@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.recording import DataWarning, Kind, brief
@@ -40,20 +40,14 @@ _LEFT_OUT: frozenset[Kind] = frozenset(
 )
 _MUCH = 0.1
 _WARNING = "warning: "
-_DATA = "data: "  # before what was done, and no reason for concern
-_DONE: frozenset[Kind] = frozenset(("columns",))
-# How lines begin of what was done with data that a user has to know.
-_SHOWN = (
-    _WARNING,
-    "not recorded",
-    "held as given",
-    "not judged",
-    "efforts are ",
-    "drive gains",
-    "fitted for",
-    "the load does",
-    "recordings are corrected",
-)
+_DATA = "data: "
+# Done with the data, or true of them, so that a user has to know it, and no reason for concern.
+_DONE: frozenset[Kind] = frozenset(
+    (
+        "columns", "held_joints", "effort_read", "drive_gains", "known_errors", "for_file",
+        "not_judged",
+    )
+)  # fmt: skip
 
 
 def columns() -> int | None:
@@ -97,16 +91,13 @@ def painted(text: str, verdict: str, width: int | None) -> str:
     return f"\033[{_COLOURS.get(verdict, _BOLD)}m{text}\033[0m"
 
 
-def warning_lines(
-    warnings: Sequence[DataWarning], said: Iterable[str] = (), verbose: bool = False
-) -> Iterator[str]:
+def warning_lines(warnings: Sequence[DataWarning], verbose: bool = False) -> Iterator[str]:
     """Yield what is odd about recordings: all of it, or what a user has to act on, in few lines.
 
     That they are of another arm is said before all else (:func:`contradiction`), and not again.
 
     Args:
         warnings: What was found in the recordings.
-        said: What was done with them, of which some lines are for the user.
         verbose: Yield every warning.
     """
     detail = [warning for warning in warnings if _is_detail(warning)]
@@ -124,10 +115,8 @@ def warning_lines(
         yield from acted_on
         yield from (f"{_WARNING}{line}" for line in brief(detail))
         return
-    lines = [*acted_on, *(line for line in said if line.startswith(_WARNING))]
-    yield from (line for line in said if line.startswith(_SHOWN) and line not in lines)
-    yield from lines[:MOST_WARNINGS]
-    left = len(lines[MOST_WARNINGS:])
+    yield from acted_on[:MOST_WARNINGS]
+    left = len(acted_on[MOST_WARNINGS:])
     more = left + len(brief(detail))
     if more:
         plural = "s" if more > 1 else ""

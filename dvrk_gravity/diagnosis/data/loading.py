@@ -90,7 +90,7 @@ def load(
         stretch=settings.stretch,
     )  # fmt: skip
     motion = MeasuredMotion.beside_model(model, Observation.joined(observed))
-    motion = replace(motion, processing_log=(*held, *motion.processing_log))
+    motion = replace(motion, warnings=(*held, *motion.warnings))
     if model.arm.direct_drive and not static:
         names = np.array(model.arm.joint_names)[motion.present].tolist()
         require_measured(first, names, motion.effort[:, motion.present])

@@ -37,7 +37,7 @@ from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.judgeable import reasons_not_to_judge
-from dvrk_gravity.diagnosis.results.method_notes import method_notes
+from dvrk_gravity.diagnosis.results.method_notes import method_notes, not_judged
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
     fault_finding,
@@ -56,6 +56,7 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
+from dvrk_gravity.recording import DataWarning
 
 
 def report(
@@ -144,10 +145,9 @@ def report(
         floor_from=source,
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
-        warnings=motion.warnings,
+        warnings=(*motion.warnings, *not_judged(motion), *_larger(grown)),
         notes=(
             *method_notes(motion, data, floor),
-            *sentences.larger_errors(grown),
             *sentences.extrapolated(outside),
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),
             *(sentences.left_out(named[i].hypothesis, why) for i, why in conflicts.items()),
@@ -309,6 +309,12 @@ def _fit(
             spread[name] = max(high - low, EDGE_STEP) / (2.0 * NORMAL_95)
         spreads.append(spread)
     return theta, covariance[: len(theta), : len(theta)], spreads
+
+
+def _larger(joints: Sequence[str]) -> tuple[DataWarning, ...]:
+    if not joints:
+        return ()
+    return (DataWarning("larger_errors", None, {}, sentences.larger_errors(joints)),)
 
 
 def _verdict(findings: Sequence[Finding], in_part: bool, blind: Sequence[str]) -> Verdict:

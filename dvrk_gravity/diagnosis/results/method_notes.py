@@ -7,6 +7,7 @@ import numpy as np
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.results.sentences import FLOORS
+from dvrk_gravity.recording import DataWarning
 
 
 def method_notes(motion: MeasuredMotion, data: FilteredData, floor: np.ndarray) -> list[str]:
@@ -33,17 +34,24 @@ def method_notes(motion: MeasuredMotion, data: FilteredData, floor: np.ndarray) 
         return notes
     notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
     names = np.array(motion.arm.joint_names)
-    if motion.stands.any():
-        notes.append(
-            f"not judged: efforts of {', '.join(names[motion.stands])}, which never move: friction "
-            "may hold any torque up to its level"
-        )
     stuck = np.where(motion.stands, 0.0, motion.stuck.mean(axis=0))
     return notes + [
         f"{name} stands still {100 * part:.0f} % of the time: those samples are left out"
         for name, part in zip(names, stuck, strict=True)
         if part > 0.05
     ]
+
+
+def not_judged(motion: MeasuredMotion) -> tuple[DataWarning, ...]:
+    """Return a note on joints whose efforts show nothing, if there are any."""
+    if not motion.stands.any():
+        return ()
+    names = ", ".join(np.array(motion.arm.joint_names)[motion.stands])
+    text = (
+        f"not judged: efforts of {names}, which never move: friction may hold any torque up to its "
+        "level"
+    )
+    return (DataWarning("not_judged", None, {}, text),)
 
 
 def _certainty(data: FilteredData) -> str:

@@ -308,14 +308,9 @@ def left_out(hypothesis: Hypothesis, why: str) -> str:
     return f"left out of the extended model: {hypothesis}: {why}"
 
 
-def larger_errors(joints: Sequence[str]) -> list[str]:
-    """Return the warning that findings make errors larger, if they do."""
-    if not joints:
-        return []
-    return [
-        f"warning: the findings do not explain everything: they increase the error at "
-        f"{', '.join(joints)}"
-    ]
+def larger_errors(joints: Sequence[str]) -> str:
+    """Return that findings make errors larger."""
+    return f"the findings do not explain everything: they increase the error at {', '.join(joints)}"
 
 
 def extrapolated(outside: Sequence[str]) -> list[str]:

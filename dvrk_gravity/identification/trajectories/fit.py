@@ -69,14 +69,14 @@ from dvrk_gravity.observation import (
     without_standing,
 )
 from dvrk_gravity.parameters import node_parameters
-from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates
+from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates, DataWarning
 
 Report = Callable[[str, float], None]
 # Written with a model although they are the defaults: they show whoever edits it that only part of
 # an identified friction is compensated.
 _SHOWN = ("friction_compensation.ratio", "friction_compensation.dead_band")
 _NO_BODIES = (
-    "warning: no bodies near the fit were found: links are those of a free fit; are signs and "
+    "no bodies near the fit were found: links are those of a free fit; are signs and "
     "units of the efforts right?"
 )
 _TINY = 1e-12  # weight of what is held out in a mean, so that there always is one
@@ -160,13 +160,13 @@ def fit_dynamic(
     problem, chosen = with_loads(problem, chosen, parts)
     problem, chosen, kinematic = calibrate(problem, chosen, parts, report)
     columns, design = problem.design.columns, problem.design
-    no_bodies: tuple[str, ...] = ()
+    warnings = warnings_of(observed)
     try:
         found = estimate(problem, chosen, physical is not False)
     except NotConvergedError:
         if physical:
             raise
-        no_bodies = (_NO_BODIES,)
+        warnings += (DataWarning("no_bodies", None, {}, _NO_BODIES),)
         found = estimate(problem, chosen, physical=False)
     constant = _constants(design, problem.folds)
     floor = noise_floor([p.noise_left(coordinates) for p in parts], [len(p) for p in parts])
@@ -180,7 +180,7 @@ def fit_dynamic(
     whole = design.compared.all(axis=1)
     q, effort = design.state.q[whole], arm.joint_effort(design.y)[whole]
     against = (
-        *of_clock(warnings_of(observed), arm),
+        *of_clock(warnings, arm),
         # Bodies near a fit hide what is wrong with efforts: no body has a negative mass.
         *contradictions(_model(columns, free, None), q, effort, found.holding),
     )
@@ -203,8 +203,8 @@ def fit_dynamic(
         parameters=found.parameters,
         identifiability=replace(found.identifiability, statements=statements),
         choices=tuple(problem.selection.choices),
-        warnings=warnings_of(observed),
-        handling=(*log_of(observed), *_not_fitted(standing), *no_bodies),
+        warnings=warnings,
+        handling=(*log_of(observed), *_not_fitted(standing)),
         validation=how_validated(problem.folds),
         coordinates=coordinates,
         samples=sum(len(motion) for motion in parts),
