@@ -80,8 +80,8 @@ def identify(
 
     Args:
         recordings: Trajectories, or static poses, with efforts: recordings or paths of their files,
-            one or several. Beside one trajectory of all joints others may hold some joints only. A
-            file is read in parts, never held whole.
+            one or several. Beside one trajectory of all joints others may hold some joints only. Of
+            a file of more than 600,000 samples stretches are used.
         arm: The arm, its name, or the path of its file.
         coordinates: Of the recordings, one for all or one for each; ``None``: determined for those
             of all joints, joint coordinates for the others.
