@@ -53,7 +53,6 @@ from dvrk_gravity.recording import (
     duplicate_samples,
     known_coordinates,
     opened,
-    without_duplicates,
 )
 
 Report = Callable[[str, float], None]
@@ -295,12 +294,7 @@ def _static(
         )  # fmt: skip
     if len(set(coordinates)) > 1:
         raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
-    for recording in recordings:
-        require_all(recording, arm)
-    once, repeated = without_duplicates(recordings)
-    poses = [recording for recording in once if recording is not None]
-    fit = fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
-    return replace(fit, warnings=(*repeated, *fit.warnings))
+    return fit_static(recordings, arm, coordinates[0] or "joint", report, for_console)
 
 
 def _dynamic(
