@@ -10,6 +10,7 @@ from known_mtm import ARM, truth
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.diagnosis import load
+from dvrk_gravity.observation import observe
 from dvrk_gravity.recording import Recording, duplicate_samples, without_duplicates
 
 
@@ -116,6 +117,19 @@ def test_poses_that_repeat_exactly_count_once():
     turned = replace(poses, direction=-poses.direction)
     assert remaining([poses, turned]) == [40, 40]
     assert remaining([poses.rows([0, 1, 1, 2, 0])]) == [3]
+
+
+def test_a_motion_given_twice_or_appended_to_itself_is_observed_once(measured, other):
+    (once,) = observe([measured], ARM)
+    assert "duplicate_samples" not in {warning.kind for warning in once.warnings}
+    for given in ([measured, measured], [appended(measured, measured)]):
+        (again,) = observe(given, ARM)
+        assert [warning.kind for warning in again.warnings].count("duplicate_samples") == 1
+        np.testing.assert_allclose(again.effort, once.effort, atol=1e-9)
+        np.testing.assert_allclose(again.q, once.q, atol=1e-9)
+    # The rest is too short for the filter.
+    (alone,) = observe([measured, appended(measured, other.between(0.0, 0.3))], ARM)
+    assert any("1200 of 1230 samples" in str(warning) for warning in alone.warnings)
 
 
 def test_a_diagnosis_reads_a_recording_once(measured):

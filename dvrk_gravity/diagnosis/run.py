@@ -78,7 +78,7 @@ def diagnose(
     Args:
         recordings: One or more trajectories, or sets of static poses, or the paths of their files;
             in joint or actuator coordinates, as each says. Of trajectories longer than ten minutes
-            together, stretches are used; one in a file is then not held in memory.
+            together, stretches are used.
         model: The model under test, or its path; may be left out with a reference.
         progress: Called with one line at every step.
         still: Positions of joints that the recordings do not hold, rad.

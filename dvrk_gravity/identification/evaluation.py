@@ -33,8 +33,6 @@ from dvrk_gravity.observation import (
     Decision,
     Observation,
     all_static,
-    beyond_limits,
-    completed,
     decide_coordinates,
     filtered,
     held_beyond,
@@ -55,12 +53,10 @@ from dvrk_gravity.recording import (
     Given,
     Prepared,
     Recording,
-    about,
     about_arm,
     known_coordinates,
     labels,
     opened,
-    prepare,
 )
 from dvrk_gravity.tabular import Columns, Tabular
 
@@ -191,20 +187,20 @@ def evaluate(
     for recording in recordings:
         require_all(recording, model.arm, fixed_positions or None)
     warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
-    if all_static(recordings):
-        decision = coordinates_of(model, recordings, coordinates, fixed_positions)
-        evaluated = _evaluate_static(model, recordings, fixed_positions, decision)
-    else:
-        decisions = list[Decision]()
+    static, decisions = all_static(recordings), list[Decision]()
 
-        def decide(number: int, prepared: Prepared) -> Coordinates:
-            del number
-            decisions.append(coordinates_of(model, [prepared], coordinates, fixed_positions))
+    def decide(number: int, prepared: Prepared) -> Coordinates:
+        if number == 0 or not static:  # poses are in the same, all of them
+            found = recordings if static else [prepared]
+            decisions.append(coordinates_of(model, found, coordinates, fixed_positions))
             warnings.extend(decisions[-1].warnings)
-            return decisions[-1].coordinates
+        return decisions[-1].coordinates
 
-        bands = Bands.of_fit(cutoff)
-        observed = observe(recordings, model.arm, bands, fixed_positions or None, decide)
+    bands = Bands.of_fit(cutoff)
+    observed = observe(recordings, model.arm, bands, fixed_positions or None, decide)
+    if static:
+        evaluated = _evaluate_static(model, observed, decisions[0])
+    else:
         evaluated = _evaluate_dynamic(model, observed, decisions[0], cutoff)
     arm = model.arm
     units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
@@ -225,15 +221,15 @@ def coordinates_of(
 
     Where they determine no plain model, the error of this one decides (``decide_coordinates``).
     """
-    poses = [each for each in recordings if isinstance(each, Recording) and each.time is None]
 
     def misfit(system: Coordinates) -> float:
-        if poses:
-            evaluation = _evaluate_static(model, poses, fixed_positions, Decision(system))
+        each = (filtered(recording).read_as(system) for recording in recordings)
+        bands, arm = Bands.of_fit(), model.arm
+        observed = [in_joint_space(one, arm, bands, fixed_positions) for one in each]
+        if observed[0].rate is None:
+            evaluation = _evaluate_static(model, observed, Decision(system))
         else:
-            alone = filtered(recordings[0]).read_as(system)
-            observed = in_joint_space(alone, model.arm, Bands.of_fit(), fixed_positions)
-            evaluation = _evaluate_dynamic(model, [observed], Decision(system), judged=False)
+            evaluation = _evaluate_dynamic(model, observed, Decision(system), judged=False)
         return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
 
     return decide_coordinates(recordings[0], model.arm, given, misfit)
@@ -316,48 +312,32 @@ def _expected(
 
 
 def _evaluate_static(
-    model: TorqueModel,
-    recordings: Sequence[Recording],
-    fixed_positions: Mapping[str, float],
-    decision: Decision,
+    model: TorqueModel, observed: Sequence[Observation], decision: Decision
 ) -> Evaluation:
     arm, coordinates = model.arm, decision.coordinates
-    stood = np.array([fixed_positions.get(joint, 0.0) for joint in arm.joint_names])
     traces: list[Trace] = []
-    warnings: list[DataWarning] = []
-    positions: list[Array] = []
-    joints = recordings[0].joints
-    separate = np.ones(len(joints), dtype=bool)  # joints whose friction is
-    sources = [recording.source for recording in recordings]
-    for number, recording in enumerate(recordings):
-        warnings += about(number, sources, prepare(recording).warnings)
-        q, measured = recording.position, recording.effort
-        assert measured is not None
-        columns = [arm.joint_names.index(joint) for joint in recording.joints]
-        full = q if len(columns) == arm.n else completed(q, columns, stood, arm, coordinates)
-        joint = arm.joint_position(full) if coordinates == "actuator" else full
-        warnings += about(number, sources, beyond_limits(joint, arm))
-        positions.append(joint)
-        direction = recording.direction
-        if direction is not None and len(columns) < arm.n:
-            direction = np.ones(full.shape)
-            direction[:, columns] = recording.direction
-        predicted = model.prediction(State.of(joint, direction=direction))
+    recorded = observed[0].present
+    joints = tuple(compress(arm.joint_names, recorded))
+    separate = np.ones(arm.n, dtype=bool)  # joints whose friction is
+    for number, each in enumerate(observed):
+        predicted = model.prediction(State.of(each.q, direction=each.direction))
+        q, measured = each.q, each.effort
         if coordinates == "actuator":
-            predicted = arm.actuator_effort(predicted)
-        predicted = predicted[:, columns]
-        separate &= _depends_on_approach(model, joint, direction)[columns]
+            q, predicted = arm.actuator_position(q), arm.actuator_effort(predicted)
+            measured = each.motor_effort(arm)
+        separate &= _depends_on_approach(model, each.q, each.direction)
+        position, effort, torque = (array[:, recorded] for array in (q, measured, predicted))
         traces.append(
-            Trace(recording.joints, None, q, None, measured, predicted, coordinates, False, number)
+            Trace(joints, None, position, None, effort, torque, coordinates, False, number)
         )
-    everywhere = np.concatenate(positions)
-    resting = _idle(arm, everywhere, coordinates, static=True)
-    handling = ("static poses, unfiltered",)
-    result = _result(traces, sources, decision, warnings, handling, resting)
-    recorded = np.isin(arm.joint_names, joints)
+    everywhere = np.concatenate([each.q for each in observed])
+    result = _result(
+        traces, [each.sources[0] for each in observed], decision, warnings_of(observed),
+        ("static poses, unfiltered",), _idle(arm, everywhere, coordinates, static=True),
+    )  # fmt: skip
     return replace(
         result,
-        with_friction=tuple(compress(joints, ~separate)),
+        with_friction=tuple(compress(joints, ~separate[recorded])),
         outside=outside_range(model, everywhere, None, recorded),
         expected=_expected(model, coordinates, recorded, [State(everywhere)], None),
     )

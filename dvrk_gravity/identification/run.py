@@ -53,7 +53,6 @@ from dvrk_gravity.recording import (
     duplicate_samples,
     known_coordinates,
     opened,
-    without_duplicates,
 )
 
 Report = Callable[[str, float], None]
@@ -80,8 +79,8 @@ def identify(
 
     Args:
         recordings: Trajectories, or static poses, with efforts: recordings or paths of their files,
-            one or several. Beside one trajectory of all joints others may hold some joints only. A
-            file is read in parts, never held whole.
+            one or several. Beside one trajectory of all joints others may hold some joints only. Of
+            a file of more than 600,000 samples stretches are used.
         arm: The arm, its name, or the path of its file.
         coordinates: Of the recordings, one for all or one for each; ``None``: determined for those
             of all joints, joint coordinates for the others.
@@ -296,12 +295,7 @@ def _static(
         )  # fmt: skip
     if len(set(coordinates)) > 1:
         raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
-    for recording in recordings:
-        require_all(recording, arm)
-    once, repeated = without_duplicates(recordings)
-    poses = [recording for recording in once if recording is not None]
-    fit = fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
-    return replace(fit, warnings=(*repeated, *fit.warnings))
+    return fit_static(recordings, arm, coordinates[0] or "joint", report, for_console)
 
 
 def _dynamic(

@@ -122,10 +122,6 @@ def in_joint_space(
             positions(each, np.zeros(arm.n)) for each in (own.velocity, prepared.acceleration)
         )
     time = np.arange(len(q), dtype=float) if own.time is None else own.time
-    direction = own.direction
-    if direction is not None:
-        direction = full(direction, 1.0)
-        direction = np.sign(arm.joint_position(direction)) if actuator else direction
     spans = invalid_efforts(recording) + (clipped_efforts(recording) if bands.for_fit else [])
     invalid_effort, invalid_motor_effort = _both(
         _invalid(time, spans, prepared, columns, arm, bands), arm, actuator
@@ -135,7 +131,9 @@ def in_joint_space(
     measured = motors_measured(columns, arm, recording.coordinates)
     return Observation(
         q=q, qd=qd, qdd=qdd, effort=arm.joint_effort(torque) if actuator else torque,
-        direction=direction, time=time, parts=prepared.parts,
+        # Each joint's own, in either coordinates.
+        direction=None if own.direction is None else full(own.direction, 1.0),
+        time=time, parts=prepared.parts,
         rate=None if prepared.filter is None else prepared.filter.rate,
         present=present, measured=measured, invalid_effort=invalid_effort,
         invalid_motor_effort=invalid_motor_effort,

@@ -36,7 +36,7 @@ _DETAIL: frozenset[Kind] = frozenset(
 # But for samples that were left out, if they are more than this part of a recording. Chosen: what a
 # few lost messages never are.
 _LEFT_OUT: frozenset[Kind] = frozenset(
-    ("invalid_stamps", "repeated_stamps", "duplicate_samples", "samples_discarded")
+    ("invalid_stamps", "repeated_stamps", "duplicate_samples", "samples_discarded", "excerpt")
 )
 _MUCH = 0.1
 _WARNING = "warning: "

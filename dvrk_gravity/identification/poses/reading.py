@@ -20,9 +20,9 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import LinkWeight, as_value, weight_directions
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.quality.identifiability import base_weights
-from dvrk_gravity.observation import beyond_limits, require_all, require_measured
+from dvrk_gravity.observation import observe, require_measured, warnings_of
 from dvrk_gravity.parameters import Value
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording, about, prepare
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 
 LEAST = 2  # poses for each of gravity's parameters, of which an MTM has ten. Chosen
 FEWEST = 20  # poses in any case. Chosen: four in each of the five blocks that are held out
@@ -105,35 +105,27 @@ def read_poses(
     Raises:
         RecordingError: A joint or the efforts missing, too few poses, or nothing that moves.
     """
-    q, effort, direction, part = [], [], [], []
-    warnings: list[DataWarning] = []
-    sources = [recording.source for recording in recordings]
-    for index, recording in enumerate(recordings):
-        require_all(recording, arm)
-        warnings += about(index, sources, prepare(recording).warnings)
-        position, torque = recording.position, recording.effort
-        assert torque is not None
-        posed = np.ptp(position, axis=0) > POSED * recording.scale
-        moved = [joint for joint, moves in zip(recording.joints, posed, strict=True) if moves]
-        require_measured(recording.source, moved, torque[:, posed])
-        if coordinates == "actuator":
-            position, torque = arm.joint_position(position), arm.joint_effort(torque)
-        warnings += about(index, sources, beyond_limits(position, arm))
-        q.append(position)
-        effort.append(torque)
-        given = recording.direction
-        direction.append(np.zeros(position.shape) if given is None else given)
-        part.append(np.full(len(position), index))
+    observed = observe(recordings, arm, decide=lambda number, prepared: coordinates)
+    for each in observed:
+        posed = np.ptp(each.q, axis=0) > POSED * arm.scale
+        moved = [joint for joint, moves in zip(arm.joint_names, posed, strict=True) if moves]
+        require_measured(each.sources[0], moved, each.effort[:, posed])
     poses = Poses(
-        np.concatenate(q), np.concatenate(effort), np.concatenate(direction),
-        np.concatenate(part), arm.scale,
+        np.concatenate([each.q for each in observed]),
+        np.concatenate([each.effort for each in observed]),
+        np.concatenate(
+            [np.zeros(each.q.shape) if each.direction is None else each.direction
+             for each in observed]
+        ),
+        np.concatenate([np.full(len(each), index) for index, each in enumerate(observed)]),
+        arm.scale,
     )  # fmt: skip
     least = max(FEWEST, LEAST * gravity_of(arm).count)
     if len(poses) < least:
         raise RecordingError(
             recordings[0].source, f"holds {len(poses)} static poses, expected at least {least}"
         )
-    return poses, tuple(warnings)
+    return poses, warnings_of(observed)
 
 
 @dataclass(frozen=True, eq=False)
