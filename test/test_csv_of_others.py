@@ -197,5 +197,5 @@ def test_a_few_rows_that_are_none_are_left_out_and_the_first_is_named(tmp_path):
         (tmp_path / "a.csv").write_text(text)
         found = Recording.load(tmp_path / "a.csv")
         (note,) = found.notes
-        assert (len(found), note.kind, note.count) == (8998, "unreadable", 2), bad
+        assert (len(found), note.kind, note.left_out) == (8998, "unreadable", 2), bad
         assert "line 5002: " in note.text, bad

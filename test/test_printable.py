@@ -17,7 +17,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.command_line import CLEAR_LINE, PrintableStream, one_line
 from dvrk_gravity.errors import ConfigError, DvrkGravityError, PlanError, RecordingError, printable
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.recording import BagReader, DataWarning, Recording
+from dvrk_gravity.recording import BagReader, Note, Recording
 from dvrk_gravity.report import html
 
 CLEAR, TURN = "\x1b[2J\x1b[H", "\u202eevil\u2066"
@@ -51,7 +51,7 @@ def test_text_of_the_field_stays_as_it_is():
         ConfigError(HOSTILE, HOSTILE, HOSTILE, HOSTILE),
         DvrkGravityError(HOSTILE),
         PlanError(HOSTILE),
-        DataWarning("gaps", HOSTILE, {}, HOSTILE, recording=HOSTILE),
+        Note("gaps", HOSTILE, {}, HOSTILE, recording=HOSTILE),
         ConfigError("x", [2**40_000], "a number"),
     ],
 )

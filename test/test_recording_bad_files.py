@@ -144,4 +144,4 @@ def test_a_strange_message_among_others_is_left_out_and_counted(tmp_path, storag
         write_messages(bag, [joint_state(0), message, joint_state(2), joint_state(3)], storage)
         found = Recording.load(bag)
         assert found.position[:, 0].tolist() == [0.0, 0.002, 0.003], case
-        assert sum(note.count for note in found.notes) == 1, case
+        assert sum(note.left_out for note in found.notes) == 1, case

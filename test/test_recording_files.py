@@ -73,7 +73,7 @@ def test_bag_samples_are_matched_by_name_and_gripper_and_invalid_ones_left_out(t
         joint_state(4),
     ]
     write_messages(tmp_path / "bag", messages, storage)
-    assert Recording.load(tmp_path / "bag").notes[0].count == 1  # with a gripper, unlike most
+    assert Recording.load(tmp_path / "bag").notes[0].left_out == 1  # with a gripper, unlike most
     loaded = Recording.load(tmp_path / "bag", arm=ARM)
     assert loaded.joints == JOINT_NAMES
     assert loaded.position[1].tolist() == [0, 1, 2, 3, 4, 5, 6]

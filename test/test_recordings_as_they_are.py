@@ -22,7 +22,7 @@ CLEAN = wave(1200)
 
 
 def kinds(recording):
-    return {(note.kind, note.joint, note.count) for note in recording.found}
+    return {(note.kind, note.joint, note.left_out) for note in recording.found}
 
 
 def warned(recording):
@@ -166,7 +166,7 @@ def test_the_messages_of_a_second_publisher_are_left_out_and_counted(tmp_path, o
     found = loaded(tmp_path, sorted(messages(CLEAN) + other))
     np.testing.assert_array_equal(found.effort, CLEAN.effort)
     np.testing.assert_array_equal(found.position, CLEAN.position)
-    assert sum(note.count for note in found.notes) == len(other)
+    assert sum(note.left_out for note in found.notes) == len(other)
     assert {note.kind for note in found.notes} <= {"second_publisher", "other_messages"}
 
 

@@ -23,7 +23,7 @@ from dvrk_gravity.identification import (
     by_errors,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording import Note
 from dvrk_gravity.report import (
     MOST_WARNINGS,
     diagnosis_text,
@@ -35,8 +35,8 @@ from dvrk_gravity.report import (
 ARM = Arm.load("mtmr")
 LEFT = TorqueModel.from_parameters({"arm": "mtml", "beta": (0.1,) * 10})
 EXTRAPOLATED = "gravity torque uncertain by ±31 mN·m outside the recorded poses"
-DETAIL = DataWarning("stale_samples", None, {}, "95 samples repeat the one before")
-OTHER_UNIT = DataWarning("effort_unit", None, {}, "efforts in another unit than N·m?")
+DETAIL = Note("stale_samples", None, {}, "95 samples repeat the one before")
+OTHER_UNIT = Note("effort_unit", None, {}, "efforts in another unit than N·m?")
 
 
 def of_two_minds() -> Fit:
@@ -89,7 +89,7 @@ def test_an_identification_is_a_table_with_reasons_and_verbose_says_the_rest():
 
 def test_of_many_warnings_few_are_shown_and_the_others_counted():
     many = [replace(OTHER_UNIT, text=f"number {k}") for k in range(MOST_WARNINGS + 2)]
-    held = DataWarning("held_joints", None, {}, "not recorded: roll")
+    held = Note("held_joints", None, {}, "not recorded: roll")
     lines = list(warning_lines([*many, DETAIL, held]))
     assert lines[0] == "data: not recorded: roll"
     assert len(lines) == 1 + MOST_WARNINGS + 1

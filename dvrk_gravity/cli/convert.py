@@ -124,7 +124,7 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
     save_recording(counted(), arguments.output, arguments.storage, topic)
     for warning in check_counts(samples, notes):
         print(f"data: {warning}", file=sys.stderr)
-    left_out = sum(note.count for note in notes)
+    left_out = sum(each.left_out for each in notes)
     rest = f", {left_out} left out" if left_out else ""
     print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{rest}")
     return 0

@@ -36,8 +36,8 @@ from dvrk_gravity.observation import (
 )
 from dvrk_gravity.recording import (
     Coordinates,
-    DataWarning,
     Given,
+    Note,
     Recording,
     about_arm,
     duplicate_samples,
@@ -143,7 +143,7 @@ def build(
     errors = tested.reading_errors
     tested = replace(tested, reading_errors=ReadingErrors.none(arm.n))
     references = [] if reference is None else opened(reference, coordinates or "joint", arm)
-    warnings = list[DataWarning]()
+    warnings = list[Note]()
     if references:
         references, _ = without_known_errors(
             references, replace(tested, reading_errors=errors), coordinates
@@ -209,7 +209,7 @@ def _prepared(
     arm: Arm,
     recordings: Sequence[Recording],
     still: Mapping[str, float],
-) -> tuple[TorqueModel, Sequence[Recording], tuple[DataWarning, ...]]:
+) -> tuple[TorqueModel, Sequence[Recording], tuple[Note, ...]]:
     """Return model and recordings in one unit of effort, and notes on that.
 
     An arm without an identified model may lack joints that were held.

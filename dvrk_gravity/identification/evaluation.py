@@ -49,8 +49,8 @@ from dvrk_gravity.observation import (
 from dvrk_gravity.recording import (
     DEFAULT_CUTOFF,
     Coordinates,
-    DataWarning,
     Given,
+    Note,
     Prepared,
     Recording,
     about_arm,
@@ -89,7 +89,7 @@ class Evaluation(Tabular):
     samples: int
     coordinates: Coordinates
     detected: str
-    warnings: tuple[DataWarning, ...]
+    warnings: tuple[Note, ...]
     handling: tuple[str, ...]
     traces: tuple[Trace, ...]
     with_friction: tuple[str, ...] = ()
@@ -355,7 +355,7 @@ def _result(
     traces: Sequence[Trace],
     sources: Sequence[str],
     decision: Decision,
-    warnings: Sequence[DataWarning],
+    warnings: Sequence[Note],
     handling: Sequence[str],
     resting: tuple[str, ...],
 ) -> Evaluation:

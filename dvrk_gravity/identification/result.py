@@ -13,7 +13,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation import beats
 from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.recording import Coordinates, DataWarning
+from dvrk_gravity.recording import Coordinates, Note
 from dvrk_gravity.tabular import Columns, Tabular
 
 # Standard errors that a constant may be more than it is. Chosen: 95 %.
@@ -404,7 +404,7 @@ class Fit(Tabular):
     parameters: tuple[FittedParameter, ...]
     identifiability: Identifiability
     choices: tuple[Choice, ...]
-    warnings: tuple[DataWarning, ...]
+    warnings: tuple[Note, ...]
     handling: tuple[str, ...]
     validation: str
     coordinates: Coordinates

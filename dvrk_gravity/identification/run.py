@@ -45,8 +45,8 @@ from dvrk_gravity.observation import (
 )
 from dvrk_gravity.recording import (
     Coordinates,
-    DataWarning,
     Given,
+    Note,
     Prepared,
     Recording,
     about_arm,
@@ -121,7 +121,7 @@ def identify(
     bias = stated_bias(bias_is, arm)
     validate = opened(validate, arm=arm)
     given = _each(coordinates, len(recordings))
-    gains: tuple[DataWarning, ...] = ()
+    gains: tuple[Note, ...] = ()
     if known_payload is not None:
         arm, gains = _with_gains(recordings, arm, known_payload, given)
         recordings, given = recordings[:-1], given[:-1]
@@ -148,7 +148,7 @@ def identify(
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
     if for_file:
-        warnings = (*warnings, DataWarning("for_file", None, {}, FORMS[for_file].words))
+        warnings = (*warnings, Note("for_file", None, {}, FORMS[for_file].words))
     fit = replace(fit, warnings=warnings)
     _require_one_torque(fit.model)
     fit = _judged_with_constants(_validated(fit, validate) if validate else fit, bias)
@@ -237,7 +237,7 @@ def _with_gains(
     arm: Arm,
     load: KnownPayload | float,
     coordinates: Sequence[Coordinates | None],
-) -> tuple[Arm, tuple[DataWarning, ...]]:
+) -> tuple[Arm, tuple[Note, ...]]:
     """Return the arm with the drive gains found by a known load, and notes on them."""
     if isinstance(load, bool) or not isinstance(load, KnownPayload | int | float):
         raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
@@ -320,7 +320,7 @@ def _dynamic(
             f"has {', '.join(recordings[0].joints)} only: expected a recording of all joints as "
             "well, to determine gravity and inertia",
         )
-    reasons, warnings = list[str](), list[DataWarning]()
+    reasons, warnings = list[str](), list[Note]()
 
     def decide(number: int, prepared: Prepared) -> Coordinates:
         report("coordinates", 0.0)

@@ -15,7 +15,6 @@ from dvrk_gravity.model import parts
 from dvrk_gravity.parameters import is_finite
 from dvrk_gravity.recording import (
     Coordinates,
-    DataWarning,
     Kind,
     Note,
     Recording,
@@ -65,7 +64,7 @@ def known_fixed_positions(
 
 def held_beyond(
     recordings: Sequence[Recording], arm: Arm, fixed_positions: Mapping[str, float]
-) -> tuple[dict[str, float], tuple[DataWarning, ...]]:
+) -> tuple[dict[str, float], tuple[Note, ...]]:
     """Return where unrecorded joints stood, and a note on those that were assumed.
 
     Joints beyond all recorded ones are assumed held at zero, or at the limit next to it.
@@ -86,13 +85,13 @@ def held_beyond(
     return {**fixed_positions, **where}, (_held("not recorded, assumed held", where),)
 
 
-def _held(how: str, where: Mapping[str, float]) -> DataWarning:
-    return DataWarning("held_joints", None, {}, f"{how} (rad, m): {_shown(where)}")
+def _held(how: str, where: Mapping[str, float]) -> Note:
+    return Note("held_joints", None, {}, f"{how} (rad, m): {_shown(where)}")
 
 
 def with_held(
     recordings: Sequence[Recording], arm: Arm, fixed_positions: Mapping[str, float]
-) -> tuple[Arm, list[Recording], tuple[DataWarning, ...]]:
+) -> tuple[Arm, list[Recording], tuple[Note, ...]]:
     """Return the arm without the joints beyond all recorded ones, and notes that name them.
 
     They stand where it was given, or at zero. Joints with a given position that no recording has,

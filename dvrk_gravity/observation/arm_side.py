@@ -9,7 +9,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.model import MISPLACED
-from dvrk_gravity.recording import DataWarning, Kind
+from dvrk_gravity.recording import Kind, Note
 
 OTHER_SIDE = {"mtml": "mtmr", "mtmr": "mtml"}
 OTHER_ARM: Kind = "other_hand"  # kind of the warnings
@@ -18,7 +18,7 @@ OTHER_ARM: Kind = "other_hand"  # kind of the warnings
 BEYOND = 0.35
 
 
-def contradiction(warnings: Iterable[DataWarning]) -> str:
+def contradiction(warnings: Iterable[Note]) -> str:
     """Return why recordings belong to the other side's arm; ``""`` if nothing says so.
 
     No figure of such a recording describes this arm, so every verb reports this first.
@@ -26,13 +26,13 @@ def contradiction(warnings: Iterable[DataWarning]) -> str:
     return next((str(warning) for warning in warnings if warning.kind == OTHER_ARM), "")
 
 
-def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
+def beyond_limits(q: Array, arm: Arm) -> list[Note]:
     """Return warnings about (N, n) joint positions, rad or m, that the arm cannot reach."""
     beyond = _beyond(q, arm)
     if other := _other_side(q, arm, beyond):
         return [other]
     return [
-        DataWarning(
+        Note(
             "arm_limits",
             joint.name,
             {f"beyond_{joint.unit}": float(far)},
@@ -49,7 +49,7 @@ def _beyond(q: Array, arm: Arm) -> Array:
     return np.maximum(arm.lower - q.min(axis=0), q.max(axis=0) - arm.upper)
 
 
-def _other_side(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
+def _other_side(q: Array, arm: Arm, beyond: Array) -> Note | None:
     """Return a warning if positions fit the other side's limits, and not this arm's.
 
     Encoder offsets of a plausible size (``MISPLACED``) prove nothing.
@@ -61,7 +61,7 @@ def _other_side(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
     if beyond[joint] < MISPLACED or max(other.max(), 0.0) > beyond.max() - MISPLACED:
         return None
     low, high = np.degrees([q[:, joint].min(), q[:, joint].max()])
-    return DataWarning(
+    return Note(
         OTHER_ARM,
         None,
         {"beyond_rad": float(beyond[joint]), "beyond_other_rad": float(other[joint])},

@@ -16,7 +16,7 @@ from dvrk_gravity.model import Columns, start_columns
 from dvrk_gravity.observation.design import build_design, training_equations
 from dvrk_gravity.observation.joint_space import Bands, in_joint_space
 from dvrk_gravity.observation.observation import Observation
-from dvrk_gravity.recording import Coordinates, DataWarning, Prepared, Recording
+from dvrk_gravity.recording import Coordinates, Note, Prepared, Recording
 
 # s of a recording that are looked at. Chosen: some periods of the slowest sine of an exciting
 # motion, 0.07 Hz.
@@ -90,7 +90,7 @@ class Decision:
 
     coordinates: Coordinates
     reason: str = ""
-    warnings: tuple[DataWarning, ...] = ()
+    warnings: tuple[Note, ...] = ()
     errors: CoordinateErrors | None = None
 
 
@@ -236,11 +236,11 @@ def predictable(recording: Recording, arm: Arm, deviations: float) -> bool:
     return bool(beats(error**2, off**2, deviations).any())
 
 
-def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[DataWarning, ...]:
+def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[Note, ...]:
     """Return the warning that the other coordinates than those given fit clearly better."""
     best, whole = errors.best, errors.whole
     return (
-        DataWarning(
+        Note(
             "coordinates",
             None,
             {"given": whole[given], "other": whole[best]},

@@ -27,7 +27,7 @@ from dvrk_gravity.model import RIGID, Columns, starts
 from dvrk_gravity.observation.design import Design, build_design
 from dvrk_gravity.observation.observation import Observation
 from dvrk_gravity.observation.observing import observe
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording, without_duplicates
+from dvrk_gravity.recording import Coordinates, Note, Recording, without_duplicates
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -133,7 +133,7 @@ class DriveGains:
     determined: Mask
     how: str
 
-    def notes(self, arm: Arm) -> tuple[DataWarning, ...]:
+    def notes(self, arm: Arm) -> tuple[Note, ...]:
         """Return the gains, in words."""
         found = [
             f"{name} {gain:.4g} ± {1.96 * error * gain:.2g}"
@@ -150,7 +150,7 @@ class DriveGains:
                 f"the load does not determine the gain of {', '.join(open_)}, whose torque it "
                 f"hardly changes: taken as the mean of the others, {mean:.4g} N·m/A ± 20 %"
             )
-        return tuple(DataWarning("drive_gains", None, {}, line) for line in lines)
+        return tuple(Note("drive_gains", None, {}, line) for line in lines)
 
 
 def drive_gains(

@@ -16,7 +16,7 @@ from dvrk_gravity.observation.effort_sign import require_signs
 from dvrk_gravity.observation.nominal import NominalTorque, recorded
 from dvrk_gravity.observation.reversed_axis import Misread, misread
 from dvrk_gravity.recording import (
-    DataWarning,
+    Note,
     Recording,
     beyond_the_arm,
     disproved,
@@ -164,7 +164,7 @@ def _size(parts: Mapping[str, _Part]) -> float | None:
     return sum(abs(part.shared) for part in parts.values()) / sum(p.needed for p in parts.values())
 
 
-def _opposite(parts: Mapping[str, _Part], arm: Arm) -> tuple[DataWarning, ...]:
+def _opposite(parts: Mapping[str, _Part], arm: Arm) -> tuple[Note, ...]:
     """Return a warning about efforts opposite to what nominal masses require."""
     against = ", ".join(name for name, part in parts.items() if part.shared < 0.0)
     # Of motors that share joints no sign is known.
@@ -174,10 +174,10 @@ def _opposite(parts: Mapping[str, _Part], arm: Arm) -> tuple[DataWarning, ...]:
         f"the effort of {against} is opposite to what the masses in the arm's file need: a wrong "
         "sign, exchanged joints, another mounting?"
     )
-    return (DataWarning("effort_sign", None, {}, text),)
+    return (Note("effort_sign", None, {}, text),)
 
 
-def in_their_unit(arm: Arm, recordings: Sequence[Recording]) -> tuple[Arm, tuple[DataWarning, ...]]:
+def in_their_unit(arm: Arm, recordings: Sequence[Recording]) -> tuple[Arm, tuple[Note, ...]]:
     """Return the arm with the unit of its recordings' efforts, and what is to be said of it.
 
     An arm whose file says that its efforts are in N·m is not checked.
@@ -193,7 +193,7 @@ def in_their_unit(arm: Arm, recordings: Sequence[Recording]) -> tuple[Arm, tuple
 
 def their_unit(
     arm: Arm, recordings: Sequence[Recording]
-) -> tuple[Arm, tuple[DataWarning, ...], Misread | None]:
+) -> tuple[Arm, tuple[Note, ...], Misread | None]:
     """Return what :func:`in_their_unit` does, and apart from that how they were misread."""
     if not arm.gravity_in_reading:
         _require_stated_weight(arm, recordings)
@@ -218,7 +218,7 @@ def _checked(given: Recording, arm: Arm) -> tuple[NominalTorque | None, dict[str
     return nominal, _parts(nominal)
 
 
-def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tuple[DataWarning, ...]:
+def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tuple[Note, ...]:
     """Refuse efforts not in N·m, or of another mounting, for a model of an arm file's masses.
 
     An identified model is in the unit of the efforts that it was identified from.
@@ -230,7 +230,7 @@ def require_newtons(model: TorqueModel, recordings: Sequence[Recording]) -> tupl
         RecordingError: Efforts that such masses need nowhere, or only in another gravity.
         ConfigError: Drive gains by which no arm of such masses moves.
     """
-    arm, odd = model.arm, list[DataWarning]()
+    arm, odd = model.arm, list[Note]()
     if not arm.gravity_in_reading:
         _require_stated_weight(arm, recordings)
         return ()
@@ -272,7 +272,7 @@ def _require_stated_weight(arm: Arm, recordings: Sequence[Recording]) -> None:
             )
 
 
-def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[DataWarning, ...]]:
+def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[Note, ...]]:
     """Return the arm with the unit of its efforts, and a note on it if it is odd.
 
     Args:
@@ -296,20 +296,20 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[DataWarning, ...]]:
         f"{why}torques, and masses computed from them, are in {unit}; --drive-gains (N·m/A), or "
         "--known-payload with a second recording, gives N·m and kg"
     )
-    return arm, (DataWarning("effort_read", None, {}, text),)
+    return arm, (Note("effort_read", None, {}, text),)
 
 
-def _by_gains(gains: Array, exact: bool, size: float | None) -> tuple[DataWarning, ...]:
+def _by_gains(gains: Array, exact: bool, size: float | None) -> tuple[Note, ...]:
     """Return notes that name the drive gains, and doubt them if the arm's masses do."""
     shown = ", ".join(f"{gain:.4g}" for gain in gains)
     line = f"efforts are motor currents, converted with drive gains of {shown} N·m/A"
     if exact:  # of units that were stated
         line = f"efforts are converted from units of {shown} N·m, as stated"
-    read = DataWarning("effort_read", None, {}, line)
+    read = Note("effort_read", None, {}, line)
     if size is None or 1.0 / OFF < size < OFF:
         return (read,)
     off = f"with these gains, torques are {size:.2g} times what the masses in the arm's file need"
     if not 1.0 / SLIP < size < SLIP:
         raise ConfigError("drive gains", shown, f"N·m/A: {off}")
     doubt = f"{off}: gains in N·m/A, a known load in kg, the right arm?"
-    return read, DataWarning("effort_unit", None, {}, doubt)
+    return read, Note("effort_unit", None, {}, doubt)

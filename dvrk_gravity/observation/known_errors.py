@@ -17,7 +17,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording, limited_efforts
+from dvrk_gravity.recording import Coordinates, Note, Recording, limited_efforts
 
 _GAP = 3.0  # median intervals, across which efforts are not interpolated. Chosen
 
@@ -26,7 +26,7 @@ def without_known_errors(
     recordings: Iterable[Recording],
     model: TorqueModel,
     coordinates: Coordinates | None = None,
-) -> tuple[list[Recording], tuple[DataWarning, ...]]:
+) -> tuple[list[Recording], tuple[Note, ...]]:
     """Return recordings as they would be read correctly, and a note on what was done.
 
     Args:
@@ -48,7 +48,7 @@ def without_known_errors(
         f"recordings are corrected for the model's known errors of readings: {known}; if the arm "
         "reads correctly by now, remove them from the model"
     )
-    note = DataWarning("known_errors", None, {}, line)
+    note = Note("known_errors", None, {}, line)
     return [_corrected(each, errors, model.arm, coordinates) for each in recordings], (note,)
 
 

@@ -13,7 +13,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
 from dvrk_gravity.estimation import band_noise
-from dvrk_gravity.recording import Coordinates, DataWarning, LowPass, labels
+from dvrk_gravity.recording import Coordinates, LowPass, Note, labels
 
 _BETWEEN = 1.0  # s, between recordings whose clocks started again. Chosen: they were apart
 
@@ -78,7 +78,7 @@ class Observation:
     start_ns: int = 0
     sources: tuple[str, ...] = ()
     coordinates: Coordinates = "joint"
-    warnings: tuple[DataWarning, ...] = ()
+    warnings: tuple[Note, ...] = ()
     processing_log: tuple[str, ...] = ()
 
     PER_SAMPLE: ClassVar[tuple[str, ...]] = (

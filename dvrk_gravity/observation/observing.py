@@ -15,7 +15,7 @@ from dvrk_gravity.observation.observation import Observation
 from dvrk_gravity.recording import (
     STRETCH,
     Coordinates,
-    DataWarning,
+    Note,
     Prepared,
     Recording,
     about,
@@ -88,7 +88,7 @@ def observe(
     return [first, *result[1:]]
 
 
-def warnings_of(observations: Sequence[Observation]) -> tuple[DataWarning, ...]:
+def warnings_of(observations: Sequence[Observation]) -> tuple[Note, ...]:
     """Return the warnings about all."""
     return tuple(warning for each in observations for warning in each.warnings)
 

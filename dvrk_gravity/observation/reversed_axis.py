@@ -18,7 +18,7 @@ from dvrk_gravity.arms import Arm, gravity_in_base, rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import readings
 from dvrk_gravity.observation.nominal import Mounting, NominalTorque, apparent_gravity, mounting
-from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording import Note
 
 _SAMPLES = 600  # compared: a bound on time
 _FLOOR = 0.01  # part of the variance that is left anyway, of masses that are off by a tenth. Chosen
@@ -51,9 +51,9 @@ class Misread:
     mounted: bool
 
     @property
-    def warning(self) -> DataWarning:
+    def warning(self) -> Note:
         """That it may be so, where it is not refused."""
-        return DataWarning("misread", None, {}, self.line)
+        return Note("misread", None, {}, self.line)
 
 
 def misread(nominal: NominalTorque | None) -> Misread | None:

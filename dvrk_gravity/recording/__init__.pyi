@@ -12,13 +12,6 @@ from .cdr import JointStateLayout as JointStateLayout
 from .cdr import encode_joint_state as encode_joint_state
 from .checks import check as check
 from .checks import check_counts as check_counts
-from .data_warning import DataWarning as DataWarning
-from .data_warning import Kind as Kind
-from .data_warning import Note as Note
-from .data_warning import about as about
-from .data_warning import about_arm as about_arm
-from .data_warning import brief as brief
-from .data_warning import labels as labels
 from .duplicates import duplicate_samples as duplicate_samples
 from .duplicates import spent as spent
 from .duplicates import without_duplicates as without_duplicates
@@ -33,6 +26,12 @@ from .joint_states import read_joint_states as read_joint_states
 from .limits import STILL as STILL
 from .limits import beyond_the_arm as beyond_the_arm
 from .limits import jumps as jumps
+from .notes import Kind as Kind
+from .notes import Note as Note
+from .notes import about as about
+from .notes import about_arm as about_arm
+from .notes import brief as brief
+from .notes import labels as labels
 from .position_unit import disproved as disproved
 from .position_unit import without_friction as without_friction
 from .preparation import DEFAULT_CUTOFF as DEFAULT_CUTOFF

@@ -25,8 +25,8 @@ from dvrk_gravity.recording.bag_file import (
     unpacked_message,
 )
 from dvrk_gravity.recording.cdr import CdrError, from_ros1
-from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.joint_names import fits
+from dvrk_gravity.recording.notes import Note, note
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 # Of rosbag2; a ROS 1 bag, and one whose recorder was killed.
@@ -145,7 +145,7 @@ class BagReader:
         self._stack.close()
 
     def _note(self, text: str) -> None:
-        self.notes.append(Note("cut_off", text))
+        self.notes.append(note("cut_off", text))
 
     def _unreadable(self, why: str) -> RecordingError:
         return RecordingError(
@@ -262,7 +262,7 @@ class BagReader:
         if len(named) != 1:
             raise SeveralTopicsError(self.path, found)
         others = ", ".join(name for name in among if name != named[0])
-        self.notes.append(Note("topic", f"read {named[0]}, the one of arm {arm}, and not {others}"))
+        self.notes.append(note("topic", f"read {named[0]}, the one of arm {arm}, and not {others}"))
         return named[0]
 
     def _names(self, topic: str) -> set[str]:

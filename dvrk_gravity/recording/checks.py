@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, merged
 from dvrk_gravity.recording.invalid_effort import frozen
 from dvrk_gravity.recording.limits import STILL, beyond_the_arm, jumps, position_unit
+from dvrk_gravity.recording.notes import Kind, Note, merged
 from dvrk_gravity.recording.position_unit import declaring
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.signal_checks import (
@@ -32,7 +32,7 @@ _JITTER = 0.05  # standard deviation of the intervals, as a part of their median
 _RATES = (10.0, 5000.0)
 
 
-def check(recording: Recording) -> tuple[DataWarning, ...]:
+def check(recording: Recording) -> tuple[Note, ...]:
     """Return the faults of a trajectory or static poses, those of the whole recording first."""
     signals = _signals(recording)
     if any(finding.kind in UNITS for finding in signals):
@@ -42,7 +42,7 @@ def check(recording: Recording) -> tuple[DataWarning, ...]:
     return tuple(sorted(findings, key=lambda finding: finding.joint is not None))
 
 
-def _signals(recording: Recording) -> list[DataWarning]:
+def _signals(recording: Recording) -> list[Note]:
     """Return findings about units, time and signals."""
     findings = beyond_the_arm(recording)
     if findings:
@@ -62,14 +62,14 @@ def _signals(recording: Recording) -> list[DataWarning]:
     return [*findings, *saturation(recording), *quantisation(recording)]
 
 
-def check_counts(samples: int, notes: Iterable[Note]) -> list[DataWarning]:
+def check_counts(samples: int, notes: Iterable[Note]) -> list[Note]:
     """Return the reader's notes as findings about a file of which so many samples are left."""
     notes = merged(notes)
-    total = samples + sum(note.count for note in notes)
-    return [note.warning(total) for note in notes]
+    total = samples + sum(each.left_out for each in notes)
+    return [each.of(total) for each in notes]
 
 
-def _motion(recording: Recording) -> list[DataWarning]:
+def _motion(recording: Recording) -> list[Note]:
     """Return findings about joints that do not move."""
     ranges = np.ptp(recording.position, axis=0)
     still = ranges < STILL * recording.scale
@@ -79,17 +79,17 @@ def _motion(recording: Recording) -> list[DataWarning]:
         text = f"no joint moves by more than {ranges.max():.2g} {unit}"
         text += "".join(f"; {note.text}" for note in recording.notes if note.kind == "moving_topic")
         numbers = {f"range_{unit}": float(ranges.max())}
-        return [DataWarning("nothing_moves", None, numbers, text, unusable=True)]
+        return [Note("nothing_moves", None, numbers, text, unusable=True)]
     findings = []
     for k in np.flatnonzero(still).tolist():
         joint, way = recording.joints[k], float(ranges[k])
         unit = position_unit(recording, joint)
         text = f"moves by {way:.2g} {unit} only"
-        findings.append(DataWarning("no_motion", joint, {f"range_{unit}": way}, text))
+        findings.append(Note("no_motion", joint, {f"range_{unit}": way}, text))
     return findings
 
 
-def _time(recording: Recording) -> list[DataWarning]:
+def _time(recording: Recording) -> list[Note]:
     assert recording.time is not None
     intervals = np.diff(recording.time)
     typical = float(np.median(intervals))
@@ -102,23 +102,23 @@ def _time(recording: Recording) -> list[DataWarning]:
                 f"--columns 'time=time[{unit}]')"
             )
             numbers = {"interval": typical}
-            findings.append(DataWarning("time_unit", None, numbers, text, unusable=True))
+            findings.append(Note("time_unit", None, numbers, text, unusable=True))
     long = intervals > TimingSettings().gap * typical
     if any(note.kind == "excerpt" for note in recording.notes):
         long &= intervals < _BETWEEN_STRETCHES
     if long.any():
         numbers = {"count": int(long.sum()), "longest_s": float(intervals.max())}
         text = f"{long.sum()} gaps in time, the longest {intervals.max():.3g} s"
-        findings.append(DataWarning("gaps", None, numbers, text))
+        findings.append(Note("gaps", None, numbers, text))
     jitter = float(np.std(intervals[~long]))
     if jitter > _JITTER * typical:
         numbers = {"jitter_s": jitter, "interval_s": typical}
         text = f"sampling intervals vary by {1e3 * jitter:.2g} ms around {1e3 * typical:.3g} ms"
-        findings.append(DataWarning("time_jitter", None, numbers, text))
+        findings.append(Note("time_jitter", None, numbers, text))
     return findings
 
 
-def _velocity(recording: Recording) -> list[DataWarning]:
+def _velocity(recording: Recording) -> list[Note]:
     fits = compare_velocity(recording)
     findings, common = [], common_factor(fits)
     if common is not None:
@@ -126,7 +126,7 @@ def _velocity(recording: Recording) -> list[DataWarning]:
             f"velocity is {common:.3g} times the differentiated position at all joints: the "
             f"clock, or all velocities, are wrong by a factor of {max(common, 1 / common):.2g}"
         )
-        findings.append(DataWarning("wrong_clock", None, {"factor": common}, text))
+        findings.append(Note("wrong_clock", None, {"factor": common}, text))
     for joint, fit in zip(recording.joints, fits, strict=True):
         if fit is None or not fit.worse:
             continue
@@ -146,5 +146,5 @@ def _velocity(recording: Recording) -> list[DataWarning]:
         unusable = fit.position_in_degrees
         if unusable:
             text += f"; {declaring(joint, 'position', 'deg')}"
-        findings.append(DataWarning(kind, joint, numbers, text, unusable))
+        findings.append(Note(kind, joint, numbers, text, unusable))
     return findings

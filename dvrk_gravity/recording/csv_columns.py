@@ -14,7 +14,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.notes import Note
 
 DEGREE = np.pi / 180.0
 # Factors to rad, m, N·m, N, A and s; by what they are units of.

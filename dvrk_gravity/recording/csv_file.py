@@ -19,7 +19,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError, printable
 from dvrk_gravity.recording.csv_columns import WAY_OUT, Columns, Header, Mapped, read_columns
 from dvrk_gravity.recording.csv_header import HeaderReader
-from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.notes import Note, note
 from dvrk_gravity.recording.publishers import one_publisher
 from dvrk_gravity.recording.samples import CHUNK, LARGEST, Coordinates, Samples, TimeBase
 from dvrk_gravity.recording.table import Assembly, RowTable
@@ -218,7 +218,7 @@ class RowReader:
             bad = len(lines) - len(values)
             if bad:
                 text = f"of lines that are no rows (the first one: {self._problem})"
-                notes += (Note("unreadable", text, count=bad),)
+                notes += (note("unreadable", text, left_out=bad),)
             lined = lined[good]
             self._unreadable += bad
         self._read += len(lines)
@@ -233,7 +233,7 @@ class RowReader:
             known = np.asarray(np.isfinite(times).all(axis=1))
             if not known.all():
                 left = len(known) - int(known.sum())
-                notes += (Note("not_finite", "without a time", count=left),)
+                notes += (note("not_finite", "without a time", left_out=left),)
                 values, lined = values[known], lined[known]
             stamps = self._stamps(header, times[known], lined)
         missing = np.full(len(values), np.nan)

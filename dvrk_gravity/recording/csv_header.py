@@ -22,8 +22,8 @@ from dvrk_gravity.recording.csv_columns import (
     TimeColumns,
     recognised,
 )
-from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.joint_names import arm_names, renaming
+from dvrk_gravity.recording.notes import Note, note
 from dvrk_gravity.recording.samples import QUANTITIES, TimeBase, check_joints
 
 _SHOWN = 8  # names of columns in one line
@@ -348,7 +348,7 @@ class HeaderReader:
             lines.append("efforts are currents (--effort-unit A, or --drive-gains)")
         if others:
             lines.append(f"columns not read: {_some(others)}")
-        return (Note("columns", "; ".join(lines)),) if lines else ()
+        return (note("columns", "; ".join(lines)),) if lines else ()
 
 
 def _rank(name: str) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Mask
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.recording import Recording
 
 Hashes = NDArray[np.uint64]
@@ -51,13 +51,13 @@ def duplicate_samples(recording: Recording, before: Iterable[Recording] = ()) ->
 
 def without_duplicates(
     recordings: Sequence[Recording],
-) -> tuple[list[Recording | None], tuple[DataWarning, ...]]:
+) -> tuple[list[Recording | None], tuple[Note, ...]]:
     """Return recordings without duplicate samples, and warnings about these.
 
     ``None`` stands for a recording of which too little is left.
     """
     kept: list[Recording | None] = []
-    warnings: list[DataWarning] = []
+    warnings: list[Note] = []
     for index, recording in enumerate(recordings):
         again = duplicate_samples(recording, recordings[:index])
         left: Recording | None = recording
@@ -74,7 +74,7 @@ def spent(recording: Recording, again: Mask) -> bool:
     return bool(again.any()) and (not left or left < _LEAST * (recording.rate or 0.0))
 
 
-def _warning(recording: Recording, again: Mask, skipped: bool) -> DataWarning:
+def _warning(recording: Recording, again: Mask, skipped: bool) -> Note:
     number, total = int(again.sum()), len(recording)
     text = (
         f"{recording.source}: {number} of {total} samples are exact duplicates of earlier samples, "
@@ -83,7 +83,7 @@ def _warning(recording: Recording, again: Mask, skipped: bool) -> DataWarning:
     if skipped:
         text += "; the rest is too short to be used" if number < total else "; it is skipped"
     numbers = {"samples": number, "share": number / total}
-    return DataWarning("duplicate_samples", None, numbers, text)
+    return Note("duplicate_samples", None, numbers, text)
 
 
 def _windows(hashes: Hashes, run: int) -> Hashes:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.timing import speed
@@ -152,7 +152,7 @@ def _step(values: Array) -> float:
     return float(np.ptp(distinct)) if len(distinct) < 3 else quantum(values)
 
 
-def frozen(recording: Recording) -> list[DataWarning]:
+def frozen(recording: Recording) -> list[Note]:
     """Return findings about efforts that are no readings, one a joint."""
     spans = frozen_efforts(recording)
     findings = []
@@ -166,5 +166,5 @@ def frozen(recording: Recording) -> list[DataWarning]:
             f"({last - first:.3g} s{further}) while the joint moves: not a reading"
         )
         numbers = {"seconds": seconds, "from_s": first, "to_s": last}
-        findings.append(DataWarning("effort_frozen", recording.joints[joint], numbers, text))
+        findings.append(Note("effort_frozen", recording.joints[joint], numbers, text))
     return findings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Sequence
 
-from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.notes import Note, note
 
 
 def arm_names(recorded: Iterable[str], known: Sequence[str]) -> dict[str, str]:
@@ -44,7 +44,7 @@ def note_on(names: dict[str, str]) -> tuple[Note, ...]:
     if not names:
         return ()
     recorded, joint = next(iter(names.items()))
-    return (Note("columns", f"joints read: {recorded} as {joint}, and so on"),)
+    return (note("columns", f"joints read: {recorded} as {joint}, and so on"),)
 
 
 def fits(recorded: Collection[str], known: Sequence[str]) -> bool:

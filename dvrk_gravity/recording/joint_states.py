@@ -17,9 +17,9 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import JOINT_STATE, BagReader, SeveralTopicsError
 from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
 from dvrk_gravity.recording.csv_columns import Columns, commanded, read_columns
-from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.joint_names import arm_names, fits, note_on, renaming
 from dvrk_gravity.recording.limits import STILL
+from dvrk_gravity.recording.notes import Note, note
 from dvrk_gravity.recording.publishers import one_publisher
 from dvrk_gravity.recording.samples import (
     CHUNK,
@@ -388,7 +388,7 @@ def _moving_topic(bag: BagReader, read: str, joints: Sequence[str]) -> tuple[Not
         return ()
     _, topic, moving = max(found, key=lambda each: each[0])
     text = f"the joints of {read} stand still, those of {topic} move ({_some(moving)})"
-    return (Note("moving_topic", f"{text}: --topic {topic}"),)
+    return (note("moving_topic", f"{text}: --topic {topic}"),)
 
 
 def _misfit(batch: _Batch, joints: tuple[str, ...], arm: Arm | None) -> str:
@@ -414,8 +414,10 @@ def _misfit(batch: _Batch, joints: tuple[str, ...], arm: Arm | None) -> str:
 def _notes(damaged: int, others: int) -> tuple[Note, ...]:
     found = []
     if damaged:
-        found.append(Note("unreadable", "of messages that are no such JointStates", count=damaged))
+        found.append(
+            note("unreadable", "of messages that are no such JointStates", left_out=damaged)
+        )
     if others:
         text = "of messages of other joints or fields (another publisher)"
-        found.append(Note("other_messages", text, count=others))
+        found.append(note("other_messages", text, left_out=others))
     return tuple(found)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dvrk_gravity.arms import FASTEST, UNTIMED_STEP, Arm
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.position_unit import ENDLESS, other_units
 from dvrk_gravity.recording.samples import Samples
 from dvrk_gravity.recording.timing import stale
@@ -60,7 +60,7 @@ def beyond_reach(recording: Samples, arm: Arm) -> Mask:
     return np.asarray(np.abs(recording.position) > _POSITION_MARGIN * most)
 
 
-def beyond_the_arm(recording: Samples) -> list[DataWarning]:
+def beyond_the_arm(recording: Samples) -> list[Note]:
     """Return findings about numbers beyond the arm's reach: they are in another unit."""
     arm = recording.arm
     if arm is None:
@@ -79,10 +79,10 @@ def beyond_the_arm(recording: Samples) -> list[DataWarning]:
             same = [other for other in arm.joints if other.unit == joint.unit]
             if peak <= max(min(reach[other.name], ENDLESS) for other in same):
                 text += f"{joint.unit}, and the columns of the right joints"
-                findings.append(DataWarning("exchanged_joints", name, numbers, text))
+                findings.append(Note("exchanged_joints", name, numbers, text))
             else:
                 text += others
-                findings.append(DataWarning("position_unit", name, numbers, text, unusable=True))
+                findings.append(Note("position_unit", name, numbers, text, unusable=True))
         if recording.effort is None:
             continue
         peak = float(np.max(np.abs(recording.effort[:, column])))
@@ -92,12 +92,12 @@ def beyond_the_arm(recording: Samples) -> list[DataWarning]:
         text = f"effort up to {peak:.4g}, an arm reaches {strength[name]:g}: expected "
         if peak <= max(strength.values()):
             text += f"{joint.effort_unit}, and the columns of the right joints"
-            findings.append(DataWarning("exchanged_joints", name, numbers, text))
+            findings.append(Note("exchanged_joints", name, numbers, text))
         else:
             text += f"{joint.effort_unit}, not m{joint.effort_unit}"
             if joint.effort_unit == "N·m":  # of a force no other unit is read
                 text += f"; declare it for each such joint, --effort-unit {name}=mN·m"
-            findings.append(DataWarning("effort_unit", name, numbers, text, unusable=True))
+            findings.append(Note("effort_unit", name, numbers, text, unusable=True))
     return findings
 
 
@@ -135,7 +135,7 @@ def _renewed_after(way: Array, time: Array) -> Array:
     return np.asarray(time[1:, None] - np.vstack([np.full(way.shape[1], time[0]), last[:-1]]))
 
 
-def jumps(recording: Samples) -> list[DataWarning]:
+def jumps(recording: Samples) -> list[Note]:
     """Return findings about ways that no joint can have gone between two samples."""
     # After stale samples the whole way comes at once.
     fresh = recording.rows(~stale(recording))
@@ -164,5 +164,5 @@ def jumps(recording: Samples) -> list[DataWarning]:
             f"expected {expected}"
         )
         numbers = {"jumps": len(rows), f"way_{unit}": float(way[row, joint])}
-        findings.append(DataWarning("position_jump", name, numbers, text, unusable=True))
+        findings.append(Note("position_jump", name, numbers, text, unusable=True))
     return findings

@@ -12,8 +12,8 @@ import numpy as np
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import check
-from dvrk_gravity.recording.data_warning import DataWarning, require_usable
 from dvrk_gravity.recording.filters import LowPass, derivative, white_density
+from dvrk_gravity.recording.notes import Note, require_usable
 from dvrk_gravity.recording.quantization import known_acceleration, quantum
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import QUANTITIES, Coordinates, not_recorded
@@ -54,7 +54,7 @@ class Prepared:
     filtered: Recording
     acceleration: Array
     parts: tuple[slice, ...]
-    warnings: tuple[DataWarning, ...]
+    warnings: tuple[Note, ...]
     processing_log: tuple[str, ...]
     filter: LowPass | None = None
     stride: int = 1
@@ -121,7 +121,7 @@ class Gaps:
             )
         return lines
 
-    def warnings(self, samples: int) -> tuple[DataWarning, ...]:
+    def warnings(self, samples: int) -> tuple[Note, ...]:
         """Return a warning if gaps cost too many of the samples of a recording."""
         share = self.discarded / samples
         if share <= DISCARDED:
@@ -133,7 +133,7 @@ class Gaps:
             f"short for the filter, which takes {self.low.edge / self.low.rate:.2g} s at either "
             "end of each; record without gaps"
         )
-        return (DataWarning("samples_discarded", None, numbers, text),)
+        return (Note("samples_discarded", None, numbers, text),)
 
 
 def prepare(
@@ -144,7 +144,7 @@ def prepare(
     limit_acceleration: bool = True,
     stride: int = 1,
     ends: bool = True,
-    warnings: tuple[DataWarning, ...] | None = None,
+    warnings: tuple[Note, ...] | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
 
@@ -295,7 +295,7 @@ def _low_pass(recording: Recording, cutoff: float, rate: float) -> LowPass:
         raise RecordingError(recording.source, error.problem) from error
 
 
-def _derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> tuple[str, ...]:
+def _derived_joints(recording: Recording, warnings: tuple[Note, ...]) -> tuple[str, ...]:
     """Return the joints whose velocity is differentiated from the position."""
     if recording.velocity is None:
         return recording.joints

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.data_warning import Note
+from dvrk_gravity.recording.notes import note
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.samples import LARGEST
 from dvrk_gravity.recording.table import RowTable
@@ -91,8 +91,8 @@ def _without(table: RowTable, text: str, sign: _Sign, found: dict[str, bool]) ->
         return table
     found[text] = leave_out
     what = f"of a second publisher of the same joints ({text})"
-    note = Note("second_publisher", what, count=int(others.sum()))
-    return replace(table.rows(~others), notes=(*table.notes, note))
+    left_out = note("second_publisher", what, left_out=int(others.sum()))
+    return replace(table.rows(~others), notes=(*table.notes, left_out))
 
 
 def _interleaved(stamps: NDArray[np.int64], others: Mask) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.recording.data_warning import Note, merged
+from dvrk_gravity.recording.notes import merged, note
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.samples import QUANTITIES, Samples
 from dvrk_gravity.recording.timing import moving, speed
@@ -150,7 +150,7 @@ def renewed(samples: Samples) -> Samples:
     if not known:
         return samples
     notes = (
-        Note("held_readings", f"{in_words(samples, q, hold)}; interpolated between renewals")
+        note("held_readings", f"{in_words(samples, q, hold)}; interpolated between renewals")
         for q, hold in known.items()
     )
     return replace(_interpolated(samples, known), notes=merged((*samples.notes, *notes)))

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import FASTEST, UNTIMED_STEP
 from dvrk_gravity.arrays import Mask
-from dvrk_gravity.recording.data_warning import Note, merged
 from dvrk_gravity.recording.limits import EFFORT_MARGIN, MOMENT, beyond_reach, largest, reachable
+from dvrk_gravity.recording.notes import Note, merged, note
 from dvrk_gravity.recording.samples import Samples
 from dvrk_gravity.recording.timing import stale
 
@@ -53,7 +53,7 @@ def repaired(samples: Samples) -> Samples:
 def _count(text: str, joint: str, keep: Mask, rows: NDArray[np.intp]) -> list[Note]:
     """Return a note of how many more samples are left out for a reason, if any."""
     count = int(keep[rows].sum())
-    return [Note("impossible_readings", text, joint, count)] if count else []
+    return [note("impossible_readings", text, joint, count)] if count else []
 
 
 def _unwrapped(samples: Samples) -> Samples:
@@ -81,7 +81,7 @@ def _unwrapped(samples: Samples) -> Samples:
     added = np.zeros_like(samples.position)
     added[1:] = np.cumsum(np.where(found, -TURN * turns, 0.0), axis=0)
     text = "its position wraps at a turn, and was unwrapped"
-    notes = [Note("wrapped", text, joint) for joint in compress(samples.joints, found.any(axis=0))]
+    notes = [note("wrapped", text, joint) for joint in compress(samples.joints, found.any(axis=0))]
     position = samples.position + added
     position.flags.writeable = False
     return replace(samples, position=position, notes=merged((*samples.notes, *notes)))

@@ -13,7 +13,7 @@ from dvrk_gravity.arms import Arm, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import LinkWeight, State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.data_warning import Kind, Note, merged
+from dvrk_gravity.recording.notes import Kind, Note, merged, note
 
 Coordinates = Literal["joint", "actuator"]
 TimeBase = Literal["stamp", "receive"]
@@ -98,7 +98,7 @@ class Samples:
             ("invalid_stamps", self.invalid, "with stamp 0 (marked invalid)"),
             ("repeated_stamps", self.repeated, "with the time of the sample before"),
         )
-        notes = (Note(kind, text, count=count) for kind, count, text in counted if count)
+        notes = (note(kind, text, left_out=count) for kind, count, text in counted if count)
         return (*notes, *self.notes)
 
     def with_found(self, others: Iterable[Samples]) -> Self:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.limits import effort_unit, position_unit
+from dvrk_gravity.recording.notes import Kind, Note
 from dvrk_gravity.recording.quantization import quantum, velocity_error
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.renewal import LEAST_RATE, OWN, common, holds, in_words
@@ -44,7 +44,7 @@ def _longest_run(mask: Mask) -> int:
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
-def sampling(recording: Recording) -> list[DataWarning]:
+def sampling(recording: Recording) -> list[Note]:
     """Return findings about stale samples and samples taken off their stamps."""
     findings = []
     old = stale(recording)
@@ -55,7 +55,7 @@ def sampling(recording: Recording) -> list[DataWarning]:
             f"{old.sum()} of {len(recording)} samples repeat the previous one while the "
             f"arm moves, up to {longest} in a row"
         )
-        findings.append(DataWarning("stale_samples", None, numbers, text))
+        findings.append(Note("stale_samples", None, numbers, text))
     # Over a gap nothing is smooth.
     jitter = read_jitter(max(split_at_gaps(recording), key=len))
     rate = recording.rate
@@ -70,11 +70,11 @@ def sampling(recording: Recording) -> list[DataWarning]:
             f"included (interval {1e3 / rate:.3g} ms)"
             + ("; corrected by matching positions and velocities" if corrected else "")
         )
-        findings.append(DataWarning("read_jitter", None, numbers, text))
+        findings.append(Note("read_jitter", None, numbers, text))
     return findings
 
 
-def held(recording: Recording) -> list[DataWarning]:
+def held(recording: Recording) -> list[Note]:
     """Return findings about positions and efforts that are renewed more slowly than recorded.
 
     Below ``LEAST_RATE`` they cannot be used.
@@ -91,7 +91,7 @@ def held(recording: Recording) -> list[DataWarning]:
         if unusable:
             text += f"; expected {LEAST_RATE:g} Hz or more: record what the driver renews faster"
         numbers = {"renewals_hz": renewals, "hold_s": hold.samples / rate}
-        findings.append(DataWarning("held_readings", None, numbers, text, unusable))
+        findings.append(Note("held_readings", None, numbers, text, unusable))
     return findings
 
 
@@ -117,7 +117,7 @@ def read_jitter(recording: Recording) -> float | None:
     return float(np.sqrt(max(np.median(slopes), 0.0))) if slopes else None
 
 
-def ripple(recording: Recording) -> list[DataWarning]:
+def ripple(recording: Recording) -> list[Note]:
     """Return a finding if efforts ripple with the motion faster than the recording can follow.
 
     A position servo answers every step of its commands with a pulse of torque. Pulses faster than
@@ -134,7 +134,7 @@ def ripple(recording: Recording) -> list[DataWarning]:
         "be aliased ripple; command positions in finer steps, or record at 1 kHz"
     )
     numbers = {"share": share, "above_hz": recording.rate / 4.0}
-    return [DataWarning("effort_ripple", None, numbers, text)]
+    return [Note("effort_ripple", None, numbers, text)]
 
 
 def effort_ripple(recording: Recording) -> float | None:
@@ -165,7 +165,7 @@ def effort_ripple(recording: Recording) -> float | None:
     return float(np.median(shares)) if shares else None
 
 
-def saturation(recording: Recording) -> list[DataWarning]:
+def saturation(recording: Recording) -> list[Note]:
     """Return findings about efforts that stay at an extreme."""
     if recording.effort is None:
         return []
@@ -195,11 +195,11 @@ def saturation(recording: Recording) -> list[DataWarning]:
             count, unit = int(pinned.sum()), effort_unit(recording, joint)
             numbers = {"effort_nm": abs(reached), "samples": count}
             text = f"effort stays at {reached:.4g} {unit} in {count} samples"
-            findings.append(DataWarning("effort_saturation", joint, numbers, text))
+            findings.append(Note("effort_saturation", joint, numbers, text))
     return findings
 
 
-def quantisation(recording: Recording) -> list[DataWarning]:
+def quantisation(recording: Recording) -> list[Note]:
     """Return findings about signals whose steps are coarse for the motion."""
     findings = []
     rate = recording.rate
@@ -220,7 +220,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                     f"velocity has steps of {step * rate:.2g} {measured_in}/s at a joint speed of "
                     f"{typical:.2g}"
                 )
-                findings.append(DataWarning("position_quantisation", joint, numbers, text))
+                findings.append(Note("position_quantisation", joint, numbers, text))
         signals: tuple[tuple[Kind, Array | None, str], ...] = (
             ("velocity_quantisation", recording.velocity, f"{measured_in}/s"),
             ("effort_quantisation", recording.effort, effort_unit(recording, joint)),
@@ -235,7 +235,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                     f"deviation is {spread:.2g}"
                 )
                 numbers = {"step": step, "spread": spread}
-                findings.append(DataWarning(kind, joint, numbers, text))
+                findings.append(Note(kind, joint, numbers, text))
     return findings
 
 
@@ -248,7 +248,7 @@ def _coarse(step: float, rate: float, typical: float) -> bool:
     return error > _COARSE_VELOCITY * typical
 
 
-def driven_motors(recording: Recording) -> list[DataWarning]:
+def driven_motors(recording: Recording) -> list[Note]:
     """Return findings about motors that friction would drive: their efforts have the wrong sign."""
     if recording.effort is None:
         return []
@@ -266,7 +266,5 @@ def driven_motors(recording: Recording) -> list[DataWarning]:
                 "arm, as if friction drove it: an effort of the wrong sign, or of another "
                 "joint, a hand that moves the arm, or work transferred from other joints"
             )
-            findings.append(
-                DataWarning("effort_sign", recording.joints[joint], {"work": part}, text)
-            )
+            findings.append(Note("effort_sign", recording.joints[joint], {"work": part}, text))
     return findings

@@ -13,8 +13,8 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Mask
 from dvrk_gravity.errors import ArgumentError
-from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.files import A_PATH, ReadOptions, mended, read
+from dvrk_gravity.recording.notes import note
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples
 from dvrk_gravity.validation import path_of
@@ -98,7 +98,7 @@ def _spread(total: int, length: int, number: int, rows: slice) -> Mask:
 def _noted(kept: Recording, left_out: int, stretch: float) -> Recording:
     """Return stretches of a recording with a note that so many samples are not in them."""
     text = f"outside of evenly spread stretches of {stretch:.3g} s"
-    return replace(kept, notes=(Note("excerpt", text, count=left_out), *kept.notes))
+    return replace(kept, notes=(note("excerpt", text, left_out=left_out), *kept.notes))
 
 
 Given = Recording | str | os.PathLike[str]

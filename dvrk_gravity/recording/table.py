@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.data_warning import Note, merged
 from dvrk_gravity.recording.limits import STILL
+from dvrk_gravity.recording.notes import Note, merged, note
 from dvrk_gravity.recording.samples import LARGEST, Coordinates, Samples
 
 # Samples in a row that may be out of order: 0.1 s at 1 kHz. Chosen: more is another recording
@@ -159,7 +159,7 @@ class Assembly:
         self._standing += self._repeated
         notes = table.notes
         if wilds:
-            notes += (Note("stamps_back", "with times out of order", count=wilds),)
+            notes += (note("stamps_back", "with times out of order", left_out=wilds),)
         found = replace(table.rows(slice(0, cut)), notes=notes)
         if not kept.all():
             found = found.rows(kept)
@@ -193,7 +193,7 @@ class Assembly:
             values[quantity] = own
         left = len(table) - int(usable.sum())
         if left:
-            notes += (Note("not_finite", "with a value missing or not finite", count=left),)
+            notes += (note("not_finite", "with a value missing or not finite", left_out=left),)
             values = {quantity: array[usable] for quantity, array in values.items()}
         time = None
         if table.stamps is not None:
@@ -236,7 +236,7 @@ class Assembly:
             whose = "of all joints" if every else f"of {', '.join(named)}"
             taken = ": differentiated from positions" if quantity == "velocity" else ""
             text = f"{quantity} {whose} was not recorded (no finite number){taken}"
-            notes += (Note("not_recorded", text),)
+            notes += (note("not_recorded", text),)
         return joints, notes
 
     def _moving(self, table: RowTable, without: Mask) -> tuple[Note, ...]:
@@ -246,7 +246,7 @@ class Assembly:
         position = np.where(np.abs(table.values["position"]) < LARGEST, table.values["position"], 0)
         moved = np.ptp(position, axis=0) > STILL
         return tuple(
-            Note(
+            note(
                 "effort_missing",
                 "moves, but its efforts are no numbers that an effort can be",
                 name,
@@ -274,8 +274,8 @@ class Assembly:
     def _nothing(self, empty: Iterable[Samples]) -> RecordingError:
         """Return the error about a file without a usable sample."""
         found = merged(note for samples in empty for note in samples.found)
-        total = sum(note.count for note in found)
-        why = "; ".join(note.warning(total).text for note in found)
+        total = sum(each.left_out for each in found)
+        why = "; ".join(each.of(total).text for each in found)
         unstamped = any(note.kind == "invalid_stamps" for note in found)
         way_out = self.way_out if unstamped else ""
         return RecordingError(
@@ -286,7 +286,7 @@ class Assembly:
 def _left_out(table: RowTable, without: Mask, quantity: str, why: str) -> tuple[Note, ...]:
     """Return notes of the joints that are not read, with what stands in place of a reading."""
     return tuple(
-        Note("not_recorded", f"not read: {why} (the first {quantity} is {value:.3g})", name)
+        note("not_recorded", f"not read: {why} (the first {quantity} is {value:.3g})", name)
         for name, value in compress(
             zip(table.joints, table.values[quantity][0].tolist(), strict=True), without
         )

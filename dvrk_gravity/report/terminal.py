@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from dvrk_gravity.observation import contradiction
-from dvrk_gravity.recording import DataWarning, Kind, brief
+from dvrk_gravity.recording import Kind, Note, brief
 
 MOST_WARNINGS = 3
 """Lines of warnings without ``--verbose``. Chosen: what is left of a screen beside a table."""
@@ -91,7 +91,7 @@ def painted(text: str, verdict: str, width: int | None) -> str:
     return f"\033[{_COLOURS.get(verdict, _BOLD)}m{text}\033[0m"
 
 
-def warning_lines(warnings: Sequence[DataWarning], verbose: bool = False) -> Iterator[str]:
+def warning_lines(warnings: Sequence[Note], verbose: bool = False) -> Iterator[str]:
     """Yield what is odd about recordings: all of it, or what a user has to act on, in few lines.
 
     That they are of another arm is said before all else (:func:`contradiction`), and not again.
@@ -124,6 +124,6 @@ def warning_lines(warnings: Sequence[DataWarning], verbose: bool = False) -> Ite
         yield f"and {more} more {about}: --verbose"
 
 
-def _is_detail(warning: DataWarning) -> bool:
+def _is_detail(warning: Note) -> bool:
     much = warning.kind in _LEFT_OUT and warning.numbers.get("share", 0.0) > _MUCH
     return warning.kind in _DETAIL and not (warning.unusable or much)

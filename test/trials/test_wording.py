@@ -20,7 +20,7 @@ IN_FILES = {
     "dvrk_gravity/console/conversion.py": ('"other_hand"',),
     "dvrk_gravity/observation/arm_side.py": ('"other_hand"',),
     "dvrk_gravity/model/uncertainty.py": ("together: Array", "self.together"),
-    "dvrk_gravity/recording/data_warning.py": ('"other_hand"',),
+    "dvrk_gravity/recording/notes.py": ('"other_hand"',),
 }
 # Regular expression -> what to say. A blank stands for blanks, line ends and underscores, so that
 # names in code count, too.

@@ -36,7 +36,7 @@ from dvrk_gravity.observation import (
     held_beyond,
     velocity_fault,
 )
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording
+from dvrk_gravity.recording import Coordinates, Note, Recording
 
 _BEGINNING = 60.0  # s of a recording that are looked at. Chosen: a stretch of a long one
 # Standard errors by which the model fits one clock better than the other. Chosen: one chance in a
@@ -88,15 +88,15 @@ class CorrectedRecordings:
 
     recordings: list[Recording]
     faults: tuple[Fault, ...]
-    warnings: tuple[DataWarning, ...]
+    warnings: tuple[Note, ...]
     errors: ReadingErrors
     processing_log: tuple[str, ...]
 
     @property
-    def of_reference(self) -> tuple[DataWarning, ...]:
+    def of_reference(self) -> tuple[Note, ...]:
         """The same as warnings about a reference, of which there are no findings."""
         faults = (
-            DataWarning(
+            Note(
                 "velocity_mismatch" if fault.factor else "coordinates",
                 None,
                 {"factor": fault.factor.value} if fault.factor else {},
@@ -122,7 +122,7 @@ def correct_recordings(
             a finding if they are not joint coordinates.
         fixed_positions: Where joints stood that the recordings do not hold.
     """
-    right, faults, warnings, processing_log = [], list[Fault](), list[DataWarning](), list[str]()
+    right, faults, warnings, processing_log = [], list[Fault](), list[Note](), list[str]()
     several = len(recordings) > 1
     read = ReadingErrors.none(model.arm.n)
 
@@ -158,7 +158,7 @@ def correct_recordings(
                 note(fault, head, replace(right_one, coordinates=decision.coordinates))
             elif given is None:
                 text = f"{decision.reason}: --coordinates overrides this"
-                warnings.append(DataWarning("coordinates", None, {}, text))
+                warnings.append(Note("coordinates", None, {}, text))
         right.append(recording)
     return CorrectedRecordings(right, tuple(faults), tuple(warnings), read, tuple(processing_log))
 

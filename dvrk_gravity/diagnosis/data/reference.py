@@ -24,7 +24,7 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import SAME_STATE, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.recording import DataWarning, LowPass, Recording
+from dvrk_gravity.recording import LowPass, Note, Recording
 
 ONLY_CHANGES = "it holds changes against a reference only, and cannot hold the arm"
 
@@ -216,7 +216,7 @@ def _cut(motion: MeasuredMotion, pieces: Sequence[slice]) -> MeasuredMotion:
     return replace(cut, clock=clock, rounding=np.sqrt(2.0) * motion.rounding)
 
 
-def _further(warnings: Sequence[DataWarning], said: Sequence[DataWarning]) -> list[DataWarning]:
+def _further(warnings: Sequence[Note], said: Sequence[Note]) -> list[Note]:
     """Return warnings of the reference that do not apply to the recording as well."""
     known = {(warning.kind, warning.joint) for warning in said}
     return [warning for warning in warnings if (warning.kind, warning.joint) not in known]

@@ -56,7 +56,7 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
-from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording import Note
 
 
 def report(
@@ -311,10 +311,10 @@ def _fit(
     return theta, covariance[: len(theta), : len(theta)], spreads
 
 
-def _larger(joints: Sequence[str]) -> tuple[DataWarning, ...]:
+def _larger(joints: Sequence[str]) -> tuple[Note, ...]:
     if not joints:
         return ()
-    return (DataWarning("larger_errors", None, {}, sentences.larger_errors(joints)),)
+    return (Note("larger_errors", None, {}, sentences.larger_errors(joints)),)
 
 
 def _verdict(findings: Sequence[Finding], in_part: bool, blind: Sequence[str]) -> Verdict:

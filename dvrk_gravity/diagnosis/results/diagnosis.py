@@ -20,7 +20,7 @@ from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, P
 from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
 from dvrk_gravity.diagnosis.results.in_simulation import InSimulation
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording import Note
 from dvrk_gravity.tabular import Columns, Tabular
 from dvrk_gravity.validation import split_link
 
@@ -108,7 +108,7 @@ class Diagnosis(Tabular):
     floor_from: FloorFrom
     samples: int
     held_out: int
-    warnings: tuple[DataWarning, ...]
+    warnings: tuple[Note, ...]
     notes: tuple[str, ...]
     ambiguities: tuple[Ambiguity, ...]
     model: TorqueModel = field(repr=False)

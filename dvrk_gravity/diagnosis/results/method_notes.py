@@ -7,7 +7,7 @@ import numpy as np
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.results.sentences import FLOORS
-from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording import Note
 
 
 def method_notes(motion: MeasuredMotion, data: FilteredData, floor: np.ndarray) -> list[str]:
@@ -42,7 +42,7 @@ def method_notes(motion: MeasuredMotion, data: FilteredData, floor: np.ndarray) 
     ]
 
 
-def not_judged(motion: MeasuredMotion) -> tuple[DataWarning, ...]:
+def not_judged(motion: MeasuredMotion) -> tuple[Note, ...]:
     """Return a note on joints whose efforts show nothing, if there are any."""
     if not motion.stands.any():
         return ()
@@ -51,7 +51,7 @@ def not_judged(motion: MeasuredMotion) -> tuple[DataWarning, ...]:
         f"not judged: efforts of {names}, which never move: friction may hold any torque up to its "
         "level"
     )
-    return (DataWarning("not_judged", None, {}, text),)
+    return (Note("not_judged", None, {}, text),)
 
 
 def _certainty(data: FilteredData) -> str:

@@ -55,7 +55,7 @@ from dvrk_gravity.identification.result import (
     joint_errors,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording
+from dvrk_gravity.recording import Coordinates, Note, Recording
 
 Report = Callable[[str, float], None]
 
@@ -149,9 +149,7 @@ def fit_static(
     )
 
 
-def _driven(
-    model: TorqueModel, poses: Poses, errors: Mapping[str, JointError]
-) -> Iterator[DataWarning]:
+def _driven(model: TorqueModel, poses: Poses, errors: Mapping[str, JointError]) -> Iterator[Note]:
     """Yield warnings about joints with negative friction: upwards they need less than down."""
     arm = model.arm
     up, down = (model.torque(poses.q, direction=np.full(poses.q.shape, s)) for s in (1.0, -1.0))
@@ -159,7 +157,7 @@ def _driven(
     for joint in poses.moving:
         name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
         if friction[joint] < -DRIVEN * errors[name].rmse:
-            yield DataWarning(
+            yield Note(
                 "effort_sign", name, {"friction": float(friction[joint])},
                 f"friction is {friction[joint]:.2g} {unit}, as if it drove the joint: directions "
                 "exchanged, or an effort of the wrong sign?",

@@ -22,7 +22,7 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.quality.identifiability import base_weights
 from dvrk_gravity.observation import observe, require_measured, warnings_of
 from dvrk_gravity.parameters import Value
-from dvrk_gravity.recording import Coordinates, DataWarning, Recording
+from dvrk_gravity.recording import Coordinates, Note, Recording
 
 LEAST = 2  # poses for each of gravity's parameters, of which an MTM has ten. Chosen
 FEWEST = 20  # poses in any case. Chosen: four in each of the five blocks that are held out
@@ -99,7 +99,7 @@ class Poses:
 
 def read_poses(
     recordings: Sequence[Recording], arm: Arm, coordinates: Coordinates
-) -> tuple[Poses, tuple[DataWarning, ...]]:
+) -> tuple[Poses, tuple[Note, ...]]:
     """Return the poses of some recordings, and warnings about them.
 
     Raises:

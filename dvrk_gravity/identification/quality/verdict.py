@@ -23,7 +23,7 @@ from dvrk_gravity.identification.result import (
 )
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.observation import Misread
-from dvrk_gravity.recording import STILL, Coordinates, DataWarning
+from dvrk_gravity.recording import STILL, Coordinates, Note
 from dvrk_gravity.units import quantity
 
 GOOD, USABLE, POOR = VERDICTS
@@ -206,7 +206,7 @@ def constant_in_words(constant: Constant, joint: Joint) -> str:
     return quantity(constant.value, joint.effort_unit, half)
 
 
-def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, ...]:
+def of_clock(warnings: Iterable[Note], arm: Arm) -> tuple[Contradiction, ...]:
     """Return the evidence against a model of recordings whose clock, or all velocities, are wrong.
 
     With a wrong clock, viscous friction is off by its factor and inertia by the square, on held-out

@@ -38,7 +38,7 @@ from dvrk_gravity.identification.result import (
 from dvrk_gravity.model import ARM_PARAMETER, VERDICTS, WEIGHT, TorqueModel, stated_weight
 from dvrk_gravity.observation import OTHER_ARM, OTHER_SIDE
 from dvrk_gravity.parameters import flatten
-from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording import Note
 
 _, USABLE, POOR = VERDICTS
 _INSTEAD = "(if its masses are wrong: --effort-unit N·m, or effort_unit in the arm's file)"
@@ -328,7 +328,7 @@ def _unit(each: HeldWeight, arm: Arm) -> str:
     return joint.effort_unit if each.scale == 1.0 else EFFORT_UNITS[joint.kind]
 
 
-def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWarning]:
+def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[Note]:
     """Return a warning if the platform's moment clearly has another size or the other sign."""
     index, name = PLATFORM_BETA, BETA_NAMES[PLATFORM_BETA]
     found = next((p for p in parameters if p.name.startswith("beta") and name in p.name), None)
@@ -341,9 +341,9 @@ def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWar
             f"{beta} is {found.value:+.2g} N·m, about {expected:+.2g} on any {arm.name}: efforts "
             "in another unit than N·m?"
         )
-        return [DataWarning("effort_unit", None, numbers, text)]
+        return [Note("effort_unit", None, numbers, text)]
     text = (
         f"looks like a recording of {OTHER_SIDE[arm.name]}, not {arm.name}: {beta} is "
         f"{found.value:+.2f} N·m, about {expected:+.2f} on {arm.name}"
     )
-    return [DataWarning(OTHER_ARM, None, numbers, text)]
+    return [Note(OTHER_ARM, None, numbers, text)]

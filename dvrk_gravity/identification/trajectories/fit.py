@@ -69,7 +69,7 @@ from dvrk_gravity.observation import (
     without_standing,
 )
 from dvrk_gravity.parameters import node_parameters
-from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates, DataWarning
+from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates, Note
 
 Report = Callable[[str, float], None]
 # Written with a model although they are the defaults: they show whoever edits it that only part of
@@ -166,7 +166,7 @@ def fit_dynamic(
     except NotConvergedError:
         if physical:
             raise
-        warnings += (DataWarning("no_bodies", None, {}, _NO_BODIES),)
+        warnings += (Note("no_bodies", None, {}, _NO_BODIES),)
         found = estimate(problem, chosen, physical=False)
     constant = _constants(design, problem.folds)
     floor = noise_floor([p.noise_left(coordinates) for p in parts], [len(p) for p in parts])

@@ -1,4 +1,4 @@
-"""Findings about the data of a recording: of its reader (notes) and of its checks (warnings)."""
+"""What a user may have to know of recordings."""
 
 from __future__ import annotations
 
@@ -26,14 +26,15 @@ Kind = Literal[
 
 
 @dataclass(frozen=True)
-class DataWarning:
-    """One fault of a recording.
+class Note:
+    """What a user may have to know of recordings: found in reading, or by a check.
 
     Attributes:
         kind: Its kind.
         joint: Name of the joint, or ``None`` if it concerns the whole recording.
-        numbers: Figures by name; the unit ends the name where there is one.
-        text: One line with the figures.
+        numbers: Figures by name; the unit ends the name where there is one. ``samples``: so many
+            were left out.
+        text: One line with the figures; of a reader's that left samples out, the reason.
         unusable: Whether nothing should be fitted to such data.
         recording: Which of several it is about; ``""`` of one.
     """
@@ -53,53 +54,46 @@ class DataWarning:
         """Return ``file: joint: text``."""
         return printable(": ".join(filter(None, (self.recording, self.joint, self.text))))
 
+    @property
+    def left_out(self) -> int:
+        """Samples that were left out for this reason."""
+        return int(self.numbers.get("samples", 0))
 
-@dataclass(frozen=True)
-class Note:
-    """One observation of a reader.
+    def of(self, total: int) -> Note:
+        """Return a reader's note as one about a file of ``total`` samples."""
+        count = self.left_out
+        if not count:
+            return self
+        text = f"{count} of {total} samples {self.text}, left out"
+        return replace(self, numbers={"samples": count, "share": count / total}, text=text)
 
-    Attributes:
-        kind: Its kind.
-        text: A sentence; for samples that were left out, the reason.
-        joint: Name of the joint, or ``None`` if it concerns the whole recording.
-        count: Samples that were left out for this reason; 0: none were.
-    """
 
-    kind: Kind
-    text: str
-    joint: str | None = None
-    count: int = 0
-
-    def warning(self, total: int) -> DataWarning:
-        """Return it as a finding about a file of ``total`` samples."""
-        if not self.count:
-            return DataWarning(self.kind, self.joint, {}, self.text)
-        numbers = {"samples": self.count, "share": self.count / total}
-        text = f"{self.count} of {total} samples {self.text}, left out"
-        return DataWarning(self.kind, self.joint, numbers, text)
+def note(kind: Kind, text: str, joint: str | None = None, left_out: int = 0) -> Note:
+    """Return a reader's note: a sentence, or the reason for which so many samples were left out."""
+    return Note(kind, joint, {"samples": left_out} if left_out else {}, text)
 
 
 def merged(notes: Iterable[Note]) -> tuple[Note, ...]:
     """Return each note once; counts of equal notes are added up."""
     found: dict[tuple[Kind, str, str | None], Note] = {}
-    for note in notes:
-        key = note.kind, note.text, note.joint
-        before = found[key].count if key in found else 0
-        found[key] = replace(note, count=before + note.count)
+    for each in notes:
+        key = each.kind, each.text, each.joint
+        before = found[key].left_out if key in found else 0
+        found[key] = note(each.kind, each.text, each.joint, before + each.left_out)
     return tuple(found.values())
 
 
-def require_usable(source: str, warnings: Iterable[DataWarning]) -> None:
+def require_usable(source: str, warnings: Iterable[Note]) -> None:
     """Raise ``RecordingError`` with the first warning that makes a recording unusable."""
     for warning in warnings:
         if warning.unusable:
             raise RecordingError(source, str(warning))
 
 
-def about_arm(doubts: Iterable[str]) -> tuple[DataWarning, ...]:
+def about_arm(doubts: Iterable[str]) -> tuple[Note, ...]:
     """Return ``Arm.doubts`` about the masses in an arm's file as warnings."""
     text = "in the arm's file: "
-    return tuple(DataWarning("arm_file", None, {}, text + doubt) for doubt in doubts)
+    return tuple(Note("arm_file", None, {}, text + doubt) for doubt in doubts)
 
 
 def labels(sources: Sequence[str]) -> tuple[str, ...]:
@@ -108,21 +102,19 @@ def labels(sources: Sequence[str]) -> tuple[str, ...]:
     return names if len(set(names)) == len(names) else tuple(sources)
 
 
-def about(
-    number: int, sources: Sequence[str], warnings: Iterable[DataWarning]
-) -> tuple[DataWarning, ...]:
+def about(number: int, sources: Sequence[str], warnings: Iterable[Note]) -> tuple[Note, ...]:
     """Return the warnings about recording ``number`` of several sources, labelled with its name."""
     if len(sources) == 1:
         return tuple(warnings)
     return tuple(replace(each, recording=labels(sources)[number]) for each in warnings)
 
 
-def brief(warnings: Iterable[DataWarning]) -> list[str]:
+def brief(warnings: Iterable[Note]) -> list[str]:
     """Return terminal lines: of like findings at several joints, the first and the joints' names.
 
     A report lists every one of them.
     """
-    groups: dict[tuple[Kind, str, str], list[DataWarning]] = {}
+    groups: dict[tuple[Kind, str, str], list[Note]] = {}
     for warning in warnings:
         key = warning.kind, warning.recording, "" if warning.joint else warning.text
         groups.setdefault(key, []).append(warning)
