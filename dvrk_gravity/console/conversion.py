@@ -1,7 +1,7 @@
 """Any torque model as the dVRK console's calibration file: what it costs, and what is refused.
 
-A model in the console's form (:mod:`console_export`) goes into the file number by number, any
-other by least squares (:mod:`console_projection`). Either way the file is read again and compared
+A model in the console's form (:mod:`.exported`) goes into the file number by number, any
+other by least squares (:mod:`.projection`). Either way the file is read again and compared
 with what the compensator would command.
 """
 

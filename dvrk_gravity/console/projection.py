@@ -3,7 +3,7 @@
 The console has gravity with ten parameters on an upright base, and for each of joints 1 to 6 one
 polynomial of degree four while the joint moves up and one while it moves down. What a compensator
 does with a model at rest is fitted over the calibrated range by gravity and the mean of the two
-polynomials; what it adds in motion, by half their difference. :mod:`console_conversion` says what
+polynomials; what it adds in motion, by half their difference. :mod:`.conversion` says what
 is lost.
 """
 

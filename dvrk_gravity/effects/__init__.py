@@ -12,9 +12,9 @@ from dvrk_gravity.faces import attach
 
 __getattr__, __dir__, __all__ = attach(__spec__)
 
-# By parsimony: where data cannot separate two causes, the earlier one is preferred. Effects from
-# outside come after these.
-_BY_PARSIMONY = (
+# The commonest first: of causes with as few parameters that data cannot separate, the earlier one
+# is named. Effects from outside come after these.
+_BY_COMMONNESS = (
     "gravity", "link_weight", "wrong_coordinates", "time_scale", "velocity_scale",
     "coulomb_friction", "viscous_friction", "torque_offset", "elastic_cable", "directional_cable",
     "payload", "link_com", "joint_offset", "base_tilt", "torque_scale", "rotor_inertia",
@@ -24,6 +24,6 @@ _BY_PARSIMONY = (
     "load_friction", "unknown",
 )  # fmt: skip
 
-for _name in _BY_PARSIMONY:
+for _name in _BY_COMMONNESS:
     _module = vars(import_module(f"{__name__}.{_name}"))
     registry.register(next(e for e in _module.values() if getattr(e, "NAME", None) == _name))

@@ -53,7 +53,7 @@ _SECONDS, _NANOSECONDS = {"sec", "secs"}, {"nanosec", "nsec", "nsecs", "nanosecs
 _COMMANDS = ("target", "desired", "setpoint", "command", "cmd", "goal", "reference")
 _INDEXES = {"", "index", "unnamed: 0", "#", "row"}  # of rows, that pandas and others write first
 
-_SUFFIX = re.compile(r"^(time|timestamp|stamp|t|position|pos|angle)_(ns|us|ms|s|deg|rad)$")
+_SUFFIX = re.compile(r"^(time|timestamp|stamp|t|position|pos|angle)_(ns|us|ms|s|sec|deg|rad)$")
 _NUMBERED = re.compile(r"^(.*?)_?v?(\d+)$")
 _JOINT_NUMBER = re.compile(r"^(?:joint|axis|motor|j|a|q)_?(\d+)$")
 

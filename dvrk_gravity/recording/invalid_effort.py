@@ -62,7 +62,7 @@ def frozen_efforts(recording: Recording) -> list[InvalidSpan]:
     """Return spans of efforts that stay the same, to the last bit, while their joint moves.
 
     Poses and short recordings have none. An effort at its greatest or least is one that a limit
-    holds (:func:`saturation`).
+    holds (:func:`.signal_checks.saturation`).
     """
     velocity, found = cache(partial(speed, recording)), []
     for joint, column, runs in _equal_efforts(recording, _FROZEN, 1):
@@ -120,7 +120,7 @@ def limited_efforts(recording: Recording) -> list[InvalidSpan]:
 
 
 def invalid_efforts(recording: Recording) -> list[InvalidSpan]:
-    """Return spans of efforts that a diagnosis does not use: frozen, or at a known limit."""
+    """Return spans of efforts that are no readings: frozen, or at a known limit."""
     return [*frozen_efforts(recording), *limited_efforts(recording)]
 
 

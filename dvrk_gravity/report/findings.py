@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 
 import numpy as np
 
@@ -54,8 +55,11 @@ def size_of(finding: Finding) -> str:
     """Return a finding's size with 95 % intervals in short, significant parameters first."""
     if together := effects.named(finding.effect).summary(finding.parameters):
         return together
-    found = [f"{label} {value}" for label, value in parameter_rows(finding)]
-    found.sort(key=lambda text: "perhaps" in text)
+    effect = effects.named(finding.effect)
+    names = effect.listed(finding.parameters)
+    doubtful = [effect.meaning(name).doubts(finding.parameters[name]) for name in names]
+    rows = [f"{label} {value}" for label, value in parameter_rows(finding)]
+    found = [row for _, row in sorted(zip(doubtful, rows, strict=True), key=itemgetter(0))]
     shown = ", ".join(found[:_SIZES]) or finding.place
     left = len(found) - _SIZES
     return f"{shown}, {left} more in the report" if left > 0 else shown

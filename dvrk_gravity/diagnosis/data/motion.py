@@ -20,7 +20,7 @@ _SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
 
 
-# All chosen, but for the low-pass's half period.
+# All chosen.
 _SIGN = 0.03  # of a joint's RMS speed: slower, its direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s, likewise at least; of what slides and of travel a tenth in m
 _MOVES = 0.01  # rad, half of a joint's travel: less shows nothing

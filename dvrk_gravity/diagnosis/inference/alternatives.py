@@ -101,7 +101,7 @@ def _held_out_confirms(
     return kept, failed
 
 
-def explained(selection: Selection, selected: Sequence[Candidate]) -> list[SelectedEffect]:
+def with_alternatives(selection: Selection, selected: Sequence[Candidate]) -> list[SelectedEffect]:
     """Return the selected hypotheses with those that could stand in their places."""
     whole = selection.at(selected)
     return [_stand_ins(selection, whole, candidate) for candidate in selected]

@@ -53,8 +53,8 @@ class CrossValidation:
         weight: (n,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
         intraclass: (n,) correlation of a joint's errors in two copies of a motion.
         significance: p-values of gains.
-        held: Independent samples that count as one, by which the prior of the model's parameters
-            is multiplied beside sums over all; see :meth:`evidence`.
+        prior_inflation: Independent samples that count as one, by which the prior of the model's
+            parameters is multiplied beside sums over all; see :meth:`evidence`.
     """
 
     data: FilteredData
@@ -62,7 +62,7 @@ class CrossValidation:
     weight: Array
     intraclass: Array
     significance: Significance
-    held: float = 1.0
+    prior_inflation: float = 1.0
 
     @classmethod
     def of(cls, data: FilteredData) -> CrossValidation:
@@ -164,7 +164,10 @@ class CrossValidation:
             candidates: Of k parameters.
             own: Parameters of the model itself before them, in units of their standard deviations.
         """
-        ridges = [np.full(own, self.held), *(candidate.ridge for candidate in candidates)]
+        ridges = [
+            np.full(own, self.prior_inflation),
+            *(candidate.ridge for candidate in candidates),
+        ]
         return np.diag(self._prior_weight * np.concatenate(ridges))
 
     @property
@@ -295,8 +298,8 @@ class CrossValidation:
             others: Others.
             inflation: Log-likelihood that counts as one unit.
         """
-        held = replace(self, held=inflation)
-        first, second = held.score(candidates), held.score(others)
+        shared = replace(self, prior_inflation=inflation)
+        first, second = shared.score(candidates), shared.score(others)
         spared = second.negative_log_prior - first.negative_log_prior
         left = first.likelihood - second.likelihood - spared
         return left / inflation + self.significance.of_model(spared)

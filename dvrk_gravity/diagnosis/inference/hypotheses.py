@@ -20,7 +20,7 @@ class Hypotheses:
     """The hypotheses about a motion that need no search in its residual.
 
     Attributes:
-        context: The samples, ready for comparisons, with the baseline effects.
+        context: The samples, ready for comparisons, with the ordinary effects.
         pool: The hypotheses with their columns.
     """
 
@@ -46,8 +46,8 @@ def _acting(validation: CrossValidation, claims: Iterable[Hypothesis]) -> list[C
     return [each for each in validation.data.candidates(claims) if each.acts.any()]
 
 
-def baseline(motion: MeasuredMotion) -> FitContext:
-    """Return the filtered data of a motion, ready for comparisons, with the baseline effects.
+def ordinary_effects(motion: MeasuredMotion) -> FitContext:
+    """Return the filtered data of a motion, ready for comparisons, with the ordinary effects.
 
     These are the effects that any joint has and an arm's own file states poorly, of plausible
     size. Where an identified model is tested, only a load that is stated.

@@ -15,14 +15,14 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
     SelectedEffect,
     confirmed,
-    explained,
     spanned,
+    with_alternatives,
 )
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable, detectable
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
-from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, baseline
+from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, ordinary_effects
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.remaining import (
@@ -94,14 +94,14 @@ def infer(
         hypotheses: About it, where they are known.
         say: Called with one line at every step.
     """
-    search = _search(motion, hypotheses or Hypotheses.of(baseline(motion)), say)
+    search = _select(motion, hypotheses or Hypotheses.of(ordinary_effects(motion)), say)
     friction, springs = search.changed_joints()
     while friction or springs:
         search.validation.data.release()
         say("comparing hypotheses with changed friction and springs")
         changed = replace(motion, changed_friction=friction, changed_springs=springs)
-        hypotheses = Hypotheses.of(baseline(changed))
-        posterior = _confirmed(_search(changed, hypotheses, say))
+        hypotheses = Hypotheses.of(ordinary_effects(changed))
+        posterior = _posterior(_select(changed, hypotheses, say))
         found = {
             joint
             for effect in posterior.selected
@@ -112,7 +112,7 @@ def infer(
         # At joints where no effect fits, the change counts as day-to-day variation.
         friction = tuple(joint for joint in friction if joint in found)
         springs = tuple(joint for joint in springs if joint in found)
-    return _confirmed(search)
+    return _posterior(search)
 
 
 def empty_posterior(motion: MeasuredMotion, hypotheses: Hypotheses) -> Posterior:
@@ -125,7 +125,7 @@ def empty_posterior(motion: MeasuredMotion, hypotheses: Hypotheses) -> Posterior
     motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
     counted = Multiplicity.of(hypotheses.pool)
     validation = hypotheses.context.validation
-    return _confirmed(_Search(motion, validation, [], [], [], [], [], None, counted))
+    return _posterior(_Selected(motion, validation, [], [], [], [], [], None, counted))
 
 
 def with_load_elsewhere(
@@ -158,7 +158,7 @@ def with_load_elsewhere(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _Selected:
     """What was selected, before it is linearised at the fit."""
 
     motion: MeasuredMotion
@@ -191,7 +191,7 @@ class _Search:
         return friction, changed_springs(motion, mean, covariance, causes)
 
 
-def _search(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None]) -> _Search:
+def _select(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None]) -> _Selected:
     """Return effects and unexplained structure that the samples of selection show."""
     validation, pool = about.context.validation, about.pool
     data = validation.data
@@ -216,18 +216,18 @@ def _search(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None
         selection = selection.excluding(effect.hypothesis for effect in unconfirmed)
     # Masses that were only free are no cause: they come last.
     kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
-    selected = explained(selection, kept)
+    selected = with_alternatives(selection, kept)
     say("looking for unexplained structure")
     floor = noise(selection.at(kept))
     motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
-    return _Search(
+    return _Selected(
         motion, validation, selected, unexplained, unconfirmed, pool, sparse,
         at_calibration, selection.multiplicity,
     )  # fmt: skip
 
 
-def _confirmed(search: _Search) -> Posterior:
+def _posterior(search: _Selected) -> Posterior:
     """Return what was found, linearised at the fit, and what is known to be there."""
     named = [effect.trial.candidate for effect in search.selected]
     validation, there = relinearised(search.validation.weighted(named), named)

@@ -12,7 +12,7 @@ from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
-from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, baseline
+from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, ordinary_effects
 from dvrk_gravity.diagnosis.inference.selection import Selection
 from dvrk_gravity.diagnosis.readings.search import (
     ALPHA,
@@ -66,7 +66,7 @@ def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> Corr
     """
     wrong: list[WrongReading] = []
     while True:
-        context = baseline(motion)
+        context = ordinary_effects(motion)
         tested = motion.reference is None and len(wrong) < _MOST
         found = _better_reading(context) if tested else None
         say("building hypotheses")
@@ -97,7 +97,7 @@ def _better_reading(present: FitContext) -> WrongReading | None:
     tried = try_readings(motion)
     scores, read = list[ReadingScore](), present
     for score in [score for score in tried if score.passes][:_COMPARED]:
-        other = baseline(read_as(motion, score.reading))
+        other = ordinary_effects(read_as(motion, score.reading))
         gain = _gain(score.reading, other, present)
         if gain > max((each.gain for each in scores), default=-np.inf):
             read = other
@@ -157,9 +157,9 @@ def error_as_read(motion: MeasuredMotion, data: FilteredData, held_out: HeldOut)
     return np.where(data.usable[held_out.rows], error, np.nan)
 
 
-def error_beside_baseline(motion: MeasuredMotion) -> Array:
-    """Return (H, n) held-out errors of a motion with the baseline effects fitted."""
-    context = baseline(motion)
+def error_beside_ordinary(motion: MeasuredMotion) -> Array:
+    """Return (H, n) held-out errors of a motion with the ordinary effects fitted."""
+    context = ordinary_effects(motion)
     return HeldOut(context.validation).error(context.candidates)
 
 

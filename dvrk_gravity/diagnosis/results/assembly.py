@@ -23,7 +23,7 @@ from dvrk_gravity.diagnosis.inference.remaining import proven_error
 from dvrk_gravity.diagnosis.readings.correction import (
     WrongReading,
     error_as_read,
-    error_beside_baseline,
+    error_beside_ordinary,
 )
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
@@ -270,7 +270,7 @@ def _reading_findings(
     # What friction hides does not separate readings.
     if baseline := poorly_stated(held_out.motion):
         of_file = [candidate for candidate in named if candidate.hypothesis.effect in baseline]
-        before = error_beside_baseline(misread[0].motion)
+        before = error_beside_ordinary(misread[0].motion)
         after = held_out.error(of_file)
     return [reading_finding(wrong, before, after, held_out) for wrong in misread]
 

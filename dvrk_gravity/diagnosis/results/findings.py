@@ -183,7 +183,11 @@ class Finding:
 
     @property
     def certain(self) -> bool:
-        """Whether zero lies outside the intervals of its gain and of at least one of its sizes."""
+        """Whether nothing makes it doubtful.
+
+        Neither :attr:`doubt`, nor an interval of its gain that holds zero, nor those of all of its
+        sizes.
+        """
         sizes = [
             not estimate.doubtful(zero)
             for name, estimate in self.parameters.items()

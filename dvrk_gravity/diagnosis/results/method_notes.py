@@ -18,10 +18,11 @@ def method_notes(motion: MeasuredMotion, data: FilteredData, floor: np.ndarray) 
         data: What was compared.
         floor: (n,) noise, N·m.
     """
+    blocks = data.settings.blocks
     notes = [
         *motion.processing_log,
-        f"{data.count} blocks, every third held out of fit and model selection; the others in five "
-        "folds for cross-validation",
+        f"{data.count} blocks, one in {blocks.held_out} held out of fit and model selection; the "
+        f"others in {blocks.folds} folds for cross-validation",
     ]
     if data.repetition is not None:
         notes.append(

@@ -79,10 +79,7 @@ def wrong_reading(words: str, removed: float, joint: str) -> str:
 
 def unknown_error(joint: str, rms: str, ratio: float, least: str) -> str:
     """Return that a joint's error is larger than noise and unexplained."""
-    return (
-        f"{joint} is off by {rms} RMS, {ratio:.2g} times {least}; no function of the arm's state "
-        "that was tried explains it"
-    )
+    return f"{joint} is off by {rms} RMS, {ratio:.2g} times {least}; no tested effect explains it"
 
 
 def difference(subject: str, claims: Mapping[int, str], sources: Sequence[str]) -> str:

@@ -297,7 +297,7 @@ class Hypothesis(ABC):
 
     @property
     def unclamped(self) -> Hypothesis:
-        """It where it fits best, likely or not."""
+        """The same with its settings free, whether or not they are typical."""
         return self
 
     def removed_fraction(self, theta: Array) -> float:

@@ -98,19 +98,35 @@ class Meaning:
         """Whether it is positive by its nature."""
         return self.least >= 0.0
 
+    def doubts(self, estimate: Estimate) -> bool:
+        """Return whether an estimate is shown with `perhaps`: its interval holds the neutral value.
+
+        Not one that is shown as so many times, as any angle, or without a sign.
+        """
+        if self.percent:
+            believed = self.least <= estimate.value <= self.greatest
+            return believed and estimate.percent(self.neutral or 0.0).doubtful(0.0)
+        if _is_any_angle(estimate):
+            return False
+        if self.senses is not None:
+            return estimate.doubtful(0.0)
+        return not self.certain and estimate.doubtful(self.neutral)
+
     def in_words(self, estimate: Estimate) -> str:
-        """Return an estimate in words; before one whose interval holds zero stands `perhaps`."""
+        """Return an estimate in words; before one that is doubtful stands `perhaps`."""
         if self.percent and not self.least <= estimate.value <= self.greatest:
             return f"{estimate.shown} times"  # no change that anybody would count in percent
         if self.percent:
             return estimate.percent(self.neutral or 0.0).signed(self.senses or ("", ""))
-        if estimate.unit == "rad" and estimate.high - estimate.low > _TURN:
+        if _is_any_angle(estimate):
             return "any angle"
         if self.senses is not None:
             return estimate.signed(self.senses)
-        if self.certain or not estimate.doubtful(self.neutral):
-            return estimate.shown
-        return f"perhaps {estimate.shown}"
+        return f"perhaps {estimate.shown}" if self.doubts(estimate) else estimate.shown
+
+
+def _is_any_angle(estimate: Estimate) -> bool:
+    return estimate.unit == "rad" and estimate.high - estimate.low > _TURN
 
 
 def size(unit: str, senses: tuple[str, str] | None = None, label: str = "") -> Meaning:

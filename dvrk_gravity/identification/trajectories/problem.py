@@ -236,7 +236,7 @@ def problem_of(
     design: Design, motions: Sequence[Observation], effects: Sequence[str] | None,
     least_gain: float,
 ) -> Problem:  # fmt: skip
-    """Return the least-squares problem of the regressor of some motions; see :func:`pose`."""
+    """Return the problem of the regressor of some motions; see :func:`build_problem`."""
     clock = [motion.clock[0] for motion in motions]
     folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = _weigh(design)
