@@ -14,11 +14,9 @@ from .arm_side import beyond_limits as beyond_limits
 from .arm_side import contradiction as contradiction
 from .coordinates import CoordinateErrors as CoordinateErrors
 from .coordinates import Decision as Decision
-from .coordinates import Source as Source
 from .coordinates import decide_coordinates as decide_coordinates
 from .coordinates import filtered as filtered
 from .coordinates import predictable as predictable
-from .coordinates import recorded_as as recorded_as
 from .design import Design as Design
 from .design import build_design as build_design
 from .design import training_equations as training_equations

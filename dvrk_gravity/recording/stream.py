@@ -50,7 +50,7 @@ def load_excerpt(path: str | Path, **options: Unpack[ReadOptions]) -> Recording:
     arm = options.get("arm")
     if arm is not None and arm.held:  # those are not among the arm's joints
         whole: ReadOptions = {**options, "arm": None}
-        next(iterate_recording(path, **whole)).require_held(arm)
+        Recording.checked(mended([next(read(path, **whole))])).require_held(arm)
     parts, total, rate = list[Samples](), 0, None
     for part in read(path, **options):
         total, rate = total + len(part), rate or part.rate
