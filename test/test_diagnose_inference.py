@@ -13,11 +13,11 @@ from diagnosed import ARM, INSERTION, NOISE, PITCH, ROLL, YAW, eye, model, movin
 from dvrk_gravity.diagnosis import (
     Candidate,
     CrossValidation,
-    Expected,
     FilteredData,
     HeldOut,
     JudgementSettings,
     Multiplicity,
+    RecurringMisfit,
     Selection,
     SelectionSettings,
     Significance,
@@ -353,7 +353,7 @@ def test_less_than_a_known_error_or_a_part_of_the_torque_does_not_matter():
 
 def test_of_what_recurs_the_part_that_is_no_more_than_expected_is_no_change():
     """By the distance from the nearest between nothing and all that is expected."""
-    expected = Expected(np.array([1.0, 0.0]), np.eye(2))
+    expected = RecurringMisfit(np.array([1.0, 0.0]), np.eye(2))
 
     def part(*theta: float) -> float:
         return expected.changed_fraction(np.array(theta), np.eye(2))

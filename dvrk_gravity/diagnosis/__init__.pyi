@@ -32,7 +32,7 @@ from .inference.nonlinear import refined as refined
 from .inference.nonlinear import relinearised as relinearised
 from .inference.nonlinear import tangents as tangents
 from .inference.recurring_misfit import AtCalibration as AtCalibration
-from .inference.recurring_misfit import Expected as Expected
+from .inference.recurring_misfit import RecurringMisfit as RecurringMisfit
 from .inference.regression import estimates as estimates
 from .inference.selection import Selection as Selection
 from .inference.selection import SelectionSettings as SelectionSettings

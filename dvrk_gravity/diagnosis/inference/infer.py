@@ -199,7 +199,7 @@ def _select(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(motion)
     selection = Selection(
-        validation, sparse, say, expected=about.context.candidates, at_calibration=at_calibration
+        validation, sparse, say, ordinary=about.context.candidates, at_calibration=at_calibration
     )
     say("comparing hypotheses")
     chosen = selection.run()

@@ -25,7 +25,7 @@ _PARTS = np.linspace(0.0, 1.0, 21)  # of what is expected, that are compared; th
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class RecurringMisfit:
     """What of a cause is expected though nothing has changed.
 
     Attributes:
@@ -70,7 +70,7 @@ class AtCalibration:
     def __init__(self, validation: CrossValidation) -> None:
         """Take a validation of these samples."""
         self._validation = validation
-        self._found: dict[tuple[object, ...], Expected | None] = {}
+        self._found: dict[tuple[object, ...], RecurringMisfit | None] = {}
 
     @classmethod
     def of(cls, motion: MeasuredMotion) -> AtCalibration | None:
@@ -95,7 +95,7 @@ class AtCalibration:
         validation = CrossValidation.of(replace(data, residual=left))
         return cls(validation)
 
-    def expected(self, candidate: Candidate) -> Expected | None:
+    def misfit(self, candidate: Candidate) -> RecurringMisfit | None:
         """Return what of a cause is expected where nothing has changed; ``None``: nothing.
 
         A part of the known error may look like any cause, in one motion and not in another
@@ -109,7 +109,7 @@ class AtCalibration:
         key = (*hypothesis.key, candidate.size, *sorted(hypothesis.setting.items()))
         if key not in self._found:
             felt = self._felt(candidate)
-            self._found[key] = None if felt is None else self._expected([felt])
+            self._found[key] = None if felt is None else self._misfit([felt])
         return self._found[key]
 
     def spread(self, tested: Candidate, theta: Array) -> tuple[Array, dict[str, float]]:
@@ -130,7 +130,7 @@ class AtCalibration:
         if candidate is None:
             return np.zeros((k, k)), {}
         names, slopes = setting_columns(self._validation, candidate, theta)
-        back = self._expected([candidate, *slopes])
+        back = self._misfit([candidate, *slopes])
         if back is None:
             return np.zeros((k, k)), {}
         settings = np.sqrt(np.diag(back.spread)[k:])
@@ -145,10 +145,10 @@ class AtCalibration:
         felt = validation.size(candidate, np.ones(candidate.size)).any()
         return candidate if felt else None
 
-    def _expected(self, candidates: Sequence[Candidate]) -> Expected | None:
+    def _misfit(self, candidates: Sequence[Candidate]) -> RecurringMisfit | None:
         theta, covariance = self._validation.fit(candidates)
         more = squared_distance(theta, covariance) / len(theta)
         if more <= 1.0:
             return None
         part = 1.0 - 1.0 / more
-        return Expected(part * theta, part * covariance)
+        return RecurringMisfit(part * theta, part * covariance)

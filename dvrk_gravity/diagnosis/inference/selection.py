@@ -135,7 +135,7 @@ class Selection:
         pool: The candidates that need no search.
         report: Called with a line about every choice.
         always: Parameters of the model itself that are fitted again beside every hypothesis.
-        expected: What is likely there before anything is seen: it needs not be found, and nothing
+        ordinary: What is likely there before anything is seen: it needs not be found, and nothing
             is looked for in its place.
         at_calibration: What the calibration recording shows of the hypotheses.
         settings: When a hypothesis is selected.
@@ -146,7 +146,7 @@ class Selection:
     pool: Sequence[Candidate]
     report: Report
     always: Sequence[Candidate] = ()
-    expected: Sequence[Candidate] = ()
+    ordinary: Sequence[Candidate] = ()
     at_calibration: AtCalibration | None = None
     settings: SelectionSettings = field(default_factory=SelectionSettings)
     excluded: Collection[tuple[object, ...]] = ()
@@ -161,15 +161,15 @@ class Selection:
         return FitContext.of(self.validation, candidates, final)
 
     def run(self, start: Sequence[Candidate] | None = None) -> FitContext:
-        """Select until nothing more passes; start by default at what is free or expected."""
-        selected = (*self.always, *self.expected) if start is None else start
+        """Select until nothing more passes; start by default at what is free or ordinary."""
+        selected = (*self.always, *self.ordinary) if start is None else start
         most = self.settings.most_effects * self.validation.joints + len(self.always)
         most -= len(selected)
         return select(self, self.at(selected), SearchSettings(max(most, 0)))[0]
 
     def fixed(self, candidate: Candidate) -> bool:
         """Return whether nothing is looked for in the place of one that is selected."""
-        keys = {other.hypothesis.key for other in self.expected}
+        keys = {other.hypothesis.key for other in self.ordinary}
         return candidate in self.always or candidate.hypothesis.key in keys
 
     def moves(self, state: FitContext) -> list[Candidate]:
@@ -302,16 +302,16 @@ class Selection:
     @cached_property
     def multiplicity(self) -> Multiplicity:
         """How many torques are compared at each step: that most are screened out is chance, too."""
-        return Multiplicity.of(self.moves(self.at((*self.always, *self.expected))))
+        return Multiplicity.of(self.moves(self.at((*self.always, *self.ordinary))))
 
     def _change_fraction(self, candidate: Candidate, rest: FitContext) -> float:
         """Return the fraction of a candidate's evidence not already present at calibration."""
-        expected = None if self.at_calibration is None else self.at_calibration.expected(candidate)
-        if expected is None:
+        misfit = None if self.at_calibration is None else self.at_calibration.misfit(candidate)
+        if misfit is None:
             return 1.0
         theta, covariance = rest.validation.fit([*rest.candidates, candidate])
         own = slice(len(theta) - candidate.size, len(theta))
-        return expected.changed_fraction(theta[own], covariance[own, own])
+        return misfit.changed_fraction(theta[own], covariance[own, own])
 
     def is_significant(self, selected: FitContext, candidate: Candidate) -> bool:
         """Return whether one of those selected is significant without held-out blocks.
