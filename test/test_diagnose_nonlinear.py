@@ -76,7 +76,7 @@ def left(validation: CrossValidation, chosen: list[Candidate]) -> float:
 def test_where_errors_are_correlated_masses_move_less_for_what_counts_little():
     (validation, tilt), _ = told(0)
     with_it, without = validation.score(tilt), validation.score([])
-    held = replace(validation, held=10.0).score([])
+    held = replace(validation, prior_inflation=10.0).score([])
 
     assert held.negative_log_prior < without.negative_log_prior
     # What they must be off by counts by itself: as Student's, for it was estimated.
