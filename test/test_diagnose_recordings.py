@@ -51,6 +51,12 @@ def test_a_load_in_both_is_one_load():
     assert found.left_out == ""
 
 
+def test_a_slow_recording_beside_a_fast_one_is_diagnosed_at_its_rate():
+    fast, slow = carrying(0, MASS, "a"), carrying(1, MASS, "b").rows(slice(None, None, 4))
+    found = only(diagnose([fast, slow], model()))
+    assert found.parameters["mass"].value == pytest.approx(MASS, rel=0.05)
+
+
 def test_a_warning_and_an_error_say_which_of_two_recordings_they_are_about():
     whole = replace(seen(another(3), 3), source="/somewhere/good.csv")
     worse = replace(seen(another(4), 4), source="/somewhere/bad.csv")

@@ -65,6 +65,17 @@ class Bands:
         motion = MOTION_BAND * cutoff
         return cls(cutoff, motion, cutoff, OVERSAMPLING * motion, motion, for_fit=True)
 
+    def within(self, rate: float) -> Bands:
+        """Return those for recordings of which the slowest has a rate, Hz.
+
+        A fit's cut-offs are the same for all recordings: too slow a one is refused.
+        """
+        if self.for_fit:
+            return self
+        return replace(
+            self, effort=min(self.effort, rate / 5.0), motion=min(self.motion, rate / 5.0)
+        )
+
     def prepare(self, recording: Recording) -> Prepared:
         """Return a recording checked and filtered.
 
@@ -73,13 +84,10 @@ class Bands:
         """
         rate = recording.rate or np.inf
         stride = 1 if rate == np.inf else max(1, round(rate / self.kept))
-        # A fit's cut-offs are the same for all recordings: too slow a one is refused.
-        effort, motion = (
-            each if self.for_fit else min(each, rate / 5.0) for each in (self.effort, self.motion)
-        )
         return prepare(
-            recording, effort, self.used, motion, not self.for_fit, stride, ends=self.for_fit
-        )
+            recording, self.effort, self.used, self.motion, not self.for_fit, stride,
+            ends=self.for_fit,
+        )  # fmt: skip
 
 
 def in_joint_space(

@@ -65,6 +65,7 @@ def observe(
     used = [(number, each) for number, each in enumerate(once) if each is not None]
     sources = [recording.source for _, recording in used]
     share = longest / len(used)
+    bands = bands.within(min((each.rate or np.inf for _, each in used), default=np.inf))
     filtered = list[Prepared]()
     for number, recording in used:
         prepared = bands.prepare(excerpt(recording, share, min(stretch, share)))

@@ -151,7 +151,8 @@ def _unresolved(
         raise ConfigError("verdict", None, "the findings.json of `diagnose`")
     entry = content.get(ENTRY)
     if not isinstance(entry, Mapping):
-        raise ConfigError(ENTRY, entry, "what `diagnose` could not separate")
+        expected = "what could not be separated: findings.json of a diagnosis with this version"
+        raise ConfigError(ENTRY, entry, expected)
     given = _groups(entry)
     if model is None:
         model = _model_path(entry.get("model"), folder)

@@ -170,15 +170,15 @@ def prepare(
         RecordingError: If a check finds the recording unusable, if it is too short to filter, or
             if the cut-off does not go with the sampling rate.
     """
+    rate = recording.rate
+    if recording.time is not None and rate is None:
+        raise RecordingError(recording.source, "holds one sample, expected a trajectory")
     warnings = check(recording) if warnings is None else warnings
     require_usable(recording.source, warnings)
-    rate = recording.rate
-    if recording.time is None:
+    if recording.time is None or rate is None:
         used = "static poses are used as they are"
         still, whole = np.zeros_like(recording.position), (slice(0, len(recording)),)
         return Prepared(recording, recording, still, whole, warnings, (used,))
-    if rate is None:
-        raise RecordingError(recording.source, "holds one sample, expected a trajectory")
     low, band, motion = _low_pass(recording, cutoff, rate), band or cutoff, motion or cutoff
     wide = _low_pass(recording, motion, rate)
     old = stale(recording)

@@ -147,7 +147,9 @@ def with_load_elsewhere(
     if motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    anywhere = infer(replace(motion, payload_at=None), say=say)
+    # What changed beside a load at that place need not have.
+    free = replace(motion, payload_at=None, changed_friction=(), changed_springs=())
+    anywhere = infer(free, say=say)
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None

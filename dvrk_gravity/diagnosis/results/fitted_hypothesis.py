@@ -131,7 +131,8 @@ class FittedHypothesis:
             found.words  # noqa: B018  (fails where its joints or its place are not the arm's)
             return found
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            raise ConfigError(where, str(error), UNREADABLE_CAUSE) from error
+            got = entry.get("effect") if isinstance(entry, Mapping) else entry
+            raise ConfigError(where, got, f"{UNREADABLE_CAUSE} ({error})") from error
 
 
 def _given(hypothesis: Hypothesis) -> Iterator[tuple[str, Any]]:
