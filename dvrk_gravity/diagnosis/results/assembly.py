@@ -147,7 +147,7 @@ def report(
         held_out=held_out.samples,
         warnings=(*motion.warnings, *not_judged(motion), *_larger(grown)),
         notes=(
-            *method_notes(motion, data, floor),
+            *method_notes(posterior.motion, data, floor),
             *sentences.extrapolated(outside),
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),
             *(sentences.left_out(named[i].hypothesis, why) for i, why in conflicts.items()),
