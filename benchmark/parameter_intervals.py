@@ -25,8 +25,8 @@ from dvrk_gravity.diagnosis import (
     AtCalibration,
     Candidate,
     CrossValidation,
-    Expected,
     FilteredData,
+    RecurringMisfit,
     hypotheses,
     load,
 )
@@ -74,7 +74,7 @@ def _hold_zero(
     yield _holds_zero(*replace(validation, significance=incoherent).fit([candidate]))
     yield _holds_zero(*validation.fit([candidate]))
     theta, covariance = validation.fit([candidate])
-    back = then.expected(candidate) or Expected(0.0 * theta, 0.0 * covariance)
+    back = then.misfit(candidate) or RecurringMisfit(0.0 * theta, 0.0 * covariance)
     yield _holds_zero(theta - back.mean, covariance + back.variance)
     yield _holds_zero(theta, covariance + back.spread)
 

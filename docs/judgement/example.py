@@ -73,9 +73,9 @@ def found() -> Example:
     recording = world.record(replace(truth, effort=effort), NOISE)
 
     problem = build(recording, model)
-    posterior = infer(problem.loaded)
+    posterior = infer(problem.motion)
     diagnosis = report(posterior, problem.faults)
-    before = FilteredData.of(load([calibration], model).motion)
+    before = FilteredData.of(load([calibration], model))
     return Example(joint, before, posterior, diagnosis)
 
 
