@@ -40,7 +40,6 @@ from dvrk_gravity.observation import (
     log_of,
     noise_floor,
     observe,
-    require_all,
     require_newtons,
     stated_coordinates,
     warnings_of,
@@ -184,8 +183,6 @@ def evaluate(
     recordings, corrected = without_known_errors(recordings, model, coordinates)
     odd = require_newtons(model, recordings)
     fixed_positions, held = held_beyond(recordings, model.arm, {})
-    for recording in recordings:
-        require_all(recording, model.arm, fixed_positions or None)
     warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
     static, decisions = all_static(recordings), list[Decision]()
 

@@ -206,15 +206,15 @@ def their_unit(
 
 def _checked(given: Recording, arm: Arm) -> tuple[NominalTorque | None, dict[str, _Part]]:
     """Return what masses require beside efforts, where those of all joints are in one unit."""
-    head = recorded(given, arm)
-    for finding in beyond_the_arm(head):
+    recording = recorded(given, arm)
+    for finding in beyond_the_arm(recording):
         if finding.kind == "position_unit":
-            raise RecordingError(head.source, str(finding))
-    if why := disproved(head):
-        raise RecordingError(head.source, why)
-    require_signs(head)
-    nominal = NominalTorque.of(head, arm)
-    _require_one_unit(head.source, nominal)
+            raise RecordingError(recording.source, str(finding))
+    if why := disproved(recording):
+        raise RecordingError(recording.source, why)
+    require_signs(recording)
+    nominal = NominalTorque.of(recording, arm)
+    _require_one_unit(recording.source, nominal)
     return nominal, _parts(nominal)
 
 
@@ -263,11 +263,10 @@ def _require_stated_weight(arm: Arm, recordings: Sequence[Recording]) -> None:
             "an arm's file with masses: efforts without gravity do not show what it weighs",
         )  # fmt: skip
     for recording in recordings:
-        head = recording
-        if head.joints != arm.joint_names:
+        if recording.joints != arm.joint_names:
             raise RecordingError(
-                head.source,
-                f"has {', '.join(head.joints)} only: expected all joints, which show what "
+                recording.source,
+                f"has {', '.join(recording.joints)} only: expected all joints, which show what "
                 "efforts without gravity lack",
             )
 

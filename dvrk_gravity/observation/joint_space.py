@@ -82,8 +82,7 @@ class Bands:
         Raises:
             RecordingError: Whatever ``prepare`` refuses.
         """
-        rate = recording.rate or np.inf
-        stride = 1 if rate == np.inf else max(1, round(rate / self.kept))
+        stride = max(1, round((recording.rate or 0.0) / self.kept))
         return prepare(
             recording, self.effort, self.used, self.motion, not self.for_fit, stride,
             ends=self.for_fit,

@@ -107,7 +107,7 @@ class Gaps:
         """Samples that gaps cost: those of short parts, and the filter's ends on either side."""
         return self.lost + 2 * self.low.edge * max(self.parts - 1, 0)
 
-    def handling(self) -> list[str]:
+    def processing_log(self) -> tuple[str, ...]:
         """Return the steps taken, one sentence each."""
         lines = []
         if self.bridged:
@@ -119,7 +119,7 @@ class Gaps:
             lines.append(
                 f"split at gaps into {self.parts} parts, {self.lost} samples of short ones left out"
             )
-        return lines
+        return tuple(lines)
 
     def warnings(self, samples: int) -> tuple[Note, ...]:
         """Return a warning if gaps cost too many of the samples of a recording."""
@@ -212,7 +212,7 @@ def prepare(
             f"as a {cutoff:g} Hz filter needs",
         )
     gaps.parts = len(parts)
-    log += tuple(gaps.handling())
+    log += gaps.processing_log()
     warnings += gaps.warnings(len(recording))
     if gridded:
         log += (f"interpolated (Akima) onto a uniform grid at {rate:.6g} Hz",)

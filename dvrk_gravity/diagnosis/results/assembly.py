@@ -76,8 +76,7 @@ def report(
         errors: Errors of readings that the recordings were corrected for; ``None``: none.
     """
     motion, validation = posterior.motion, posterior.validation
-    held_out, data = HeldOut(validation), validation.data
-    motion, names = data.motion, data.motion.arm.joint_names
+    held_out, data, names = HeldOut(validation), validation.data, motion.arm.joint_names
     named = [effect.trial.candidate for effect in posterior.selected]
     theta, covariance, spreads = _fit(validation, named)
     differences = _differences(validation, named, motion.sources)
@@ -147,7 +146,7 @@ def report(
         held_out=held_out.samples,
         warnings=(*motion.warnings, *not_judged(motion), *_larger(grown)),
         notes=(
-            *method_notes(posterior.motion, data, floor),
+            *method_notes(motion, data, floor),
             *sentences.extrapolated(outside),
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),
             *(sentences.left_out(named[i].hypothesis, why) for i, why in conflicts.items()),
