@@ -125,6 +125,75 @@ def torque(
     return out.reshape(q.shape)
 
 
+def momentum(arm: Arm, parameters: Array, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Return the generalised momentum of bodies in motion, and the slope of their kinetic energy.
+
+    With the momentum H_i (about its origin) of a body and all that it carries, its joint's axis S_i
+    and its velocity V_i, all in its frame, the momentum M(q) qd of that joint is S_i' H_i, and the
+    slope of the kinetic energy by its position, which is (C' qd)_i, is -S_i' (V_i x* H_i): the
+    effort of the bodies without their weight is dp/dt - slope.
+
+    Args:
+        arm: The arm, with n joints.
+        parameters: (10 bodies,) inertial parameters, as of :func:`regressor`.
+        q: (N, n) positions, rad or m.
+        qd: (N, n) velocities, rad/s or m/s.
+
+    Returns:
+        (N, n) momenta, N·m·s or N·s, and (N, n) slopes, N·m or N.
+    """
+    momenta, slopes = np.zeros((2, *q.shape))
+    tree, links = bodies(arm), parameters.reshape(-1, PER_LINK)
+    for start in range(0, len(q), _BLOCK_OF_TORQUE):
+        part = slice(start, start + _BLOCK_OF_TORQUE)
+        found = _momentum(tree, links, q[part].T, qd[part].T)
+        momenta[part], slopes[part] = (each.T for each in found)
+    return momenta, slopes
+
+
+def _momentum(tree: tuple[TreeBody, ...], links: Array, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Return (joints, samples) momenta and slopes: down the tree, and back."""
+    count = q.shape[1]
+    still = np.zeros((3, count))
+    frames: list[_Frame] = []
+    velocities: list[tuple[Array, Array]] = []
+    for body in tree:
+        frame = _frame(body, body.coordinate(q, count))
+        w, v = (still, still) if body.parent < 0 else velocities[body.parent]
+        v = frame.into(v if frame.offset is None else v + _cross(w, frame.offset))
+        w = frame.into(w)
+        (v if body.slides else w)[2] += body.coordinate(qd, count)
+        frames.append(frame)
+        velocities.append((w, v))
+    carried = [_momentum_of(link, *each) for link, each in zip(links, velocities, strict=True)]
+    momenta, slopes = np.zeros((2, *q.shape))
+    for body, frame, (w, v), (linear, angular) in zip(
+        reversed(tree), reversed(frames), reversed(velocities), reversed(carried), strict=True
+    ):
+        turned = (
+            _cross(w, linear)[2] if body.slides else (_cross(w, angular) + _cross(v, linear))[2]
+        )
+        for joint, factor in body.moved_by:
+            momenta[joint] += factor * (linear if body.slides else angular)[2]
+            slopes[joint] -= factor * turned
+        if body.parent < 0:
+            continue
+        linear, angular = frame.out_of(linear), frame.out_of(angular)
+        if frame.offset is not None:
+            angular += _cross(frame.offset, linear)
+        before = carried[body.parent]
+        carried[body.parent] = before[0] + linear, before[1] + angular
+    return momenta, slopes
+
+
+def _momentum_of(link: Array, w: Array, v: Array) -> tuple[Array, Array]:
+    """Return (3, samples) linear momentum of a body, and angular momentum about its origin."""
+    mass, first = link[0], link[1:4, None]
+    xx, xy, yy, xz, yz, zz = link[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return mass * v + _cross(w, first), _cross(first, v) + inertia @ w
+
+
 class _Coordinate(NamedTuple):
     """Coordinate of a body's joint, its rate and gain, (samples,) each."""
 

@@ -8,6 +8,7 @@ from .data.filtered_data import FilteredData as FilteredData
 from .data.filtered_data import FilterSettings as FilterSettings
 from .data.fit_to_judge import require_gravity as require_gravity
 from .data.fit_to_judge import require_predictable as require_predictable
+from .data.friction_change import FRICTION_PART as FRICTION_PART
 from .data.friction_change import friction_change as friction_change
 from .data.friction_change import like_changed_friction as like_changed_friction
 from .data.loading import LoadSettings as LoadSettings

@@ -86,6 +86,9 @@ class LinkInertia(LinearTerm):
         motion = (state.q, state.qd, state.qdd)
         return rigid_body.torque(self.arm, self.theta, *motion, _WEIGHTLESS)
 
+    def momentum(self, q: Array, qd: Array) -> tuple[Array, Array]:
+        return rigid_body.momentum(self.arm, self.theta, q, qd)
+
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         if motion.static or not motion.present.all():

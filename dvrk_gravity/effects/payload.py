@@ -161,6 +161,14 @@ class Payload(Term):
         return rigid_body.torque(self.arm, self._links, *motion, gravity)
 
     @classmethod
+    def watched(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """On any link, wherever on it: who fastens something does not say where."""
+        return cls.hypotheses(motion)
+
+    def momentum(self, q: Array, qd: Array) -> tuple[Array, Array]:
+        return rigid_body.momentum(self.arm, self._links, q, qd)
+
+    @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         if not motion.present.all():
             return

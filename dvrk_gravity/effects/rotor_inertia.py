@@ -77,6 +77,10 @@ class RotorInertia(LinearTerm):
             return np.zeros(state.q.shape)
         return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
 
+    def momentum(self, q: Array, qd: Array) -> tuple[Array, Array]:
+        turning = self.motor * self.arm.actuator_position(qd)
+        return self.arm.joint_effort(turning), np.zeros(q.shape)
+
     def plant(self) -> PlantPart:
         """Nothing: the plant's bodies have it."""
         return PlantPart()

@@ -99,6 +99,14 @@ class Effect(ABC):
                 yield hypothesis
 
     @classmethod
+    def watched(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Yield what may have changed while an arm is monitored.
+
+        By default what :meth:`tracked` follows.
+        """
+        yield from cls.tracked(motion)
+
+    @classmethod
     def search_basis(cls, data: Filtered) -> Any:
         """Return what :meth:`search` needs of the data, computed once; it may be large."""
         return None

@@ -129,6 +129,21 @@ class Term(Effect):
         """Return :meth:`torque` where (…, n) torques of other terms are known, by their ``id``."""
         return self.torque(state)
 
+    def momentum(self, q: Array, qd: Array) -> tuple[Array, Array] | None:
+        """Return momentum and slope of the kinetic energy of what the term moves.
+
+        Where it has inertia, its torque is that at rest plus dp/dt - slope, with p its generalised
+        momentum. ``None``: it has none, and its torque does not depend on acceleration.
+
+        Args:
+            q: (N, n) positions.
+            qd: (N, n) velocities.
+
+        Returns:
+            (N, n) momenta, N·m·s, and (N, n) slopes, N·m; see ``rigid_body.momentum``.
+        """
+        return None
+
     def with_terms(self, terms: Sequence[Term]) -> Term:
         """Return the term in a model with others; the same unless it depends on their torque."""
         return self

@@ -1,0 +1,17 @@
+from .change_test import Evidence as Evidence
+from .change_test import ChangeTest as ChangeTest
+from .change_test import Sums as Sums
+from .change_test import whitened as whitened
+from .events import Event as Event
+from .events import Value as Value
+from .stream import Monitor as Monitor
+from .stream import MonitorSettings as MonitorSettings
+from .observer import MomentumObserver as MomentumObserver
+from .observer import gain_for as gain_for
+from .offline import Monitored as Monitored
+from .offline import monitor as monitor
+from .rows import RowMaker as RowMaker
+from .rows import Rows as Rows
+from .window import Band as Band
+from .window import Sampling as Sampling
+from .window import Window as Window

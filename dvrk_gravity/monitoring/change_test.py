@@ -1,0 +1,181 @@
+"""Did a known torque begin in the last seconds? A likelihood ratio beside what is uncertain anyway.
+
+The residual of whitened samples is r = U u + C theta [in the last seconds] + e, with u ~ N(0, 1) what
+the model leaves open, e ~ N(0, 1), and C the torque of one cause per unit of its parameters. All
+that came before the last seconds serves to know u. That is the generalised likelihood ratio for a
+jump in a linear system (Willsky and Jones 1976), in the form of normal equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array, Mask
+
+# Part of a cause's information that what is uncertain leaves of it, below which its size is rounding.
+_UNTOLD = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums of products of whitened samples.
+
+    Attributes:
+        gram: (d, d) of the uncertain directions U.
+        cross: (d,) with the residual.
+    """
+
+    gram: Array
+    cross: Array
+
+    @classmethod
+    def of(cls, uncertain: Array, residual: Array) -> Sums:
+        """Return those of (m, d) directions and (m,) residuals."""
+        return cls(uncertain.T @ uncertain, uncertain.T @ residual)
+
+    @classmethod
+    def nothing(cls, d: int) -> Sums:
+        """Return those of no samples."""
+        return cls(np.zeros((d, d)), np.zeros(d))
+
+    def plus(self, other: Sums, kept: float = 1.0) -> Sums:
+        """Return these, of which a part is kept, and others'."""
+        return Sums(kept * self.gram + other.gram, kept * self.cross + other.cross)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What samples say of one cause.
+
+    Attributes:
+        gain: Twice the log-likelihood ratio: chi-square of k degrees of freedom without the cause.
+        theta: (k,) its parameters.
+        covariance: (k, k) of them; NaN where the samples cannot tell it from what is uncertain.
+        directions: (d,) the uncertain directions beside it.
+    """
+
+    gain: float
+    theta: Array
+    covariance: Array
+    directions: Array
+
+
+class ChangeTest:
+    """Tests of causes beside the uncertain directions, as all samples so far determine these.
+
+    Attributes:
+        directions: (d,) their estimates without any cause.
+    """
+
+    def __init__(self, uncertain: Array, residual: Array, before: Sums | None = None) -> None:
+        """Add the prior, of unit variance, to sums over all samples.
+
+        Args:
+            uncertain: (m, n, d) whitened torque of the uncertain directions.
+            residual: (m, n) whitened residual.
+            before: Sums of earlier samples, over the first of the directions.
+        """
+        m, n, d = uncertain.shape
+        self._uncertain, self._residual = uncertain, residual
+        sums = Sums.of(uncertain.reshape(m * n, d), residual.reshape(-1))
+        if before is not None:
+            first = len(before.cross)
+            sums.gram[:first, :first] += before.gram
+            sums.cross[:first] += before.cross
+        self._factor = np.linalg.cholesky(sums.gram + np.eye(d))
+        self.directions = self._solve(sums.cross)
+
+    def _solve(self, right: Array) -> Array:
+        from scipy.linalg import cho_solve
+
+        return np.asarray(cho_solve((self._factor, True), right, check_finite=False))
+
+    def deviation_of(self, directions: Array) -> Array:
+        """Return (r,) standard deviations of (r, d) combinations of the uncertain directions."""
+        from scipy.linalg import solve_triangular
+
+        found = solve_triangular(self._factor, directions.T, lower=True, check_finite=False)
+        return np.asarray(np.sqrt(np.sum(found**2, axis=0)))
+
+    def evidence(self, columns: Array, prior: Array) -> Evidence:
+        """Return what the samples say of a cause with (m, n, k) whitened torque."""
+        return next(self.of_spans(columns, [prior], [0]))[0]
+
+    def of_spans(
+        self, columns: Array, priors: Sequence[Array], firsts: Sequence[int]
+    ) -> Iterator[list[Evidence]]:
+        """Yield, for each of some causes, what the samples say of its beginning at each of some.
+
+        Args:
+            columns: (m, n, k) whitened torque of all causes, one beside the other.
+            priors: (k,) prior precision of each one's parameters, mostly zero.
+            firsts: Indices of the samples with which it may begin, rising.
+        """
+        m, n, k = columns.shape
+        d = self._uncertain.shape[2]
+        stops = (*firsts[1:], m)
+        shared, square = np.zeros((len(firsts), d, k)), np.zeros((len(firsts), k, k))
+        score = np.zeros((len(firsts), k))
+        for index, (first, stop) in enumerate(zip(firsts, stops, strict=True)):
+            rows = slice(first, stop)
+            own = columns[rows].reshape(-1, k)
+            shared[index] = self._uncertain[rows].reshape(-1, d).T @ own
+            square[index] = own.T @ own
+            score[index] = own.T @ self._residual[rows].reshape(-1)
+        # Of all samples from each of them on.
+        shared, square, score = (
+            np.cumsum(each[::-1], axis=0)[::-1] for each in (shared, square, score)
+        )
+        solved = self._solve(shared.transpose(1, 0, 2).reshape(d, -1)).reshape(d, len(firsts), k)
+        score = score - np.einsum("sdk,d->sk", shared, self.directions)
+        edges = np.cumsum([0, *map(len, priors)])
+        for begin, prior in zip(edges.tolist(), priors, strict=False):
+            own = slice(begin, begin + len(prior))
+            yield [
+                self._evidence(
+                    square[s, own, own] + np.diag(prior),
+                    shared[s, :, own],
+                    solved[:, s, own],
+                    score[s, own],
+                )
+                for s in range(len(firsts))
+            ]
+
+    def _evidence(self, square: Array, shared: Array, solved: Array, score: Array) -> Evidence:
+        k = len(score)
+        nothing = Evidence(0.0, np.zeros(k), np.full((k, k), np.nan), self.directions)
+        size = np.sqrt(np.diag(square))
+        if not size.all():
+            return nothing
+        precision = (square - shared.T @ solved) / np.outer(size, size)
+        values, vectors = np.linalg.eigh(precision)
+        if values[0] < _UNTOLD:
+            return nothing
+        covariance = (vectors / values) @ vectors.T / np.outer(size, size)
+        theta = covariance @ score
+        return Evidence(float(score @ theta), theta, covariance, self.directions - solved @ theta)
+
+    def left(self, found: Evidence, columns: Array) -> Array:
+        """Return (m, n) whitened residual beside a cause with (m, n, k) columns."""
+        return self._residual - self._uncertain @ found.directions - columns @ found.theta
+
+
+def whitened(values: Array, follows: Mask, deviation: Array, kept: Array) -> Array:
+    """Return (m, n, …) samples whose errors are independent, of unit variance.
+
+    Errors are taken to be of first order, e_i = kept e_(i-1) + white noise (Prais and Winsten 1954).
+
+    Args:
+        values: (m, n, …) samples.
+        follows: (m, n) whether the sample before is one of the same series, and usable.
+        deviation: (n,) standard deviation of the errors.
+        kept: (n,) correlation with the sample before.
+    """
+    shape = (1, -1, *(1,) * (values.ndim - 2))
+    after = follows.reshape(*follows.shape, *(1,) * (values.ndim - 2))
+    rho, scale = kept.reshape(shape), deviation.reshape(shape)
+    before = np.concatenate([np.zeros_like(values[:1]), values[:-1]])
+    return np.where(after, (values - rho * before) / np.sqrt(1.0 - rho**2), values) / scale

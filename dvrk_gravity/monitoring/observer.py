@@ -1,0 +1,158 @@
+"""The torque that a model does not expect, from momentum: no acceleration is measured.
+
+With the generalised momentum p = M(q) qd of the model's inertias and the slope C' qd of its kinetic
+energy, the equation of motion M qdd + C qd + g + friction = tau + tau_external reads
+
+    dp/dt = tau + tau_external + C' qd - g - friction,
+
+and the residual, which is -tau_external where the model is right, follows its low-pass
+
+    r_k = e^(-K T) r_(k-1) + (1 - e^(-K T)) [T (tau + C' qd - g - friction) - (p_k - p_(k-1))] / T.
+
+(De Luca and Mattone 2003; Haddadin, De Luca, Albu-Schäffer, T-RO 33(6) 2017. For a short step T it
+is theirs; the exponential is the exact solution for a constant integrand, and stable for any T.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import LinearTerm, State
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.monitoring.rows import Rows
+
+
+def gain_for(step: float, torque_noise: Array, momentum_noise: Array, least: float) -> Array:
+    """Return the (n,) gains K at which noise of torques and of momenta contribute alike, 1/s.
+
+    White noise of variance s_tau^2 in the torques of rows gives K T / (2 - K T) s_tau^2 in r, that of
+    variance s_p^2 in the momenta 2 K^2 s_p^2 / (2 - K T): equal at K = T s_tau^2 / (2 s_p^2). A
+    faster observer would amplify the noise of velocities, a slower one sees later.
+
+    Args:
+        step: T, s.
+        torque_noise: (n,) standard deviations of the rows' efforts, N·m.
+        momentum_noise: (n,) of their momenta, N·m·s.
+        least: Gain that is not gone below, 1/s.
+    """
+    most = 1.0 / step
+    balanced = step * torque_noise**2 / np.maximum(2.0 * momentum_noise**2, 1e-300)
+    return np.asarray(np.clip(balanced, least, most))
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What an observer makes of K rows.
+
+    Attributes:
+        residual: (K, n) low-passed measured minus expected torque, N·m.
+        unexpected: (K, n) the same before the low-pass: what each row adds, N·m.
+    """
+
+    residual: Array
+    unexpected: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Last:
+    """State of an observer at the last row.
+
+    Attributes:
+        row: That row.
+        momentum: (n,) N·m·s.
+        driven: (n,) tau + C' qd - g - friction, N·m.
+        memories: Internal states of the terms that have any, by their position in the model.
+        residual: (n,) N·m.
+    """
+
+    row: Rows
+    momentum: Array
+    driven: Array
+    memories: dict[int, Array]
+    residual: Array
+
+
+class MomentumObserver:
+    """Residual of a model along rows that follow one another.
+
+    How many rows come at a time does not matter. After a gap it begins anew.
+    """
+
+    def __init__(self, model: TorqueModel, gain: float, longest_gap: float) -> None:
+        """Observe the arm of a model.
+
+        Args:
+            model: The model.
+            gain: K, 1/s.
+            longest_gap: s between two rows, after which the observer begins anew.
+        """
+        self._model, self._gain, self._longest = model, gain, longest_gap
+        self._terms = sorted(model.terms, key=lambda term: term.OF_OTHERS)
+        self._last: _Last | None = None
+
+    def advance(self, rows: Rows) -> Observed:
+        """Return the residual of the next (K, n) rows."""
+        gaps = np.flatnonzero(np.diff(rows.time) > self._longest) + 1
+        pieces = [
+            self._continued(rows.at(slice(first, last)))
+            for first, last in zip((0, *gaps), (*gaps, len(rows)), strict=True)
+        ]
+        return Observed(
+            np.concatenate([piece.residual for piece in pieces]),
+            np.concatenate([piece.unexpected for piece in pieces]),
+        )
+
+    def _continued(self, rows: Rows) -> Observed:
+        last = self._last
+        if last is None or not 0.0 < rows.time[0] - last.row.time[0] <= self._longest:
+            last, self._last = None, None
+        known = rows if last is None else last.row.followed_by(rows)
+        momentum, driven, memories = self._evaluate(known, {} if last is None else last.memories)
+        if last is None:
+            residual, unexpected = np.zeros((2, *rows.q.shape))
+            start, new = np.zeros(rows.q.shape[1]), slice(1, None)
+        else:
+            residual, unexpected = np.zeros((2, *rows.q.shape))
+            momentum[0], driven[0] = last.momentum, last.driven
+            start, new = last.residual, slice(0, None)
+        steps = np.diff(known.time)
+        mean = 0.5 * (driven[1:] + driven[:-1])
+        unexpected[new] = mean - np.diff(momentum, axis=0) / steps[:, None]
+        kept = np.exp(-self._gain * steps)
+        for k, (keep, value) in enumerate(
+            zip(kept, unexpected[new], strict=True), len(rows) - len(kept)
+        ):
+            start = residual[k] = keep * start + (1.0 - keep) * value
+        self._last = _Last(rows.at(slice(-1, None)), momentum[-1], driven[-1], memories, start)
+        return Observed(residual, unexpected)
+
+    def _evaluate(
+        self, rows: Rows, before: dict[int, Array]
+    ) -> tuple[Array, Array, dict[int, Array]]:
+        """Return (K, n) momenta, driving torques, and the terms' internal states at the last row."""
+        q = rows.q - self._model.joint_offset
+        # Acceleration only for terms that are no inertia, and depend on it all the same.
+        qdd = np.zeros_like(q)
+        if len(q) > 1:
+            qdd[1:] = np.diff(rows.qd, axis=0) / np.diff(rows.time)[:, None]
+        state, momentum = State(q, rows.qd, qdd), np.zeros_like(q)
+        driven, memories = rows.effort.copy(), dict[int, Array]()
+        for number, term in enumerate(self._terms):
+            moved = term.momentum(q, rows.qd)
+            if moved is not None:
+                momentum += moved[0]
+                driven += moved[1] - term.torque(State(q))
+            elif isinstance(term, LinearTerm):
+                memory = term.memory(state, before.get(number))
+                remembers = memory.shape[1] > 0
+                driven -= (
+                    term.columns(state, memory) @ term.theta if remembers else term.torque(state)
+                )
+                if remembers:
+                    memories[number] = memory[-1]
+            else:
+                driven -= term.torque(state)
+        return momentum, driven, memories

@@ -1,0 +1,107 @@
+"""The monitor over recordings, as fast as the machine can."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import ReadingErrors
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.monitoring.events import Event
+from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings
+from dvrk_gravity.monitoring.rows import RowMaker, Rows
+from dvrk_gravity.observation import Bands, observe, stated_coordinates, without_known_errors
+from dvrk_gravity.recording import Coordinates, Given, opened
+
+# Hz, of the kinematics: as a diagnosis has them (``diagnosis.LoadSettings``).
+_BAND, _RATE = 20.0, 160.0
+
+
+@dataclass(frozen=True, eq=False)
+class Monitored:
+    """What a monitor saw in recordings.
+
+    Attributes:
+        model: The model.
+        events: In the order in which they were reported.
+        seconds: Of motion that were looked at.
+        time: (N,) s, of the rows.
+        external: (N, n) torque from outside, low-passed, N·m: where the model is right.
+        deviation: (N, n) its standard deviation, all that is uncertain about the model included,
+            N·m.
+    """
+
+    model: TorqueModel
+    events: tuple[Event, ...]
+    seconds: float
+    time: Array
+    external: Array
+    deviation: Array
+
+
+def monitor(
+    recordings: Given | Iterable[Given],
+    model: TorqueModel | str | Path,
+    coordinates: Coordinates | None = None,
+    settings: MonitorSettings | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Monitored:
+    """Return what a monitor that listened to recordings would have said.
+
+    Args:
+        recordings: Trajectories, or the paths of their files, one after the other.
+        model: The model, or its file.
+        coordinates: Of recordings that do not say theirs.
+        settings: See :class:`MonitorSettings`.
+        progress: Called with the part that is done.
+
+    Raises:
+        RecordingError: A recording that cannot be used, or one of static poses.
+        ConfigError: A model that cannot be used.
+    """
+    model = TorqueModel.of(model)
+    settings = settings or MonitorSettings()
+    coordinates = coordinates or stated_coordinates(model)
+    opened_ = opened(recordings, coordinates or "joint", model.arm)
+    whole, _ = without_known_errors(opened_, model, coordinates)
+    model = replace(model, reading_errors=ReadingErrors.none(model.arm.n))
+    bands = Bands(_BAND, _BAND, settings.sampling.band, _RATE, 1.5 * _BAND, for_fit=False)
+    events, seconds, pieces = list[Event](), 0.0, list[tuple[Array, Array, Array]]()
+    for observed in observe(whole, model.arm, bands):
+        listener = Monitor(model, settings)
+        maker = RowMaker(settings.sampling.row_rate)
+        rows = [
+            row
+            for time, q, qd, effort in zip(
+                observed.time, observed.q, observed.qd, observed.effort, strict=True
+            )
+            if (row := maker.add(float(time), q, qd, effort)) is not None
+        ]
+        if not rows:
+            continue
+        second = round(settings.sampling.row_rate)
+        for first in range(0, len(rows), second):
+            step = _joined(rows[first : first + second])
+            seen = listener.add(step)
+            events += seen.events
+            pieces.append((step.time, -seen.residual, seen.deviation))
+            progress(first / len(rows))
+        seconds += len(rows) / settings.sampling.row_rate
+    if not pieces:
+        n = model.arm.n
+        pieces = [(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))]
+    time, external, deviation = (np.concatenate(each) for each in zip(*pieces, strict=True))
+    return Monitored(model, tuple(events), seconds, time, external, deviation)
+
+
+def _joined(rows: list[Rows]) -> Rows:
+    return Rows(
+        *(
+            np.concatenate(each)
+            for each in zip(*((r.time, r.q, r.qd, r.effort) for r in rows), strict=True)
+        )
+    )

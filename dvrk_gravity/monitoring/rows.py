@@ -1,0 +1,98 @@
+"""Measured samples, as they come, in rows of even times: what a monitor works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """K means of measured samples, an even time apart.
+
+    Attributes:
+        time: (K,) s, of each row's middle.
+        q: (K, n) positions, rad or m.
+        qd: (K, n) velocities, rad/s or m/s.
+        effort: (K, n) measured torques, N·m or N.
+    """
+
+    time: Array
+    q: Array
+    qd: Array
+    effort: Array
+
+    def __len__(self) -> int:
+        """Return the number of rows K."""
+        return len(self.time)
+
+    def at(self, which: slice) -> Rows:
+        """Return some of the rows."""
+        return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
+
+    def followed_by(self, later: Rows) -> Rows:
+        """Return these rows and later ones."""
+        pairs = ((getattr(self, f.name), getattr(later, f.name)) for f in fields(self))
+        return Rows(*(np.concatenate(pair) for pair in pairs))
+
+    @classmethod
+    def none(cls, n: int) -> Rows:
+        """Return no rows of n joints."""
+        empty = np.zeros((0, n))
+        return cls(np.zeros(0), empty, empty, empty)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """Sums over the samples of a row that is not complete."""
+
+    number: int
+    count: int
+    q: Array
+    qd: Array
+    effort: Array
+
+
+class RowMaker:
+    """Averages samples over the intervals of a clock.
+
+    A sample belongs to the interval of its stamp; an interval without samples leaves a gap. Without
+    measured velocities, they are the differences of the rows' positions.
+    """
+
+    def __init__(self, rate: float) -> None:
+        """Make rows at a rate, Hz."""
+        self.rate = rate
+        self._sum: _Sum | None = None
+        self._before: tuple[int, Array] | None = None  # number and positions of the last row
+
+    def add(self, time: float, q: Array, qd: Array | None, effort: Array) -> Rows | None:
+        """Add a sample at a time in s, with (n,) values; return the row that it completes, if any.
+
+        A sample whose row is complete already, since stamps went backwards, is ignored.
+        """
+        number = int(np.floor(time * self.rate))
+        velocity = np.full(len(q), np.nan) if qd is None else qd
+        known = self._sum
+        if known is not None and number < known.number:
+            return None
+        if known is not None and number == known.number:
+            self._sum = replace(
+                known, count=known.count + 1, q=known.q + q, qd=known.qd + velocity,
+                effort=known.effort + effort,
+            )  # fmt: skip
+            return None
+        self._sum = _Sum(number, 1, q.copy(), velocity.copy(), effort.copy())
+        return None if known is None else self._row(known)
+
+    def _row(self, of: _Sum) -> Rows:
+        q, qd, effort = (each / of.count for each in (of.q, of.qd, of.effort))
+        if np.isnan(qd).any():
+            number, before = self._before or (of.number, q)
+            qd = (q - before) * self.rate / max(of.number - number, 1)
+        self._before = (of.number, q)
+        time = (of.number + 0.5) / self.rate
+        return Rows(np.array([time]), q[None], qd[None], effort[None])
