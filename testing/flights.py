@@ -100,7 +100,7 @@ class Flight:
             the names that findings use.
         onset: When it happens, s; 0: from the beginning; of a clean one ``inf``.
         end: When a push, or a gripper's motion, is over, s; else ``inf``.
-        motion: What the controller follows.
+        motion: What the controller follows; ``None``: nobody knows.
         shown: (n,) RMS of the torque that it adds, while it is there, in units of what the model
             leaves of a clean motion below ``BAND``; zero where that is not computed.
         left: (n,) that, N·m or N.
@@ -114,12 +114,14 @@ class Flight:
     hidden: Hidden
     onset: float
     end: float
-    motion: PausedMotion
+    motion: PausedMotion | None
     shown: Array
     left: Array
 
     def moved(self, time: float) -> float:
         """Return for how long the arm has moved since the onset at some time, s."""
+        if self.motion is None:
+            return time - self.onset
         return self.motion.moved(self.onset, time)
 
 
