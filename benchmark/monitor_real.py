@@ -83,8 +83,8 @@ def look(monitor: Monitor, path: str | None) -> int:
 
 
 def _clean(case: Case, recording: Recording, model: TorqueModel) -> Flight:
-    none, nothing = np.zeros(case.arm.n), Hidden("nothing", (), {})
-    return Flight(case.name, 0, "clean", recording, model, nothing, np.inf, np.inf, None, none, none)
+    none, nothing, never = np.zeros(case.arm.n), Hidden("nothing", (), {}), np.inf
+    return Flight(case.name, 0, "clean", recording, model, nothing, never, never, None, none, none)
 
 
 def flights(case: Case, model: TorqueModel) -> Iterator[tuple[str, Callable[[], Flight]]]:
@@ -119,8 +119,17 @@ def flights(case: Case, model: TorqueModel) -> Iterator[tuple[str, Callable[[], 
                         )
                     )
                 return Flight(
-                    case.name, 0, effect, with_hidden(recording, truth, changed), model,
-                    hiding.hidden, onset, np.inf, None, shown / left, left,
+                    case.name,
+                    0,
+                    effect,
+                    with_hidden(recording, truth, changed),
+                    model,
+                    hiding.hidden,
+                    onset,
+                    np.inf,
+                    None,
+                    shown / left,
+                    left,
                 )
 
             yield effect, fly
@@ -137,11 +146,13 @@ def loads(case: Case, model: TorqueModel, monitor: Monitor) -> Iterator[str]:
         known = _known(case, model, truth.motion, load, seen, truth.time)
         low = LowPass(BAND, 1.0 / float(np.median(np.diff(truth.time))))
         expected = -_at(seen.time, truth.time, np.asarray(low(known)))
-        yield f"  {case.name} {what}: {_fit(seen.external, expected, seen.time)} with the load's torque"
+        fit = _fit(seen.external, expected, seen.time)
+        yield f"  {case.name} {what}, beside the load's torque: {fit}"
         other = truth_of(case.other, case.arm)
         if len(other.time) == len(truth.time) and np.allclose(other.q, truth.q, atol=0.02):
             change = -_at(seen.time, truth.time, np.asarray(low(truth.effort - other.effort)))
-            yield f"  {case.name} {what}: {_fit(seen.external, change, seen.time)} with the change of efforts"
+            fit = _fit(seen.external, change, seen.time)
+            yield f"  {case.name} {what}, beside the change of efforts: {fit}"
 
 
 def _known(
@@ -174,10 +185,12 @@ def _fit(external: Array, expected: Array, time: Array) -> str:
     """
     power = (expected**2).sum(axis=0)
     reached = power >= REACHED * power.max()
-    error, lag = min(
-        (((external - _at(time - lag, time, expected)) ** 2).sum(axis=0), lag)
-        for lag in np.arange(0.0, 0.2, 0.01).tolist()
-    , key=lambda each: each[0][reached].sum())
+    lags = np.arange(0.0, 0.2, 0.01)
+    errors = np.array(
+        [((external - _at(time - lag, time, expected)) ** 2).sum(axis=0) for lag in lags]
+    )
+    best = int(errors[:, reached].sum(axis=1).argmin())
+    error, lag = errors[best], lags[best]
     varies = ((expected - expected.mean(axis=0)) ** 2).sum(axis=0)
     each = " ".join(f"{1.0 - part:.3f}" for part in error[reached] / varies[reached])
     whole, about_zero = (1.0 - error[reached].sum() / of[reached].sum() for of in (varies, power))

@@ -60,7 +60,7 @@ class Happening:
         return self.start + self.lasts if np.isfinite(self.lasts) else np.inf
 
     def acts(self, time: Array) -> Mask:
-        """Return (T,) whether it acts at (T,) times, s."""
+        """Return (T,) whether it acts at (T,) times, s; the ends count."""
         return (time >= self.start) & (time <= self.end)
 
     def force(self, time: Array) -> Array:
@@ -70,7 +70,8 @@ class Happening:
             shape = np.minimum(1.0, 4.0 * np.minimum(part, 1.0 - part)) / 0.75
         else:
             shape = 0.5 * np.pi * np.sin(np.pi * part)
-        return (self.size / self.lasts * shape)[:, None] * self.place
+        shape = np.where(self.acts(time), self.size / self.lasts * shape, 0.0)
+        return shape[:, None] * self.place
 
     def grown(self, time: Array) -> Array:
         """Return (T,) how much of something slow is there: 0 before, 1 after it, smooth between."""
