@@ -9,10 +9,13 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PPoly
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from testing.lab_motion import Sines
+from testing.lab_motion import Sines, draw_calibration, draw_other
 
 EASE = 1.0  # s, from motion to rest and back
+_DRAWS = 5  # motions, of which the one is chosen that suits best
+_WAY = np.arange(0.0, 60.0, 0.1)  # s, of what is looked at for that
 MOVING = 0.2  # of the motion's speed: what is slower counts as rest
 
 
@@ -58,6 +61,40 @@ class PausedMotion:
         whole = self._pace.antiderivative()
         whole.c[-1] -= whole(0.0)
         return whole
+
+
+def calibration_of(arm: Arm, seed: int) -> Sines:
+    """Return, of some calibration motions, the one whose least-covered joint is covered most."""
+    lower, upper = (np.clip(limit, -np.pi, np.pi) for limit in arm.range)
+
+    def covered(motion: Sines) -> float:
+        return float((np.ptp(motion.at(_WAY)[0], axis=0) / (upper - lower)).min())
+
+    return max((draw_calibration(arm, _DRAWS * seed + k) for k in range(_DRAWS)), key=covered)
+
+
+def near(arm: Arm, seed: int, calibration: Sines, duration: float) -> Sines:
+    """Return, of some other motions, the one that stays best where the calibration went.
+
+    Elsewhere a model's cables are extrapolated, and no monitor can know what they do there.
+
+    Args:
+        arm: The arm.
+        seed: Of the motions.
+        calibration: The motion that was identified from.
+        duration: For which it keeps the arm's limits, s.
+    """
+    known = calibration.at(_WAY)[0]
+    lower, upper = known.min(axis=0), known.max(axis=0)
+
+    def beyond(motion: Sines) -> float:
+        q = motion.at(_WAY)[0]
+        outside = np.maximum(lower - q, 0.0) + np.maximum(q - upper, 0.0)
+        return float((outside.mean(axis=0) / (upper - lower)).max())
+
+    seeds = np.random.default_rng(seed).integers(1 << 30, size=_DRAWS).tolist()
+    drawn = (draw_other(arm, each, calibration, duration, near=1.0) for each in seeds)
+    return min(drawn, key=beyond)
 
 
 def back_and_forth(motion: Sines) -> Sines:

@@ -13,9 +13,9 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import Measurement, Plant, SimulatedArm, simulate
 from testing import mujoco_arms
-from testing.flight_motion import PausedMotion
+from testing.flight_motion import PausedMotion, calibration_of
 from testing.happening import Happening
-from testing.lab_motion import Sines, draw_calibration
+from testing.lab_motion import Sines
 from testing.mujoco_arms import MujocoArm
 from testing.world import COARSE, World
 
@@ -54,7 +54,7 @@ class MtmBench:
         # Straight and bent parts that together are the thick cable's at the end of the way.
         parts = np.array([random.uniform(0.6, 1.0), random.uniform(-0.3, 0.3), 0.3])
         cable[1:, joint] = CABLE[joint] * parts / WAY[joint] ** np.arange(1, 4)
-        return cls(replace(world, cable=cable), seed, draw_calibration(world.arm, seed), joint)
+        return cls(replace(world, cable=cable), seed, calibration_of(world.arm, seed), joint)
 
     @property
     def arm(self) -> Arm:

@@ -19,9 +19,9 @@ from scipy.signal import cont2discrete, lfilter
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import Recording
-from testing.flight_motion import PausedMotion
+from testing.flight_motion import PausedMotion, calibration_of
 from testing.happening import Happening
-from testing.lab_motion import Sines, draw_calibration
+from testing.lab_motion import Sines
 from testing.lab_physics import AFTER, Truth, lagging
 from testing.mujoco_arms import MujocoArm
 from testing.mujoco_world import BEFORE, NAMES, MujocoWorld
@@ -29,6 +29,7 @@ from testing.mujoco_world import BEFORE, NAMES, MujocoWorld
 STEP = 2e-3  # s, of the grid on which friction goes on
 STIFFNESS = (40.0, 80.0)  # rad/s, w of the controllers
 THICK = 4.0  # the cable that can snap to an arm's usual ones
+LOOSE = 0.4  # of the most that a cable shows beside noise, what one that snaps shows at least
 RATE = 200.0  # Hz
 
 
@@ -60,8 +61,12 @@ class MujocoBench:
         """
         random = np.random.default_rng([seed, NAMES.index(name), 17])
         world = MujocoWorld.draw(name, seed)
-        joints = [joint for joint in range(world.arm.n) if joint != world.spring.joint]
-        cable = int(random.choice(joints[: len(joints) - len(joints) // 3]))
+        calibration = calibration_of(world.arm, seed)
+        # Not where the spring is, and where the way bends a cable so far that it shows.
+        q = calibration.at(np.arange(0.0, 30.0, 0.1))[0]
+        shows = world.cable.torque(q, np.zeros_like(q)).std(axis=0) / world.sizes.effort_noise
+        shows[world.spring.joint] = 0.0
+        cable = int(random.choice(np.flatnonzero(shows >= LOOSE * shows.max())))
         thick = np.ones(world.arm.n)
         thick[cable] = THICK
         known = world.cable
@@ -72,7 +77,7 @@ class MujocoBench:
         sensors = replace(world.sensors, rate=RATE)
         world = replace(world, cable=known, sensors=sensors)
         stiffness = float(random.uniform(*STIFFNESS))
-        return cls(world, seed, draw_calibration(world.arm, seed), cable, stiffness)
+        return cls(world, seed, calibration, cable, stiffness)
 
     @property
     def arm(self) -> Arm:

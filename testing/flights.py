@@ -24,12 +24,13 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from testing.flight_motion import PausedMotion, back_and_forth, pauses_within
+from testing.flight_motion import PausedMotion, back_and_forth, near, pauses_within
 from testing.flight_mtm import MtmBench
 from testing.flight_mujoco import MujocoBench
 from testing.happening import Bench, Happening
 from testing.hidden_parts import Hidden, found
-from testing.lab_motion import draw_other
+from testing.lab_motion import LONGEST, draw_other
+from testing.mujoco_world import NAMES
 
 Random = np.random.Generator
 
@@ -154,7 +155,7 @@ class Laboratory:
         bench: Bench = MtmBench.draw(seed) if name == "mtm" else MujocoBench.draw(name, seed)
         model = identify(bench.calibrate(), bench.arm, "joint").model
         drawn = int(np.random.default_rng([seed, 2]).integers(1 << 30))
-        other = draw_other(bench.arm, drawn, bench.calibration, near=1.0)
+        other = near(bench.arm, drawn, bench.calibration, LONGEST)
         clean = bench.record(PausedMotion(other), IDENTIFIED, None, seed + 1)
         left = evaluate(model, [clean], "joint", BAND).joints.values()
         return cls(name, seed, bench, model, np.array([error.rmse for error in left]))
@@ -167,7 +168,8 @@ class Laboratory:
             number: Of the flight, which with arm and scenario is its seed.
         """
         kinds = tuple(SCENARIOS)
-        random = np.random.default_rng([self.seed, number, kinds.index(scenario), 77])
+        arm = ("mtm", *NAMES).index(self.name)
+        random = np.random.default_rng([self.seed, number, kinds.index(scenario), arm, 77])
         plan = SCENARIOS[scenario](self, random)
         noise = int(random.integers(1 << 30))
         recording = self.bench.record(plan.motion, plan.duration, plan.happening, noise)
@@ -251,9 +253,11 @@ def _drawn(
 ) -> PausedMotion:  # fmt: skip
     """Draw a motion with rests about where the calibration went, or anywhere."""
     seed = int(random.integers(1 << 30))
-    motion = draw_other(
-        lab.bench.arm, seed, lab.bench.calibration, max(duration, 120.0), 0.0 if anywhere else 1.0
-    )
+    arm, about, longest = lab.bench.arm, lab.bench.calibration, max(duration, LONGEST)
+    if anywhere:
+        motion = draw_other(arm, seed, duration=longest)
+    else:
+        motion = near(arm, seed, about, longest)
     return PausedMotion(motion, pauses_within(random, duration, rest, between))
 
 
@@ -336,7 +340,7 @@ def _zero(lab: Laboratory, random: Random) -> Plan:
         for step in shift
     ]
     shows = np.array([np.max(np.abs(slope[0]) / lab.left) for slope in slopes])
-    joint = int(random.choice(np.flatnonzero(shows >= 0.3 * shows.max())))
+    joint = int(random.choice(np.flatnonzero(shows >= 0.5 * shows.max())))
     offset = ZERO * float(lab.bench.arm.scale[joint]) * float(random.choice([-1.0, 1.0]))
     return _changed(
         lab, random, lambda t: Happening("joint_offset", joint, t, offset), "joint_offset", joint,
