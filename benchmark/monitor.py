@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from dvrk_gravity.monitoring import monitor
-
 from testing.flights import ARMS, BLOCK, SCENARIOS, Flight, laboratory
 from testing.jobs import run_all
 from testing.monitor_judge import CLEAN, Verdict, judged, table

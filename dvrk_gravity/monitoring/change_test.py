@@ -1,9 +1,9 @@
-"""Did a known torque begin in the last seconds? A likelihood ratio beside what is uncertain anyway.
+"""Did a torque begin in the last seconds? A likelihood ratio beside what is uncertain anyway.
 
-The residual of whitened samples is r = U u + C theta [in the last seconds] + e, with u ~ N(0, 1) what
-the model leaves open, e ~ N(0, 1), and C the torque of one cause per unit of its parameters. All
-that came before the last seconds serves to know u. That is the generalised likelihood ratio for a
-jump in a linear system (Willsky and Jones 1976), in the form of normal equations.
+The residual of whitened samples is r = U u + C theta [in the last seconds] + e, with u ~ N(0, 1)
+what the model leaves open, e ~ N(0, 1), and C the torque of one cause per unit of its parameters.
+All that came before the last seconds serves to know u. That is the generalised likelihood ratio for
+a jump in a linear system (Willsky and Jones 1976), in the form of normal equations.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array, Mask
 
-# Part of a cause's information that what is uncertain leaves of it, below which its size is rounding.
+# Part of a cause's information that what is uncertain leaves, below which its size is rounding.
 _UNTOLD = 1e-6
 
 
@@ -114,8 +114,7 @@ class ChangeTest:
             priors: (k,) prior precision of each one's parameters, mostly zero.
             firsts: Indices of the samples with which it may begin, rising.
         """
-        m, n, k = columns.shape
-        d = self._uncertain.shape[2]
+        m, d, k = len(columns), self._uncertain.shape[2], columns.shape[2]
         stops = (*firsts[1:], m)
         shared, square = np.zeros((len(firsts), d, k)), np.zeros((len(firsts), k, k))
         score = np.zeros((len(firsts), k))
@@ -133,13 +132,13 @@ class ChangeTest:
         score = score - np.einsum("sdk,d->sk", shared, self.directions)
         edges = np.cumsum([0, *map(len, priors)])
         for begin, prior in zip(edges.tolist(), priors, strict=False):
-            own = slice(begin, begin + len(prior))
+            part = slice(begin, begin + len(prior))
             yield [
                 self._evidence(
-                    square[s, own, own] + np.diag(prior),
-                    shared[s, :, own],
-                    solved[:, s, own],
-                    score[s, own],
+                    square[s, part, part] + np.diag(prior),
+                    shared[s, :, part],
+                    solved[:, s, part],
+                    score[s, part],
                 )
                 for s in range(len(firsts))
             ]
@@ -166,7 +165,7 @@ class ChangeTest:
 def whitened(values: Array, follows: Mask, deviation: Array, kept: Array) -> Array:
     """Return (m, n, …) samples whose errors are independent, of unit variance.
 
-    Errors are taken to be of first order, e_i = kept e_(i-1) + white noise (Prais and Winsten 1954).
+    Errors are taken to be of first order, e_i = kept e_(i-1) + white noise (Prais, Winsten 1954).
 
     Args:
         values: (m, n, …) samples.

@@ -28,14 +28,17 @@ _NORMAL = 1.4826  # standard deviation over the median of magnitudes, of normal 
 
 
 SLOWEST, FASTEST = 2.0 * np.pi * 1.0, 2.0 * np.pi * 5.65
-"""1/s, between which gains are chosen: what a push of a second takes, and the band of known errors."""
+"""1/s, between which gains are chosen.
+
+A push lasts half a second and more; models know their errors below 5.65 Hz.
+"""
 
 
 def white_noise(values: Array) -> Array:
     """Return the (n,) standard deviations of white noise in (K, n) rows of a smooth signal.
 
-    From second differences, whose variance is six times that of the noise; their median is not moved
-    by the few in which a joint reverses.
+    From second differences, whose variance is six times that of the noise; their median is not
+    moved by the few in which a joint reverses.
     """
     if len(values) < 3:
         return np.zeros(values.shape[1])
@@ -47,8 +50,8 @@ def white_noise(values: Array) -> Array:
 def gain_for(step: float, torque_noise: Array, momentum_noise: Array) -> Array:
     """Return the (n,) gains K at which noise of torques and of momenta contribute alike, 1/s.
 
-    White noise of variance s_tau^2 in the torques of rows gives K T / (2 - K T) s_tau^2 in r, that of
-    variance s_p^2 in the momenta 2 K^2 s_p^2 / (2 - K T): equal at K = T s_tau^2 / (2 s_p^2). A
+    White noise of variance s_tau^2 in the torques of rows gives K T / (2 - K T) s_tau^2 in r, that
+    of variance s_p^2 in the momenta 2 K^2 s_p^2 / (2 - K T): equal at K = T s_tau^2 / (2 s_p^2). A
     faster observer would amplify the noise of velocities, a slower one sees later.
 
     Args:
@@ -157,7 +160,7 @@ class MomentumObserver:
     def _evaluate(
         self, rows: Rows, before: dict[int, Array]
     ) -> tuple[Array, Array, dict[int, Array]]:
-        """Return (K, n) momenta, driving torques, and the terms' internal states at the last row."""
+        """Return (K, n) momenta, driving torques, and internal states of terms at the last row."""
         q = rows.q - self._model.joint_offset
         # Acceleration only for terms that are no inertia, and depend on it all the same.
         qdd = np.zeros_like(q)

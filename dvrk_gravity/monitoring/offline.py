@@ -19,6 +19,7 @@ from dvrk_gravity.recording import Coordinates, Given, opened
 
 # Hz, of the kinematics: as a diagnosis has them (``diagnosis.LoadSettings``).
 _BAND, _RATE = 20.0, 160.0
+_STEP = 2.0  # s, of rows that are looked at together
 _FASTEST_BAND = 20.0  # Hz, of the efforts
 
 
@@ -84,9 +85,9 @@ def monitor(
         ]
         if not rows:
             continue
-        second = round(settings.sampling.row_rate)
-        for first in range(0, len(rows), second):
-            step = Rows.joined(rows[first : first + second])
+        size = round(_STEP * settings.sampling.row_rate)
+        for first in range(0, len(rows), size):
+            step = Rows.joined(rows[first : first + size])
             seen = listener.add(step)
             events += seen.events
             pieces.append((step.time, -seen.residual, seen.deviation))

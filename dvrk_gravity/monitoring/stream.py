@@ -18,6 +18,8 @@ from dvrk_gravity.monitoring.rows import Rows
 from dvrk_gravity.monitoring.trials import Limits, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
 
+_OVERLAP = 0.3  # s, by which looks at pushes overlap: one may begin just before its look
+
 
 @dataclass(frozen=True)
 class MonitorSettings:
@@ -38,6 +40,7 @@ class MonitorSettings:
         margin: Twice the log-likelihood by which a cause must excel others: e^5 to one; and
         part: of its own, since a cause's torque is known to some per cent.
         patience: s for which a cause that does not excel them is waited for.
+        give_up: s, after which something that no cause explains is reported.
         push: s, which the longest push lasts.
         remains: Mean square of whitened residuals beside a cause, from which on it does not explain
             them: 1.5 squared.
@@ -54,6 +57,7 @@ class MonitorSettings:
     margin: float = 10.0
     part: float = 0.1
     patience: float = 6.0
+    give_up: float = 10.0
     push: float = 5.0
     remains: float = 2.25
 
@@ -138,7 +142,11 @@ class Monitor:
         self._nameless: frozenset[str] = frozenset()  # joints at which something has no name
 
     def add(self, rows: Rows) -> Seen:
-        """Listen to the next (K, n) rows, about a second of them."""
+        """Listen to the next (K, n) rows, one or two seconds of them.
+
+        The residual does not depend on how many come at a time; what is reported is looked for once
+        for all of them.
+        """
         observed = self._observer.advance(rows)
         most = round(self.settings.longest * self.settings.sampling.row_rate)
         self._rows = Rows.joined([self._rows, rows]).at(slice(-most, None))
@@ -169,10 +177,10 @@ class Monitor:
         )
         uncertain = window.white(window.open)
         test = ChangeTest(uncertain, window.residual, self._baseline)
-        events = list(self._changed(window, test)) or list(self._pushed(window, test))
+        events = list(self._changed(window, test)) or list(self._pushed(window, uncertain, new))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
             self._baseline = self._kept(window, uncertain, new)
-        last = slice(-(-(-new // sampling.stride)), None)
+        last = slice(-max(1, new // sampling.stride), None)
         deviation = np.repeat(window.deviation(test, last), sampling.stride, axis=0)[-new:]
         return np.pad(deviation, ((new - len(deviation), 0), (0, 0)), mode="edge"), events
 
@@ -230,7 +238,9 @@ class Monitor:
             and trial.excess > close
         ]  # fmt: skip
         explains = best.left(window.usable) < settings.remains
-        if (rivals or not explains) and not waited:
+        if rivals and not waited:
+            return
+        if not explains and now - self._pending < settings.give_up:
             return
         self._pending, self._push = None, None
         self._over = tuple(push for push in self._over if push.begin < onset - 1.0)
@@ -267,10 +277,16 @@ class Monitor:
             return np.unique([0, *firsts]).tolist()
         return np.unique(firsts[firsts > 0]).tolist()
 
-    def _pushed(self, window: Window, test: ChangeTest) -> Iterator[Event]:
+    def _pushed(self, window: Window, uncertain: Array, new: int) -> Iterator[Event]:
         """Yield pushes that are over, and are no change."""
         settings, now = self.settings, float(window.time[-1])
-        found = moments(window, test, int(np.searchsorted(window.time, now - 1.3)))
+        rate = settings.sampling.row_rate
+        since = now - new / rate - _OVERLAP
+        # What a push adds must not pass for what is uncertain anyway.
+        until = since if self._push is None else min(since, self._push.begin - _OVERLAP)
+        before = (window.time < until)[:, None]
+        known = ChangeTest(uncertain * before[:, :, None], window.residual * before, self._baseline)
+        found = moments(window, known, int(np.searchsorted(window.time, since)))
         limit = self._limits.push(found.gain.size)
         nameless = np.isin(self.model.arm.joint_names, list(self._nameless))
         acts = (found.gain > limit) & ~nameless
@@ -278,15 +294,15 @@ class Monitor:
             begin = float(window.time[int(found.begin[acts.any(axis=1)][0])])
             peak = np.max(np.abs(np.where(acts, found.torque, 0.0)), axis=0)
             old = self._push or _Push(begin, peak)
-            inside = window.time >= max(begin, now - 1.0)
-            step = settings.sampling.stride / settings.sampling.row_rate
+            inside = window.time >= max(begin, now - new / rate)
+            step = settings.sampling.stride / rate
             torque = np.linalg.norm(window.torque[inside], axis=1)
             self._push = replace(
                 old, peak=np.maximum(old.peak, peak), impulse=old.impulse + step * torque.sum()
             )
         elif self._push is not None:
             if now - self._push.begin < settings.push + 2.0:
-                self._over = (*self._over, replace(self._push, end=now - 1.0))
+                self._over = (*self._over, replace(self._push, end=now - new / rate))
             self._push = None
         ready = [
             push

@@ -21,7 +21,7 @@ Key = tuple[str, tuple[int, ...], str]
 # times as large in the median (``identification.expected_error``), and so gains are its square.
 OTHER_MOTION = 1.5
 _CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
-_SHAPE = 0.02  # of a cause's power: a column that is off by 14 % of itself. Chosen
+_SHAPE = 0.05  # of a cause's power: a column that is off by a fifth of itself. Chosen
 _LENGTHS = (
     4,
     8,
@@ -130,7 +130,7 @@ class Trial:
         return float(np.max((left - _SHAPE * power)[power > 0.1 * power.max()]))
 
     def joints(self) -> tuple[str, ...]:
-        """Return the names of its joints, or those that feel it, the one that feels it most first."""
+        """Return the names of its joints, or of those that feel it, the most affected one first."""
         if self.hypothesis.of_joint:
             return self.hypothesis.names
         size = np.sum(self.torque**2, axis=0)
@@ -202,8 +202,14 @@ class Moments:
     torque: Array
 
 
-def moments(window: Window, test: ChangeTest, since: int) -> Moments:
-    """Return what acts at one joint or another for a moment, since a sample."""
+def moments(window: Window, known: ChangeTest, since: int) -> Moments:
+    """Return what acts at one joint or another for a moment, since a sample.
+
+    Args:
+        window: The samples.
+        known: The uncertain directions as samples before those determine them.
+        since: Index of the first sample.
+    """
     m, n = window.usable.shape
     parts = [
         slice(start, start + length)
@@ -211,20 +217,17 @@ def moments(window: Window, test: ChangeTest, since: int) -> Moments:
         for length in _LENGTHS
         if start + length <= m
     ]
-    places = [
-        (index, joint)
-        for index, part in enumerate(parts)
-        for joint in np.flatnonzero(window.usable[part].all(axis=0)).tolist()
-    ]
+    uncertain = window.white(window.open)
+    unexpected = window.residual - uncertain @ known.directions
     gain, torque = np.zeros((2, len(parts), n))
-    if places:
-        columns = np.zeros((m, n, len(places)))
-        for column, (index, joint) in enumerate(places):
-            columns[parts[index], joint, column] = 1.0
-        columns = window.white(columns)
-        for column, (index, _) in enumerate(places):
-            columns[parts[index].stop :, :, column] = 0.0  # it may go on
-        found = test.of_spans(columns, [np.zeros(1)] * len(places), [0])
-        for (index, joint), (evidence,) in zip(places, found, strict=True):
-            gain[index, joint], torque[index, joint] = evidence.gain, evidence.theta[0]
+    for index, part in enumerate(parts):
+        act = np.zeros((m, n))
+        act[part] = 1.0
+        white = window.white(act)[part]  # what comes after may go on
+        held = np.einsum("mn,mnd->nd", white, uncertain[part])
+        variance = np.sum(white**2, axis=0) + known.deviation_of(held) ** 2
+        score = np.sum(white * unexpected[part], axis=0)
+        told = window.usable[part].all(axis=0) & (variance > 0.0)
+        gain[index] = np.where(told, score**2 / np.where(told, variance, 1.0), 0.0)
+        torque[index] = np.where(told, score / np.where(told, np.sum(white**2, axis=0), 1.0), 0.0)
     return Moments(np.array([part.start for part in parts], dtype=float), gain, torque)

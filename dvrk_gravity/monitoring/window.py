@@ -1,4 +1,4 @@
-"""The last seconds of a monitored motion as whitened samples: residual, what is uncertain, causes."""
+"""The last seconds of a motion as whitened samples: residual, what is uncertain, causes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from dvrk_gravity.monitoring.rows import Rows
 _OTHER_MOTION = 1.22  # of the known error, in another motion; ``identification.expected_error``
 _SHAPES = 5  # of a joint's misfit: constant, position and its square, direction, speed
 _STUCK = 0.05  # part of a stuck row that the low-pass may leave in a sample, as of a diagnosis
-# Of the identified range and speed, by which a row may be beyond them and still count. Chosen: what a
-# motion of the same kind exceeds them by.
+# Of the identified range and speed, by which a row may be beyond them and still count. Chosen: what
+# a motion of the same kind exceeds them by.
 _BESIDE = 0.03
 _FASTER = 1.2
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
@@ -70,9 +70,10 @@ class Window:
         usable: (m, n) samples that say something.
         residual: (m, n) whitened residual.
         torque: (m, n) the same in N·m.
-        open: (m, n, d + e) torque of what is uncertain, N·m per standard deviation: d directions that
-            are the same in every window (the model's own parameters, friction of the day, smooth
-            misfits), and e of this window alone (beyond what was identified, friction by load).
+        open: (m, n, d + e) torque of what is uncertain, N·m per standard deviation: d directions
+            that are the same in every window (the model's own parameters, friction of the day,
+            smooth misfits), and e of this window alone (beyond what was identified, friction by
+            load).
         fixed: d.
     """
 
@@ -154,7 +155,7 @@ class Window:
         return np.hypot(self._deviation, left.reshape(-1, self.motion.arm.n))
 
     def rubbed(self, torque: Array) -> Array:
-        """Return (m, n, n) torque by which friction grows with (m, n) torque that joints transmit."""
+        """Return (m, n, n) torque by which friction grows with (m, n) transmitted torque."""
         signs = np.column_stack([self.motion.sign(row) for row in np.eye(self.motion.arm.n)])
         return _diagonal(FRICTION_BY_LOAD * np.abs(torque) * self._filter(signs))
 

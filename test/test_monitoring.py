@@ -1,0 +1,172 @@
+"""The monitor: what it expects of an arm that is as its model says, and of one that is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import known_ecm as ecm
+import numpy as np
+import pytest
+
+from dvrk_gravity.monitoring import (
+    FASTEST,
+    ChangeTest,
+    MomentumObserver,
+    RowMaker,
+    Rows,
+    Sums,
+    gain_for,
+    monitor,
+    whitened,
+)
+
+RATE = 50.0
+SECONDS = 40.0
+ONSET = 24.0
+
+
+def rows_of(recording, rate: float = RATE) -> Rows:
+    maker = RowMaker(rate)
+    samples = zip(
+        recording.time, recording.position, recording.velocity, recording.effort, strict=True
+    )
+    return Rows.joined([row for sample in samples if (row := maker.add(*sample)) is not None])
+
+
+def test_rows_are_means_and_a_gap_stays_a_gap():
+    maker = RowMaker(10.0)
+    found = [
+        maker.add(time, np.array([time]), None, np.array([2.0 * time]))
+        for time in (0.01, 0.05, 0.11, 0.03, 0.51, 0.61)
+    ]
+    rows = Rows.joined([row for row in found if row is not None])
+    np.testing.assert_allclose(rows.time, [0.05, 0.15, 0.55])
+    np.testing.assert_allclose(rows.q[:, 0], [0.03, 0.11, 0.51])
+    np.testing.assert_allclose(rows.qd[:, 0], [0.0, 0.8, 1.0])  # over the rows between, too
+
+
+def test_the_residual_is_the_low_passed_torque_from_outside():
+    recording = ecm.recorded(1, 12.0)
+    model, n = ecm.model(), ecm.ARM.n
+    pushed = np.zeros((len(recording.time), n))
+    pushed[600:, ecm.PITCH] = 3.0
+    alone, beside = (
+        MomentumObserver(model, np.full(n, FASTEST), 1.0).advance(
+            rows_of(replace(recording, effort=recording.effort - torque))
+        )
+        for torque in (0.0 * pushed, pushed)
+    )
+    external = alone.residual - beside.residual
+    np.testing.assert_allclose(external[:299], 0.0, atol=1e-9)
+    np.testing.assert_allclose(external[-1], pushed[-1], atol=1e-6)  # gain one at rest
+    after = np.arange(1, 11) / RATE
+    expected = 3.0 * (1.0 - np.exp(-FASTEST * (after - 0.5 / RATE)))
+    np.testing.assert_allclose(external[300:310, ecm.PITCH], expected, atol=0.2)
+
+
+def test_an_arm_as_its_model_leaves_noise_whatever_comes_at_a_time():
+    rows, model = rows_of(ecm.recorded(1, 12.0)), ecm.model()
+    whole = MomentumObserver(model, np.full(ecm.ARM.n, FASTEST), 1.0).advance(rows).residual
+    observer = MomentumObserver(model, np.full(ecm.ARM.n, FASTEST), 1.0)
+    pieces = [observer.advance(rows.at(slice(k, k + 7))).residual for k in range(0, len(rows), 7)]
+    np.testing.assert_allclose(np.concatenate(pieces), whole, atol=1e-9)
+    rms = np.sqrt(np.mean(whole[50:] ** 2, axis=0))
+    assert (rms < 2.0 * ecm.NOISE).all()
+
+
+def test_the_gain_balances_noise_of_torques_and_of_momenta():
+    step, torque, momentum = 0.001, 0.1, 0.0004
+    (gain,) = gain_for(step, np.array([torque]), np.array([momentum]))
+    keep = 1.0 - gain * step
+    # Sums over the recursion's impulse responses, of torques and of differences of momenta.
+    response = gain * step * keep ** np.arange(20_000)
+    of_torque = torque**2 * np.sum(response**2)
+    differences = np.diff(np.concatenate([[0.0], response])) / step
+    of_momentum = momentum**2 * np.sum(differences**2)
+    assert of_momentum == pytest.approx(of_torque, rel=0.05)
+
+
+def test_whitening_leaves_independent_errors_of_unit_variance():
+    kept, deviation, m = 0.6, 2.0, 30
+    covariance = deviation**2 * kept ** np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
+    follows = np.ones((m, 1), dtype=bool)
+    follows[[0, 12]] = False
+    covariance[:12, 12:] = covariance[12:, :12] = 0.0  # a gap: another series
+    transform = whitened(np.eye(m)[:, None, :], follows, np.array([deviation]), np.array([kept]))[
+        :, 0, :
+    ]
+    np.testing.assert_allclose(transform @ covariance @ transform.T, np.eye(m), atol=1e-12)
+
+
+def test_the_evidence_of_a_change_is_that_of_least_squares():
+    random = np.random.default_rng(5)
+    m, n, d = 40, 2, 4
+    uncertain, columns = random.normal(size=(m, n, d)), random.normal(size=(m, n, 3))
+    residual, earlier = random.normal(size=(m, n)), random.normal(size=(25, d))
+    known = random.normal(size=25)
+    test = ChangeTest(uncertain, residual, Sums.of(earlier, known))
+    found = list(test.of_spans(columns, [np.zeros(1), np.zeros(2)], [0, 13, 30]))
+
+    prior = np.vstack([earlier, np.eye(d)])
+    right = np.concatenate([known, np.zeros(d), residual.ravel()])
+    for cause, part in zip(found, (slice(0, 1), slice(1, 3)), strict=True):
+        for evidence, first in zip(cause, (0, 13, 30), strict=True):
+            begun = columns[:, :, part].copy()
+            begun[:first] = 0.0
+            k = begun.shape[2]
+            without = np.vstack([prior, uncertain.reshape(-1, d)])
+            beside = np.hstack(
+                [without, np.vstack([np.zeros((len(prior), k)), begun.reshape(-1, k)])]
+            )
+            costs = [
+                np.sum((right - x @ np.linalg.lstsq(x, right)[0]) ** 2) for x in (without, beside)
+            ]
+            assert evidence.gain == pytest.approx(costs[0] - costs[1])
+            np.testing.assert_allclose(evidence.theta, np.linalg.lstsq(beside, right)[0][d:])
+
+
+def later(torque):
+    """Return what adds a torque from ``ONSET`` on, once the arm has been heard for a while."""
+
+    def more(q, qd, qdd):
+        added = torque(q, qd, qdd)
+        added[: round(ONSET * 100.0)] = 0.0
+        return added
+
+    return more
+
+
+def friction(q, qd, qdd):
+    torque = np.zeros_like(q)
+    torque[:, ecm.PITCH] = 0.03 * ecm.ARM.effort_limit[ecm.PITCH] * np.sign(qd[:, ecm.PITCH])
+    return torque
+
+
+def hand(q, qd, qdd):
+    torque = np.zeros_like(q)
+    torque[: round((ONSET + 1.0) * 100.0), ecm.PITCH] = -0.1 * ecm.ARM.effort_limit[ecm.PITCH]
+    return torque
+
+
+def heard(more=None):
+    return monitor(ecm.recorded(2, SECONDS, more=more), ecm.model()).events
+
+
+def test_nothing_is_reported_of_an_arm_as_its_model():
+    assert heard() == ()
+
+
+def test_friction_that_grows_while_the_arm_moves_is_named_and_dated():
+    (event,) = heard(later(friction))
+    assert (event.kind, event.effect, event.joints) == ("change", "coulomb_friction", ("pitch",))
+    assert event.onset == pytest.approx(ONSET, abs=2.0)
+    assert event.reported - ONSET < 10.0
+    low, high = event.values["positive"].ci95
+    assert low < 0.03 * ecm.ARM.effort_limit[ecm.PITCH] < high
+
+
+def test_the_push_of_a_hand_is_a_push():
+    (event,) = heard(later(hand))
+    assert (event.kind, event.joints) == ("push", ("pitch",))
+    assert event.onset == pytest.approx(ONSET, abs=0.5)
+    assert event.end == pytest.approx(ONSET + 1.0, abs=2.5)
