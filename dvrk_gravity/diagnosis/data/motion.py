@@ -18,15 +18,15 @@ from dvrk_gravity.recording import LowPass
 
 _SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
+BAND = 8.0
+"""Hz: torques are compared below this, and so is the speed that shows where a joint reverses.
 
-
+Chosen; see `make sensitivity`.
+"""
 # All chosen.
 _SIGN = 0.03  # of a joint's RMS speed: slower, its direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s, likewise at least; of what slides and of travel a tenth in m
 _MOVES = 0.01  # rad, half of a joint's travel: less shows nothing
-_TURNING_BAND = (
-    8.0  # Hz, of the speed that shows where a joint reverses: as ``FilterSettings.band``
-)
 _RANK = 3e-3  # of the first pivot: torques are known to some per cent, so this counts as zero
 _STILL = 0.06  # of a joint's RMS speed: slower, it may be stuck
 _SLOW = 0.4  # of it: faster, friction counts however coarse the encoder
@@ -43,17 +43,12 @@ class MeasuredMotion(Observation):
         model: The model under test.
         reference: (N, n) torques of a baseline recording at the same phase, N·m, used in place of
             the model's; ``None``: the model's are used.
-        changed_friction: Joints whose friction differs from the reference's by more than from day
-            to day: all of the difference is reported.
-        changed_springs: Joints whose springs do.
         known_torque: (N, n) torque of known causes that the model lacks, N·m.
         payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
     """
 
     model: TorqueModel
     reference: Array | None = None
-    changed_friction: tuple[int, ...] = ()
-    changed_springs: tuple[int, ...] = ()
     known_torque: Array | None = None
     payload_at: tuple[int, Array] | None = None
 
@@ -193,7 +188,7 @@ class MeasuredMotion(Observation):
         """Return (N,) samples in which a joint or motor stops or reverses; row as in `sign`."""
         assert self.rate is not None
         # Encoder steps are not reversals.
-        low = LowPass(min(_TURNING_BAND, self.rate / 6.0), self.rate)
+        low = LowPass(min(BAND, self.rate / 6.0), self.rate)
         speed = self.qd @ row
         typical = float(np.sqrt(np.mean(speed**2)))
         slow = max(_STILL * typical, 2 * _SLOWEST * self._scale(row))

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.baseline_error import NearbyTorque
-from dvrk_gravity.diagnosis.data.filtered_data import BAND
 from dvrk_gravity.diagnosis.data.loading import LoadSettings
-from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import SAME_STATE, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel

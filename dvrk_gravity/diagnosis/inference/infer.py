@@ -9,7 +9,6 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.baseline_error import changed_friction, changed_springs
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
@@ -86,33 +85,12 @@ def infer(
 ) -> Posterior:
     """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
 
-    Beside a reference, friction and springs are first taken to vary from day to day. Where the fit
-    needs more than that, they are hypotheses like any other.
-
     Args:
         motion: Beside the model or the reference.
         hypotheses: About it, where they are known.
         say: Called with one line at every step.
     """
-    search = _select(motion, hypotheses or Hypotheses.of(ordinary_effects(motion)), say)
-    friction, springs = search.changed_joints()
-    while friction or springs:
-        search.validation.data.release()
-        say("comparing hypotheses with changed friction and springs")
-        changed = replace(motion, changed_friction=friction, changed_springs=springs)
-        hypotheses = Hypotheses.of(ordinary_effects(changed))
-        posterior = _posterior(_select(changed, hypotheses, say))
-        found = {
-            joint
-            for effect in posterior.selected
-            for joint in effect.trial.candidate.hypothesis.joints
-        }
-        if found.issuperset((*friction, *springs)):
-            return posterior
-        # At joints where no effect fits, the change counts as day-to-day variation.
-        friction = tuple(joint for joint in friction if joint in found)
-        springs = tuple(joint for joint in springs if joint in found)
-    return _posterior(search)
+    return _posterior(_select(motion, hypotheses or Hypotheses.of(ordinary_effects(motion)), say))
 
 
 def empty_posterior(motion: MeasuredMotion, hypotheses: Hypotheses) -> Posterior:
@@ -147,9 +125,7 @@ def with_load_elsewhere(
     if motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    # What changed beside a load at that place need not have.
-    free = replace(motion, payload_at=None, changed_friction=(), changed_springs=())
-    anywhere = infer(free, say=say)
+    anywhere = infer(replace(motion, payload_at=None), say=say)
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None
@@ -172,25 +148,6 @@ class _Selected:
     sparse: list[Candidate]
     at_calibration: AtCalibration | None
     multiplicity: Multiplicity
-
-    def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion = self.motion
-        if motion.reference is None:
-            return (), ()
-        named = [effect.trial.candidate for effect in self.selected]
-        validation = self.validation.weighted(named)
-        mean, covariance = validation.posterior(named)
-        causes: dict[int, list[int]] = {}
-        first = validation.model_size
-        for candidate in named:
-            hypothesis, last = candidate.hypothesis, first + candidate.size
-            if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
-                for joint in hypothesis.joints:
-                    causes.setdefault(joint, []).extend(range(first, last))
-            first = last
-        friction = changed_friction(motion, mean[: validation.model_size])
-        return friction, changed_springs(motion, mean, covariance, causes)
 
 
 def _select(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None]) -> _Selected:
