@@ -236,7 +236,7 @@ class CoulombFriction(DryFriction):
     @classmethod
     def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
         """Of each joint, the same in both directions; a reference's has a step of its own."""
-        for each in cls.hypotheses(motion) if motion.reference is None else ():
+        for each in () if motion.measured_twice else cls.hypotheses(motion):
             if isinstance(each, CoulombHypothesis) and each.one_level and each.of_joint:
                 yield each, np.ones(1)
 

@@ -107,18 +107,17 @@ def baseline_columns(motion: MeasuredMotion) -> Array:
     Springs and friction are zero at joints where they changed by more: all of the difference is
     reported there.
     """
-    assert motion.reference is not None
     joints = np.flatnonzero(motion.moves).tolist()
     # Fitted, not the measured difference: noise in a column would explain itself.
     changed = NearbyTorque.fit(motion, motion.residual)
     load = changed.inertial_torque(motion)
     inertia = changed.inertial_torque(motion, np.zeros(3))
-    grown = np.abs(motion.reference + load) - np.abs(motion.reference)
+    grown = np.abs(motion.expected + load) - np.abs(motion.expected)
     late = mean_slope_by_delay(motion)
     columns = np.zeros((*motion.q.shape, _EACH * len(joints)))
     middle, half = motion.travel
-    spring = BY_CABLE * np.sqrt(np.mean(motion.reference**2, axis=0))
-    friction = NearbyTorque.fit(motion, motion.reference).friction_torque(motion)
+    spring = BY_CABLE * np.sqrt(np.mean(motion.expected**2, axis=0))
+    friction = NearbyTorque.fit(motion, motion.expected).friction_torque(motion)
     rubs = np.sqrt(np.mean(friction**2, axis=0))
     for index, joint in enumerate(joints):
         own = columns[:, joint, _EACH * index : _EACH * (index + 1)]
@@ -154,8 +153,7 @@ def _changed(
     usable, n, count = ~motion.silent & motion.present, motion.arm.n, columns.shape[2]
     rms = np.sqrt((left**2 * usable).sum(axis=0) / np.maximum(usable.sum(axis=0), 1))
     assert motion.rate is not None
-    assert motion.reference is not None
-    common = np.stack([motion.reference, late], axis=2)
+    common = np.stack([motion.expected, late], axis=2)
 
     def design(rows: slice) -> Array:
         load = motion.regressor(rows, motion.gravity)[:, :, -rigid_body.PER_LINK :]

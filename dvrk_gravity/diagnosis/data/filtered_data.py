@@ -179,7 +179,7 @@ class FilteredData:
     ) -> Iterator[Candidate]:
         """Yield hypotheses with their filtered columns, by default in the data's own motion."""
         motion = motion or self.motion
-        if motion.reference is not None:
+        if motion.measured_twice:
             hypotheses = (replace(each, against_reference=True) for each in hypotheses)
         built = (
             Candidate.of(hypothesis, hypothesis.regressor(motion)) for hypothesis in hypotheses

@@ -122,7 +122,7 @@ def load_columns(motion: MeasuredMotion, load: Array) -> Array:
         motion: The motion.
         load: (N, n) torque of the load as it was found.
     """
-    by_model = motion.reference is None
+    by_model = not motion.measured_twice
     known = not by_model or _calibration(motion) is not None
     joints = np.flatnonzero(motion.moves).tolist() if known else []
     each = _OF_LOAD if by_model else 1

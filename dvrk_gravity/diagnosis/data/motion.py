@@ -41,8 +41,8 @@ class MeasuredMotion(Observation):
 
     Attributes:
         model: The model under test.
-        reference: (N, n) torques of a baseline recording at the same phase, N·m, used in place of
-            the model's; ``None``: the model's are used.
+        reference: (N, n) torques of a baseline recording at the same phase, N·m, expected in place
+            of the model's; ``None``: the model's are expected.
         known_torque: (N, n) torque of known causes that the model lacks, N·m.
         payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
     """
@@ -79,6 +79,16 @@ class MeasuredMotion(Observation):
         """(N, n) torque of the model, N·m."""
         return self.model.prediction(self._state(self.q))
 
+    @property
+    def measured_twice(self) -> bool:
+        """Whether the expected torque was measured in the same motion, and not modelled."""
+        return self.reference is not None
+
+    @property
+    def expected(self) -> Array:
+        """(N, n) torque of the baseline recording, or else of the model, N·m."""
+        return self.modelled if self.reference is None else self.reference
+
     @cached_property
     def friction(self) -> Array:
         """(N, n) torque of the model's friction, N·m."""
@@ -90,17 +100,17 @@ class MeasuredMotion(Observation):
     def acting(self) -> Array:
         """(N, n) torque that acts, as wrong readings scale or delay it, N·m.
 
-        Beside a reference it is the mean of both measurements: a column with the reference's own
-        noise would make it seem to read too low.
+        Of two measurements it is the mean: a column with one's own noise would make that one seem
+        to read too low.
         """
-        if self.reference is not None:
-            return 0.5 * (self.effort + self.reference)
+        if self.measured_twice:
+            return 0.5 * (self.effort + self.expected)
         return self.modelled if self.known_torque is None else self.modelled + self.known_torque
 
     @cached_property
     def residual(self) -> Array:
-        """(N, n) measured minus modelled torque, or minus the reference's, N·m."""
-        return self.effort - (self.modelled if self.reference is None else self.reference)
+        """(N, n) measured minus expected torque, N·m."""
+        return self.effort - self.expected
 
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
         """Return (N, n) torques of a model at other positions in the same motion, N·m."""

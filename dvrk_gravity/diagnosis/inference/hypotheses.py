@@ -75,6 +75,6 @@ def poorly_stated(motion: MeasuredMotion) -> set[str]:
 
     Its values are often placeholders, such as one damping for all joints.
     """
-    if not motion.model.of_file or motion.reference is not None:
+    if not motion.model.of_file or motion.measured_twice:
         return set()
     return {term.NAME for term in effects.terms() if term.EVERYWHERE or term.FRICTION}

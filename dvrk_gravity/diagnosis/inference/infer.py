@@ -166,9 +166,8 @@ def _select(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None
     def noise(context: FitContext) -> Array:
         return data.noise_rms(motion.noise, context.validation.residual(context.candidates))
 
-    # A model with uncertainty was free within that, and is no further.
-    certain = motion.model.uncertainty is None and motion.reference is None
-    if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
+    # What may be off in some directions was free in these, and is no further.
+    if not validation.model_size and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
         selection, chosen = _with_free_masses(selection, chosen, pool)
     kept, unconfirmed = confirmed(selection, chosen.candidates)
     if unconfirmed:  # nor is it an alternative

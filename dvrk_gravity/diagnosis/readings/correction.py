@@ -60,15 +60,14 @@ class CorrectedReading:
 
 
 def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> CorrectedReading:
-    """Return the motion as it is to be read; two recordings of one motion were read equally.
+    """Return the motion as it is to be read.
 
     A better reading must gain about as much as the best effect does.
     """
     wrong: list[WrongReading] = []
     while True:
         context = ordinary_effects(motion)
-        tested = motion.reference is None and len(wrong) < _MOST
-        found = _better_reading(context) if tested else None
+        found = _better_reading(context) if len(wrong) < _MOST else None
         say("building hypotheses")
         about = Hypotheses.of(context)
         selection = Selection(context.validation, about.pool, say)

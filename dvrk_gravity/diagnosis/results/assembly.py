@@ -90,7 +90,9 @@ def report(
         findings += _reading_findings(wrong, held_out, named, first)
     effect_findings = []
     floor, proven = posterior.floor, proven_error(data)
-    likely = np.fmax(floor, proven)
+    predicts = data.expectation.predicts
+    # What friction and springs differ by from one recording to another is no error of a model.
+    likely = np.fmax(floor, proven) if predicts else np.full(motion.arm.n, np.nan)
     for i, rows in enumerate(slices_of(named)):
         if conflicts.get(i) == sentences.BESIDE_DIFFERENT:
             continue
@@ -121,13 +123,12 @@ def report(
     after = held_out.rmse(held_out.error(named))
     of_joints = {j for each in named if each.hypothesis.of_joint for j in each.hypothesis.joints}
     missed = np.flatnonzero(after > LEAVES * likely).tolist()
-    leaves = motion.reference is None and not of_joints.isdisjoint(missed)
+    leaves = not of_joints.isdisjoint(missed)
     seen = np.where(held_out.seen, 1.0, np.nan)
     grown = [names[joint] for joint in held_out.worse(named, first, floor)]
     outside = outside_range(
         motion.model, motion.q, None if motion.static else motion.qd, motion.present
     )
-    reference = motion.reference is not None
     blind = reasons_not_to_judge(data, held_out, posterior.detectable)
     unseparated = ambiguities(validation, named, posterior.pool)
     return Diagnosis(
@@ -155,13 +156,13 @@ def report(
         model=model,
         payload_check=None
         if known_payload is None
-        else check_payload(findings, known_payload, reference),
+        else check_payload(findings, known_payload, not predicts),
         band=data.band,
-        against_reference=reference,
-        with_model=not reference or bool(motion.model.terms),
+        against_reference=not predicts,
+        with_model=predicts or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,
-        exact="" if reference else sentences.why_exact(motion.model),
+        exact=sentences.why_exact(motion.model) if predicts else "",
         motion=motion,
         held_out_spans=tuple(data.held_out_spans),
         detectable=posterior.detectable,

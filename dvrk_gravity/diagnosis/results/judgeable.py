@@ -40,16 +40,15 @@ def reasons_not_to_judge(
 
 def _unfit(data: FilteredData) -> Iterator[str]:
     """Yield that the model's own verdict is that it is unfit."""
-    motion = data.motion
-    if motion.reference is None and motion.model.verdict == VERDICTS[-1]:
-        yield sentences.unfit_model(motion.model)
+    model = data.motion.model
+    if data.expectation.predicts and model.verdict == VERDICTS[-1]:
+        yield sentences.unfit_model(model)
 
 
 def _too_uncertain(data: FilteredData, held_out: HeldOut) -> Iterator[str]:
     """Yield that errors are far below those that an identified model's uncertainty predicts."""
-    motion = data.motion
-    uncertainty = motion.model.uncertainty
-    if uncertainty is None or motion.reference is not None or motion.model.of_file:
+    uncertainty = data.motion.model.uncertainty
+    if uncertainty is None or not data.expectation.identified:
         return
     torque = data.model_columns[held_out.rows][:, :, : uncertainty.size]
     variance = (torque**2).sum(axis=2) + data.known_error**2

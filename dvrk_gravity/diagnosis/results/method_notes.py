@@ -58,7 +58,7 @@ def not_judged(motion: MeasuredMotion) -> tuple[Note, ...]:
 def _certainty(data: FilteredData) -> str:
     """Return how certain the model was taken to be."""
     model = data.motion.model
-    if data.motion.reference is not None:
+    if not data.expectation.predicts:
         return "the reference's efforts at the same phase were used in place of a model's torques"
     if model.uncertainty is None:
         why = f" ({model.unsure})" if model.unsure else ""

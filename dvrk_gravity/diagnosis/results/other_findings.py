@@ -184,21 +184,16 @@ def known(
         named: The selected effects.
     """
     motion, data = validation.data.motion, validation.data
-    if motion.reference is None and motion.model.uncertainty is None:
-        return ()
     expected, proven = expected_error(data), proven_error(data)
     own_parameters, _ = validation.solution(named)
     moved = np.where(data.usable, data.model_columns @ own_parameters, np.nan)[held_out.rows]
     moved_rms, left = held_out.rmse(moved), held_out.rmse(held_out.error(named))
-    found = (
-        [_minor(validation, trial, named) for trial in minor] if motion.reference is None else []
-    )
+    found = [_minor(validation, trial, named) for trial in minor]
     source = "file" if motion.model.of_file else "identification"
-    seen = motion.present & (held_out.seen if motion.reference is None else True)
-    for joint in np.flatnonzero(seen).tolist():
+    for joint in np.flatnonzero(motion.present & held_out.seen).tolist():
         name, unit = motion.arm.joint_names[joint], motion.arm.joints[joint].effort_unit
         moves, rest = float(moved_rms[joint]), float(left[joint])
-        if motion.reference is not None:
+        if not data.expectation.predicts:
             if moves > rest:
                 sentence = sentences.day_to_day_difference(name, quantity(moves, unit))
                 found.append(_of_size(PARAMETERS, name, moves, unit, sentence))
