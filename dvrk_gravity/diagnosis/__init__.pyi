@@ -23,6 +23,7 @@ from .inference.held_out import Gain as Gain
 from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
+from .inference.hypotheses import Hypotheses as Hypotheses
 from .inference.hypotheses import hypotheses as hypotheses
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer

@@ -27,6 +27,16 @@ class Hypotheses:
     context: FitContext
     pool: list[Candidate]
 
+    @property
+    def motion(self) -> MeasuredMotion:
+        """The motion."""
+        return self.context.validation.data.motion
+
+    @classmethod
+    def about(cls, motion: MeasuredMotion) -> Hypotheses:
+        """Return those about a motion."""
+        return cls.of(ordinary_effects(motion))
+
     @classmethod
     def of(cls, context: FitContext) -> Hypotheses:
         """Return those of the motion of a context."""

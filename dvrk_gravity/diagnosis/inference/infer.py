@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable, detectable
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
-from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, ordinary_effects
+from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.remaining import (
@@ -43,7 +43,6 @@ class Posterior:
     """What explains a recording.
 
     Attributes:
-        motion: As it was finally read.
         validation: The samples, linearised at the fit.
         selected: Effects.
         unexplained: Structure that no effect explains.
@@ -58,7 +57,6 @@ class Posterior:
         detectable: What would have been found.
     """
 
-    motion: MeasuredMotion
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
     unexplained: tuple[EffectTrial, ...]
@@ -72,38 +70,38 @@ class Posterior:
     floor: Array
     detectable: tuple[Detectable, ...]
 
+    @property
+    def motion(self) -> MeasuredMotion:
+        """The motion as it was finally read."""
+        return self.validation.data.motion
+
 
 def silent(line: str) -> None:
     """Ignore a line of progress."""
     del line
 
 
-def infer(
-    motion: MeasuredMotion,
-    hypotheses: Hypotheses | None = None,
-    say: Callable[[str], None] = silent,
-) -> Posterior:
+def infer(hypotheses: Hypotheses, say: Callable[[str], None] = silent) -> Posterior:
     """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
 
     Args:
-        motion: Beside the model or the reference.
-        hypotheses: About it, where they are known.
+        hypotheses: About the motion, beside what is expected of it.
         say: Called with one line at every step.
     """
-    return _posterior(_select(motion, hypotheses or Hypotheses.of(ordinary_effects(motion)), say))
+    return _posterior(_select(hypotheses, say))
 
 
-def empty_posterior(motion: MeasuredMotion, hypotheses: Hypotheses) -> Posterior:
+def empty_posterior(hypotheses: Hypotheses) -> Posterior:
     """Return a posterior without effects, of a recording of the other arm: no effect explains it.
 
     Args:
-        motion: The motion.
-        hypotheses: About it.
+        hypotheses: About the motion.
     """
+    motion, validation = hypotheses.motion, hypotheses.context.validation
     motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
+    validation = replace(validation, data=replace(validation.data, motion=motion))
     counted = Multiplicity.of(hypotheses.pool)
-    validation = hypotheses.context.validation
-    return _posterior(_Selected(motion, validation, [], [], [], [], [], None, counted))
+    return _posterior(_Selected(validation, [], [], [], [], [], None, counted))
 
 
 def with_load_elsewhere(
@@ -125,7 +123,7 @@ def with_load_elsewhere(
     if motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    anywhere = infer(replace(motion, payload_at=None), say=say)
+    anywhere = infer(Hypotheses.about(replace(motion, payload_at=None)), say)
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None
@@ -139,7 +137,6 @@ def with_load_elsewhere(
 class _Selected:
     """What was selected, before it is linearised at the fit."""
 
-    motion: MeasuredMotion
     validation: CrossValidation
     selected: list[SelectedEffect]
     unexplained: list[EffectTrial]
@@ -150,10 +147,10 @@ class _Selected:
     multiplicity: Multiplicity
 
 
-def _select(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None]) -> _Selected:
+def _select(about: Hypotheses, say: Callable[[str], None]) -> _Selected:
     """Return effects and unexplained structure that the samples of selection show."""
     validation, pool = about.context.validation, about.pool
-    data = validation.data
+    data, motion = validation.data, about.motion
     # Single links first: what the masses of all links explain is not yet a cause.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(motion)
@@ -180,8 +177,8 @@ def _select(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None
     motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
     return _Selected(
-        motion, validation, selected, unexplained, unconfirmed, pool, sparse,
-        at_calibration, selection.multiplicity,
+        validation, selected, unexplained, unconfirmed, pool, sparse, at_calibration,
+        selection.multiplicity,
     )  # fmt: skip
 
 
@@ -197,17 +194,18 @@ def _posterior(search: _Selected) -> Posterior:
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
-    floor = validation.data.noise_rms(search.motion.noise, validation.residual(named))
+    data = validation.data
+    floor = data.noise_rms(data.motion.noise, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
     minor = minor_effects(
         validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
         search.unexplained, search.at_calibration,
     )  # fmt: skip
     seen = detectable(FitContext(validation, tuple(named)), search.pool, search.multiplicity)
-    validation.data.release()
+    data.release()
     return Posterior(
-        search.motion, validation, tuple(selected), tuple(search.unexplained),
-        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
+        validation, tuple(selected), tuple(search.unexplained), joints,
+        tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
         tuple(search.pool), search.at_calibration, floor, seen,
     )  # fmt: skip
 

@@ -49,12 +49,10 @@ class CorrectedReading:
     """A recording as it is to be read.
 
     Attributes:
-        motion: The motion.
         wrong: Wrong readings, in the order in which they were corrected.
         hypotheses: About the motion, as it is to be read.
     """
 
-    motion: MeasuredMotion
     wrong: tuple[WrongReading, ...]
     hypotheses: Hypotheses
 
@@ -72,7 +70,7 @@ def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> Corr
         about = Hypotheses.of(context)
         selection = Selection(context.validation, about.pool, say)
         if found is None or found.score.gain <= _SHARE * _best_gain(selection, context):
-            return CorrectedReading(motion, tuple(wrong), about)
+            return CorrectedReading(tuple(wrong), about)
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
         motion.release()
