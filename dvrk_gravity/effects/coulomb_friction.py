@@ -29,7 +29,7 @@ from dvrk_gravity.effects.base.friction import (
     removable,
 )
 from dvrk_gravity.effects.base.linear_term import Unknowns
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
@@ -299,8 +299,8 @@ class CoulombHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         return with_coulomb(self.arm, values, self.site, theta)
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        where, words = self.site.words(self.arm), self._in_words(parameters)
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
+        where = self.site.words(self.arm)
         up, down = (parameters[name] for name in ("positive", "negative"))
         if up == down:
             return f"{where} has {words['positive']} Coulomb friction than {self.against}"

@@ -57,7 +57,7 @@ def effect_found(
     where = f"{first} and {len(others)} more joints" if len(others) > 1 else " and ".join(joints)
     does, to = ("removes", "of") if gain.relative >= 0.0 else ("adds", "to")
     claim = hypothesis.claim(parameters)
-    if (doubt or gain.low <= 0.0) and "perhaps" not in claim:
+    if (doubt or gain.low <= 0.0) and not hypothesis.hedges(parameters):
         claim = f"perhaps {claim}"
     removed = f"{does} {100 * abs(gain.relative):.0f} % {to} the error at {where}"
     sentence = f"{claim}; {hypothesis.correction()} {removed}"
