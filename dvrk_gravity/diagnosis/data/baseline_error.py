@@ -23,7 +23,9 @@ _BY_CLOCK = 0.0005  # s, between the sampling of positions and efforts: half the
 _BY_SITTING = 0.1  # of all friction, which falls with warmth, between two recordings of one
 # sitting; a third of what it changes by from day to day: with that, doubled friction would go
 # unreported
-_BEYOND = 2.0  # standard deviations from which on a change is reported; a convention
+_BEYOND = 2.0  # standard deviations from which on changed friction is reported; a convention
+_BEYOND_SPRING = 1.64  # ... a changed spring: 95 % of a normal one. Chosen: at two, a spring of 1.9
+# was reported as the constant that its rest position leaves (benchmark/reference_trials.py, seed 3)
 # Of normal equations of unit diagonal, where the motion does not identify a link's parameters: ten
 # times the square root of a double's precision.
 _RIDGE = 1e-7
@@ -56,7 +58,8 @@ class NearbyTorque:
             friction = [values[rows, :, None] * np.eye(n) for values in sign_and_speed]
             return np.concatenate([motion.regressor(rows, motion.gravity), *friction], axis=2)
 
-        found = _least_squares(motion, target, np.broadcast_to(weight, target.shape), design)
+        weight = np.broadcast_to(weight, target.shape)
+        found = solve(*_normal_equations(motion, target, weight, design), _RIDGE)
         return cls(found[:links], found[links:].reshape(2, n))
 
     def friction_torque(self, motion: MeasuredMotion) -> Array:
@@ -72,18 +75,16 @@ class NearbyTorque:
         )  # fmt: skip
 
 
-def _least_squares(
-    motion: MeasuredMotion, target: Array, weight: Array, design: Callable[[slice], Array],
-    prior: Array | float = 0.0,
-) -> Array:  # fmt: skip
-    """Return (k,) coefficients of the (rows, n, k) columns of a design, fitted to (N, n) torques.
+def _normal_equations(
+    motion: MeasuredMotion, target: Array, weight: Array, design: Callable[[slice], Array]
+) -> tuple[Array, Array]:
+    """Return (k, k) and (k,) of the (rows, n, k) columns of a design, fitted to (N, n) torques.
 
     Args:
         motion: N samples.
         target: (N, n) torques, N·m.
         weight: (N, n) one over their error, 1/(N·m); zero where they do not count.
         design: Returns the columns of some samples; all of them would not fit into memory.
-        prior: (k,) one over the variance of each coefficient, about zero.
     """
     gram, right = np.zeros(()), np.zeros(())
     for rows in motion.pieces():
@@ -91,7 +92,7 @@ def _least_squares(
         columns = columns.reshape(-1, columns.shape[2])
         gram = gram + columns.T @ columns
         right = right + columns.T @ (target[rows] * weight[rows]).ravel()
-    return solve(gram + np.diag(np.broadcast_to(prior, right.shape)), right, _RIDGE)
+    return gram, right
 
 
 def _sign_and_speed(motion: MeasuredMotion) -> tuple[Array, Array]:
@@ -138,10 +139,11 @@ def _changed(
 ) -> Mask:
     """Return (d,) columns of springs and friction that changed by more than from day to day.
 
-    The difference is fitted by all columns beside what else may have changed at all joints: a load
-    at the end of the arm, the scale and the delay of efforts, and a constant at each joint. A
-    spring whose rest position is not the middle of the travel is a constant plus a spring: where
-    the constant changed, the spring did.
+    The difference is fitted by all columns beside what else may have changed: a load at the end of
+    the arm, the delay and the scale of efforts, and a constant at each joint. A spring whose rest
+    position is not the middle of the travel is a constant plus a spring: where the constant
+    changed, the spring did. Beside friction the scale is one for all joints, since friction is
+    most of what some feel; beside springs each joint has its own, which clipped efforts resemble.
 
     Args:
         motion: The motion.
@@ -153,21 +155,33 @@ def _changed(
     usable, n, count = ~motion.silent & motion.present, motion.arm.n, columns.shape[2]
     rms = np.sqrt((left**2 * usable).sum(axis=0) / np.maximum(usable.sum(axis=0), 1))
     assert motion.rate is not None
-    common = np.stack([motion.expected, late], axis=2)
+    common = np.stack([late, motion.expected], axis=2)
 
     def design(rows: slice) -> Array:
         load = motion.regressor(rows, motion.gravity)[:, :, -rigid_body.PER_LINK :]
+        scales = motion.expected[rows, :, None] * np.eye(n)
         constants = np.broadcast_to(np.diag(spring), (len(load), n, n))
-        return np.concatenate([load, common[rows], constants, columns[rows]], axis=2)
+        return np.concatenate([load, common[rows], scales, constants, columns[rows]], axis=2)
 
-    free = rigid_body.PER_LINK + common.shape[2] + n
-    # Of torques below the band two samples per hertz and second are independent.
-    prior = np.repeat([0.0, motion.rate / (2.0 * BAND)], [free, count])
     weight = usable / np.maximum(rms, 1e-9)
-    found = np.abs(_least_squares(motion, motion.residual, weight, design, prior))
-    beyond = found[free:].reshape(-1, _EACH) > _BEYOND
-    constant = found[free - n : free][motion.moves] > _BEYOND
-    result = np.zeros_like(beyond)
-    result[:, _OF_SPRING] = beyond[:, _OF_SPRING] | constant
-    result[:, _OF_FRICTION:] = beyond[:, _OF_FRICTION:].any(axis=1, keepdims=True)
+    gram, right = _normal_equations(motion, motion.residual, weight, design)
+    free = len(right) - count
+    # Of torques below the band two samples per hertz and second are independent.
+    gram.flat[free * (len(right) + 1) :: len(right) + 1] += motion.rate / (2.0 * BAND)
+    scale = rigid_body.PER_LINK + 1
+    scales = slice(scale + 1, scale + 1 + n)
+
+    def deviations(without: int | slice) -> Array:
+        kept = np.delete(np.arange(len(right)), without)
+        found = np.zeros(len(right))
+        found[kept] = np.abs(solve(gram[np.ix_(kept, kept)], right[kept], _RIDGE))
+        return found
+
+    friction = deviations(without=scales)[free:].reshape(-1, _EACH)[:, _OF_FRICTION:]
+    beside_scales = deviations(without=scale)
+    springs = beside_scales[free:].reshape(-1, _EACH)[:, _OF_SPRING]
+    constants = beside_scales[free - n : free][motion.moves]
+    result = np.zeros((len(springs), _EACH), dtype=bool)
+    result[:, _OF_SPRING] = np.maximum(springs, constants) > _BEYOND_SPRING
+    result[:, _OF_FRICTION:] = (friction > _BEYOND).any(axis=1, keepdims=True)
     return result.ravel()
