@@ -28,12 +28,14 @@ from dvrk_gravity.report.findings import (
     DETECTABLE,
     KNOWN,
     SEPARATE,
+    caveat,
     detectable_table,
     effect_title,
     misplaced_load,
     model_verdict,
     parameter_rows,
     size_of,
+    what_is_compared,
 )
 from dvrk_gravity.report.html import escape, prose
 from dvrk_gravity.report.in_simulation import section
@@ -86,8 +88,8 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
 
 def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     arm = diagnosis.model.arm
-    if diagnosis.caveat:
-        yield f'<p class="small">{prose(diagnosis.caveat)}</p>'
+    if limit := caveat(diagnosis):
+        yield f'<p class="small">{prose(limit)}</p>'
     if diagnosis.findings and diagnosis.cannot_judge:
         yield f"<p>{prose(BLIND)}</p>" + html.item_list(diagnosis.cannot_judge)
     yield drawn_arm(arm, _remarks(diagnosis.findings))
@@ -219,7 +221,7 @@ def _errors(diagnosis: Diagnosis) -> str:
         "model's error at calibration; of a file's model, from its uncertain masses and day-to-day "
         "friction variation.</p>"
     )
-    compared = f'<p class="small">Errors {diagnosis.compared}.</p>'
+    compared = f'<p class="small">Errors {what_is_compared(diagnosis)}.</p>'
     return html.collapsible(f"Held-out error, {unit} RMS", compared, html.table(head, rows), legend)
 
 

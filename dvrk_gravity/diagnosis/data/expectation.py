@@ -9,8 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.baseline_error import baseline_columns
-from dvrk_gravity.diagnosis.data.friction_change import FRICTION_PART
-from dvrk_gravity.diagnosis.data.model_error import model_columns
+from dvrk_gravity.diagnosis.data.model_error import FRICTION_PART, model_columns
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 
 
@@ -26,9 +25,9 @@ class Expectation:
         friction: (N, n) torque of friction that may have changed since calibration, N·m; zero for a
             model without uncertainty, for friction stated in an arm's file, and for poses.
         friction_variation: (n,) RMS torque by which that varies from day to day, N·m.
-        predicts: Whether it is known in other motions as well, and right of an arm that is read
-            rightly. Else it was measured in this motion: wrong readings are in it, too, and how
-            much of an effect acts is known only as a difference.
+        predicts: Whether it is known in other motions as well, and for an arm without wrong
+            readings. Else it was measured in this motion: wrong readings are in it, too, and of an
+            effect only the change is known.
         identified: Whether it was measured or fitted, so that what it lacks are single causes; an
             arm's own file lacks several at every joint.
     """

@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
 from dvrk_gravity.diagnosis.data.faults import Fault
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
@@ -36,13 +37,12 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
-from dvrk_gravity.diagnosis.results.judgeable import reasons_not_to_judge
-from dvrk_gravity.diagnosis.results.method_notes import method_notes, not_judged
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
     fault_finding,
     known,
     reading_finding,
+    reasons_not_to_judge,
     unexplained_error,
     unknown_finding,
 )
@@ -145,9 +145,9 @@ def report(
         floor_from=source,
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
-        warnings=(*motion.warnings, *not_judged(motion), *_larger(grown)),
+        warnings=(*motion.warnings, *_not_judged(motion), *_larger(grown)),
         notes=(
-            *method_notes(motion, data, floor),
+            *sentences.method_notes(motion, data, floor),
             *sentences.extrapolated(outside),
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),
             *(sentences.left_out(named[i].hypothesis, why) for i, why in conflicts.items()),
@@ -309,6 +309,13 @@ def _fit(
             spread[name] = max(high - low, EDGE_STEP) / (2.0 * NORMAL_95)
         spreads.append(spread)
     return theta, covariance[: len(theta), : len(theta)], spreads
+
+
+def _not_judged(motion: MeasuredMotion) -> tuple[Note, ...]:
+    if not motion.stands.any():
+        return ()
+    names = np.array(motion.arm.joint_names)[motion.stands].tolist()
+    return (Note("not_judged", None, {}, sentences.stands_still(names)),)
 
 
 def _larger(joints: Sequence[str]) -> tuple[Note, ...]:
