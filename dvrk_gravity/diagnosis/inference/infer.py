@@ -88,7 +88,40 @@ def infer(hypotheses: Hypotheses, say: Callable[[str], None] = silent) -> Poster
         hypotheses: About the motion, beside what is expected of it.
         say: Called with one line at every step.
     """
-    return _posterior(_select(hypotheses, say))
+    validation, pool = hypotheses.context.validation, hypotheses.pool
+    data, motion = validation.data, hypotheses.motion
+    # Single links first: what the masses of all links explain is not yet a cause.
+    sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
+    at_calibration = AtCalibration.of(motion)
+    selection = Selection(
+        validation,
+        sparse,
+        say,
+        ordinary=hypotheses.context.candidates,
+        at_calibration=at_calibration,
+    )
+    say("comparing hypotheses")
+    chosen = selection.run()
+
+    def noise(context: FitContext) -> Array:
+        return data.noise_rms(motion.noise, context.validation.residual(context.candidates))
+
+    # What may be off in some directions was free in these, and is no further.
+    if not validation.model_size and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
+        selection, chosen = _with_free_masses(selection, chosen, pool)
+    kept, unconfirmed = confirmed(selection, chosen.candidates)
+    if unconfirmed:  # nor is it an alternative
+        selection = selection.excluding(effect.hypothesis for effect in unconfirmed)
+    # Masses that were only free are no cause: they come last.
+    kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
+    selected = with_alternatives(selection, kept)
+    say("looking for unexplained structure")
+    floor = noise(selection.at(kept))
+    motion.release()
+    selected, unexplained = unexplained_structure(selection, selected, floor)
+    return _posterior(
+        hypotheses, selected, unexplained, unconfirmed, at_calibration, selection.multiplicity
+    )
 
 
 def empty_posterior(hypotheses: Hypotheses) -> Posterior:
@@ -100,8 +133,8 @@ def empty_posterior(hypotheses: Hypotheses) -> Posterior:
     motion, validation = hypotheses.motion, hypotheses.context.validation
     motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
     validation = replace(validation, data=replace(validation.data, motion=motion))
-    counted = Multiplicity.of(hypotheses.pool)
-    return _posterior(_Selected(validation, [], [], [], [], [], None, counted))
+    nothing = Hypotheses(replace(hypotheses.context, validation=validation), [])
+    return _posterior(nothing, [], [], [], None, Multiplicity.of(hypotheses.pool))
 
 
 def with_load_elsewhere(
@@ -133,80 +166,32 @@ def with_load_elsewhere(
     return anywhere if gain > _FREE_GAIN else None
 
 
-@dataclass(frozen=True, eq=False)
-class _Selected:
-    """What was selected, before it is linearised at the fit."""
-
-    validation: CrossValidation
-    selected: list[SelectedEffect]
-    unexplained: list[EffectTrial]
-    unconfirmed: list[Unconfirmed]
-    pool: list[Candidate]
-    sparse: list[Candidate]
-    at_calibration: AtCalibration | None
-    multiplicity: Multiplicity
-
-
-def _select(about: Hypotheses, say: Callable[[str], None]) -> _Selected:
-    """Return effects and unexplained structure that the samples of selection show."""
-    validation, pool = about.context.validation, about.pool
-    data, motion = validation.data, about.motion
-    # Single links first: what the masses of all links explain is not yet a cause.
-    sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
-    at_calibration = AtCalibration.of(motion)
-    selection = Selection(
-        validation, sparse, say, ordinary=about.context.candidates, at_calibration=at_calibration
-    )
-    say("comparing hypotheses")
-    chosen = selection.run()
-
-    def noise(context: FitContext) -> Array:
-        return data.noise_rms(motion.noise, context.validation.residual(context.candidates))
-
-    # What may be off in some directions was free in these, and is no further.
-    if not validation.model_size and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
-        selection, chosen = _with_free_masses(selection, chosen, pool)
-    kept, unconfirmed = confirmed(selection, chosen.candidates)
-    if unconfirmed:  # nor is it an alternative
-        selection = selection.excluding(effect.hypothesis for effect in unconfirmed)
-    # Masses that were only free are no cause: they come last.
-    kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
-    selected = with_alternatives(selection, kept)
-    say("looking for unexplained structure")
-    floor = noise(selection.at(kept))
-    motion.release()
-    selected, unexplained = unexplained_structure(selection, selected, floor)
-    return _Selected(
-        validation, selected, unexplained, unconfirmed, pool, sparse, at_calibration,
-        selection.multiplicity,
-    )  # fmt: skip
-
-
-def _posterior(search: _Selected) -> Posterior:
+def _posterior(
+    hypotheses: Hypotheses, selected: Sequence[SelectedEffect], unexplained: Sequence[EffectTrial],
+    unconfirmed: Sequence[Unconfirmed], at_calibration: AtCalibration | None,
+    multiplicity: Multiplicity,
+) -> Posterior:  # fmt: skip
     """Return what was found, linearised at the fit, and what is known to be there."""
-    named = [effect.trial.candidate for effect in search.selected]
-    validation, there = relinearised(search.validation.weighted(named), named)
+    pool, named = hypotheses.pool, [effect.trial.candidate for effect in selected]
+    validation, there = relinearised(hypotheses.context.validation.weighted(named), named)
     selected = [
         replace(effect, trial=replace(effect.trial, move=candidate))
-        for effect, candidate in zip(search.selected, there, strict=True)
+        for effect, candidate in zip(selected, there, strict=True)
     ]
-    stated = _stated(search.pool, validation, there)
+    stated = _stated(pool, validation, there)
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
     data = validation.data
     floor = data.noise_rms(data.motion.noise, validation.residual(named))
-    joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
-    minor = minor_effects(
-        validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
-        search.unexplained, search.at_calibration,
-    )  # fmt: skip
-    seen = detectable(FitContext(validation, tuple(named)), search.pool, search.multiplicity)
+    joints = unexplained_joints(validation, [*named, *day_to_day], unexplained, floor)
+    sparse = [each for each in pool if not (each.hypothesis.refits_model or each.hypothesis.STATED)]
+    minor = minor_effects(validation, sparse, selected, unexplained, at_calibration)
+    seen = detectable(FitContext(validation, tuple(named)), pool, multiplicity)
     data.release()
     return Posterior(
-        validation, tuple(selected), tuple(search.unexplained), joints,
-        tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
-        tuple(search.pool), search.at_calibration, floor, seen,
+        validation, tuple(selected), tuple(unexplained), joints, tuple(unconfirmed),
+        tuple(minor), tuple(day_to_day), stated, tuple(pool), at_calibration, floor, seen,
     )  # fmt: skip
 
 

@@ -414,8 +414,9 @@ class Hypothesis(ABC):
         try:
             return self.CLAIM.format_map(words)
         except (LookupError, ValueError) as error:
+            known = ", ".join((*self.words(parameters), *parameters))
             raise EffectError(
-                self.effect, f"CLAIM {self.CLAIM!r}: {error}, expected of {', '.join(words)}"
+                self.effect, f"CLAIM {self.CLAIM!r}: {error}, expected of {known}"
             ) from error
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -125,7 +125,7 @@ class Meaning:
         return f"perhaps {estimate.shown}" if self.doubts(estimate) else estimate.shown
 
 
-class Words(Mapping[str, str]):
+class Words:
     """The words of a claim by name: plain ones, and estimates, each as it is asked for.
 
     Attributes:
@@ -150,13 +150,9 @@ class Words(Mapping[str, str]):
         self.hedged |= meaning.doubts(estimate)
         return meaning.in_words(estimate)
 
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over the names."""
-        return iter({**self._plain, **self._estimates})
-
-    def __len__(self) -> int:
-        """Return the number of names."""
-        return len(self._plain.keys() | self._estimates.keys())
+    def __contains__(self, name: str) -> bool:
+        """Return whether there is such an estimate."""
+        return name in self._estimates
 
 
 def _is_any_angle(estimate: Estimate) -> bool:
