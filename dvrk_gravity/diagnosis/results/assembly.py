@@ -88,13 +88,13 @@ def report(
     if wrong:
         first = error_as_read(wrong[0].motion, data, held_out)
         findings += _reading_findings(wrong, held_out, named, first)
-    effect_findings = []
+    effect_findings, averaged = [], _averaged(differences)
     floor, proven = posterior.floor, proven_error(data)
     predicts = data.expectation.predicts
     # What friction and springs differ by from one recording to another is no error of a model.
     likely = np.fmax(floor, proven) if predicts else np.full(motion.arm.n, np.nan)
     for i, rows in enumerate(slices_of(named)):
-        if conflicts.get(i) == sentences.BESIDE_DIFFERENT:
+        if averaged[i]:
             continue
         parameters = _parameters(
             posterior, named, i, theta[rows], covariance[rows, rows], spreads[i]
@@ -219,6 +219,15 @@ def _differences(
     return [difference(validation, named, i, sources) for i in range(len(named))]
 
 
+def _averaged(differences: Sequence[Difference | None]) -> list[bool]:
+    """Return which effects only compensate an average of recordings that differ.
+
+    No recording shows them by itself.
+    """
+    shown = any(each and each.shown for each in differences)
+    return [any(differences) and (not each or shown > each.shown) for each in differences]
+
+
 def _extended(
     posterior: Posterior,
     misread: Sequence[WrongReading],
@@ -231,14 +240,12 @@ def _extended(
     motion, data = posterior.motion, posterior.validation.data
     parts = [theta[rows] for rows in slices_of(named)]
     found = [(each.hypothesis, part) for each, part in zip(named, parts, strict=True)]
-    # An effect that no recording shows by itself only compensates an average of differing ones.
-    shown = any(each and each.shown for each in differences)
-    conflicts: dict[int, str] = {}
-    for i, each in enumerate(differences):
-        if any(differences) and (not each or shown > each.shown):
-            conflicts[i] = sentences.BESIDE_DIFFERENT
-        elif each:
-            conflicts[i] = sentences.DIFFERENT
+    averaged = _averaged(differences)
+    conflicts = {
+        i: sentences.BESIDE_DIFFERENT if averaged[i] else sentences.DIFFERENT
+        for i, each in enumerate(differences)
+        if averaged[i] or each
+    }
     model, left_out = extended(motion, found, conflicts)
     lost = {
         i: NOT_AS_FOUND
