@@ -142,8 +142,9 @@ def _changed(
     The difference is fitted by all columns beside what else may have changed: a load at the end of
     the arm, the delay and the scale of efforts, and a constant at each joint. A spring whose rest
     position is not the middle of the travel is a constant plus a spring: where the constant
-    changed, the spring did. Beside friction the scale is one for all joints, since friction is
-    most of what some feel; beside springs each joint has its own, which clipped efforts resemble.
+    changed, the spring did. The scale is one for all joints, since friction is most of what some
+    feel; a spring must have changed also beside a scale of each joint, which clipped efforts
+    resemble.
 
     Args:
         motion: The motion.
@@ -177,10 +178,11 @@ def _changed(
         found[kept] = np.abs(solve(gram[np.ix_(kept, kept)], right[kept], _RIDGE))
         return found
 
-    friction = deviations(without=scales)[free:].reshape(-1, _EACH)[:, _OF_FRICTION:]
-    beside_scales = deviations(without=scale)
-    springs = beside_scales[free:].reshape(-1, _EACH)[:, _OF_SPRING]
-    constants = beside_scales[free - n : free][motion.moves]
+    beside_one = deviations(without=scales)
+    friction = beside_one[free:].reshape(-1, _EACH)[:, _OF_FRICTION:]
+    least = np.minimum(beside_one, deviations(without=scale))
+    springs = least[free:].reshape(-1, _EACH)[:, _OF_SPRING]
+    constants = least[free - n : free][motion.moves]
     result = np.zeros((len(springs), _EACH), dtype=bool)
     result[:, _OF_SPRING] = np.maximum(springs, constants) > _BEYOND_SPRING
     result[:, _OF_FRICTION:] = (friction > _BEYOND).any(axis=1, keepdims=True)
