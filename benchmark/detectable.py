@@ -32,11 +32,9 @@ PARTS = (1.0, 0.5)  # of the size that is stated
 
 def is_found(diagnosis: Diagnosis, joint: str) -> bool:
     """Return whether friction at a joint is a finding, or an alternative of one."""
-    named = {
-        (each.effect, each.joints)
-        for finding in diagnosis.findings
-        for each in (finding, *finding.alternatives)
-    }
+    named = [(finding.effect, finding.joints) for finding in diagnosis.findings]
+    for finding in diagnosis.findings:
+        named += [(other.effect, other.joints) for other in finding.alternatives]
     return (EFFECT, (joint,)) in named
 
 

@@ -183,11 +183,11 @@ def truth_of(recording: Recording, arm: Arm) -> Truth:
     smooth = sosfiltfilt(butter(3, BAND, fs=rate, output="sos"), even, axis=0)
     speed = np.gradient(smooth, 1.0 / rate, axis=0)
     acceleration = np.gradient(speed, 1.0 / rate, axis=0)
-    motion = (
+    q, qd, qdd = (
         np.stack([np.interp(recording.time, grid, column) for column in part.T], axis=1)
         for part in (smooth, speed, acceleration)
     )
-    return Truth(arm, recording.time, *motion, effort)
+    return Truth(arm, recording.time, q, qd, qdd, effort)
 
 
 def with_hidden(recording: Recording, before: Truth, after: Truth) -> Recording:

@@ -24,8 +24,9 @@ def swing(frequency: float, amplitude: float) -> tuple[NDArray[np.float64], ...]
 def seen(time: NDArray[np.float64], q: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """Return the acceleration below the band of positions that are read in steps."""
     recording = Recording(("joint",), time, np.round(q / step)[:, None] * step, None, None)
-    prepared = prepare(recording, 20.0, band=BAND, warnings=())
-    return LowPass(BAND, RATE)(prepared.acceleration[:, 0])
+    prepared = prepare(recording, 20.0, band=BAND, for_fit=False, warnings=())
+    used = LowPass(BAND, RATE)(prepared.acceleration[:, 0])
+    return np.interp(time, prepared.filtered.time, used)  # without the ends
 
 
 def fitted_inertia(seen_qdd: NDArray[np.float64], qdd: NDArray[np.float64]) -> float:

@@ -60,7 +60,8 @@ def base(model):
 def fit(case: Case, recording: str) -> Fitted:
     """Fit by weighted least squares."""
     model = pin.buildModelFromUrdf(case.urdf)
-    q, qd, qdd, effort = smoothed(*read(case, recording), case.rate)
+    time, position, measured = read(case, recording)
+    q, qd, qdd, effort = smoothed(time, position, measured, case.rate)
     edge, step = int(0.5 * case.rate), max(round(case.rate / KEPT), 1)
     rows = slice(edge, -edge, step)
     columns, m = base(model)

@@ -20,6 +20,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis import (
     Diagnosis,
     FilteredData,
+    Hypotheses,
     Posterior,
     SelectionSettings,
     build,
@@ -73,7 +74,7 @@ def found() -> Example:
     recording = world.record(replace(truth, effort=effort), NOISE)
 
     problem = build(recording, model)
-    posterior = infer(problem.motion)
+    posterior = infer(Hypotheses.about(problem.motion))
     diagnosis = report(posterior, problem.faults)
     before = FilteredData.of(load([calibration], model))
     return Example(joint, before, posterior, diagnosis)

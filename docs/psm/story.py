@@ -26,6 +26,7 @@ from dvrk_gravity.diagnosis import FLOORS, Diagnosis
 from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.identification import Evaluation, evaluate
 from dvrk_gravity.recording import LowPass, Recording
+from dvrk_gravity.report import what_is_compared
 
 Array = NDArray[np.float64]
 
@@ -248,7 +249,7 @@ def _shown(diagnosis: Diagnosis) -> Iterator[str]:
         if "RMS" not in known.sentence:
             yield _quoted(f"known: {known.sentence}", "- ")
     floor = FLOORS[diagnosis.floor_from]
-    yield "\n" + _prose(f"Residual, RMS, {diagnosis.compared}; the floor is {floor}:")
+    yield "\n" + _prose(f"Residual, RMS, {what_is_compared(diagnosis)}; the floor is {floor}:")
     yield "| joint | before | after | floor | expected of the model |"
     yield "|---|---|---|---|---|"
     for joint, before in diagnosis.before.items():

@@ -105,10 +105,10 @@ def diagnose(
     say("reading")
     problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
     read = correct_readings(problem.motion, say)
-    if contradiction(read.motion.warnings) and not read.wrong:
-        as_stated, elsewhere = empty_posterior(read.motion, read.hypotheses), None
+    if contradiction(read.hypotheses.motion.warnings) and not read.wrong:
+        as_stated, elsewhere = empty_posterior(read.hypotheses), None
     else:
-        as_stated = infer(read.motion, read.hypotheses, say)
+        as_stated = infer(read.hypotheses, say)
         elsewhere = with_load_elsewhere(as_stated, say)
     say("measuring gains on held-out blocks")
     diagnosis = report(

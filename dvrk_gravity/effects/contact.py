@@ -19,7 +19,7 @@ from dvrk_gravity.effects.base.arrays import (
     position_offset,
 )
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
-from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, Words, meanings
 from dvrk_gravity.effects.base.motion import Motion, Residual, State
 from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.term import Term
@@ -202,12 +202,12 @@ class WallHypothesis(Hypothesis):
             **values, name: tuple(stiffness.tolist()), f"{name}_position": tuple(position.tolist()),
         }  # fmt: skip
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         stiffness = parameters["stiffness"]
         way = "back" if stiffness.value > 0.0 else "onwards"
         return (
             f"an external force pushes {self.names[0]} {way} {self._above} "
-            f"{self._in_words(parameters)['position']}, with {stiffness.magnitude.shown}"
+            f"{words['position']}, with {stiffness.magnitude.shown}"
         )
 
     def remedy(self, carried: bool) -> str:

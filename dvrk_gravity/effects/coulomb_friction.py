@@ -29,7 +29,7 @@ from dvrk_gravity.effects.base.friction import (
     removable,
 )
 from dvrk_gravity.effects.base.linear_term import Unknowns
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
@@ -236,7 +236,7 @@ class CoulombFriction(DryFriction):
     @classmethod
     def unit_changes(cls, motion: Motion) -> Iterator[tuple[Hypothesis, Array]]:
         """Of each joint, the same in both directions; a reference's has a step of its own."""
-        for each in cls.hypotheses(motion) if motion.reference is None else ():
+        for each in () if motion.measured_twice else cls.hypotheses(motion):
             if isinstance(each, CoulombHypothesis) and each.one_level and each.of_joint:
                 yield each, np.ones(1)
 
@@ -299,8 +299,8 @@ class CoulombHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         return with_coulomb(self.arm, values, self.site, theta)
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        where, words = self.site.words(self.arm), self._in_words(parameters)
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
+        where = self.site.words(self.arm)
         up, down = (parameters[name] for name in ("positive", "negative"))
         if up == down:
             return f"{where} has {words['positive']} Coulomb friction than {self.against}"

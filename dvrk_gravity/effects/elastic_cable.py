@@ -33,7 +33,7 @@ from dvrk_gravity.effects.base.linear_term import (
     Unknowns,
     site_columns,
 )
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Kind, Site, effort_limits
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
@@ -275,10 +275,9 @@ class CableHypothesis(Hypothesis):
             result[field] = tuple(limits.tolist())
         return result
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         if "lowest" not in parameters:
-            return super().claim(parameters)
-        words = self._in_words(parameters)
+            return super()._claim(parameters, words)
         return (
             f"{self.names[0]} has an elastic torque in addition to {self.against}'s, between "
             f"{words['lowest']} and {words['highest']} over its range"

@@ -11,7 +11,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import as_value, joint_array
 from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, Words, meanings
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.sensor import SensorEffect, is_diagonal, require_factors
@@ -119,7 +119,7 @@ class LeakHypothesis(Hypothesis):
     def judged_at(self) -> tuple[int, ...]:
         return self.joints[:1]
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         joint, other = self.names
         factor = parameters["factor"]
         turned = ", with the opposite sign," if factor.value < 0.0 else ""

@@ -19,7 +19,7 @@ from dvrk_gravity.effects.base.links import (
     prior_scale,
     weight_directions,
 )
-from dvrk_gravity.effects.base.meaning import Estimate, Meaning, size
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, Words, size
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
 from dvrk_gravity.effects.gravity import link_beta, with_beta
@@ -92,6 +92,11 @@ class MomentHypothesis(Hypothesis):
 
     axes: tuple[int, ...]
 
+    def meaning(self, name: str) -> Meaning:
+        """Of a change along one axis that is named, too."""
+        along = f"delta_beta_{AXES[self.axes[0]]}"
+        return super().meaning(along if len(self.axes) == 1 else name)
+
     @property
     def _directions(self) -> Array:
         return moment_directions(self.arm, self.site.index, self.axes)
@@ -107,11 +112,8 @@ class MomentHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         return with_link(self.arm, values, self.site.index, self._directions @ theta)
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        along = ", ".join(
-            self.meaning(f"delta_beta_{AXES[axis]}").in_words(estimate)
-            for axis, estimate in zip(self.axes, parameters.values(), strict=True)
-        )
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
+        along = ", ".join(words[name] for name in parameters)
         link = self.site.words(self.arm)
         return (
             f"the centre of mass of {link} is not where {self.against} has it: "
@@ -141,8 +143,8 @@ class BetaHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         return with_beta(values, float(theta[0]) * np.eye(_WHOLE)[self.entry])
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        name, change = gravity.BETA_NAMES[self.entry], self._in_words(parameters)["delta_beta"]
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
+        name, change = gravity.BETA_NAMES[self.entry], words["delta_beta"]
         return f"{self.against}'s weight moment {name} of {self.site.words(self.arm)} is {change}"
 
 

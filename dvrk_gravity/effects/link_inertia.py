@@ -13,7 +13,7 @@ from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.links import AXES, inertia_directions, prior_scale
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
 from dvrk_gravity.effects.base.term import PlantPart
@@ -150,11 +150,11 @@ class InertiaHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         return _with_change(values, self.arm.body_names[self.site.index], self._directions @ theta)
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        words, joint = self._in_words(parameters), self.names[0]
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
+        joint = self.names[0]
         if self.isotropic:
             return f"the link of {joint} has {words['inertia']} inertia than {self.against}'s"
-        about = ", ".join(f"{value} about {name[-1]}" for name, value in words.items())
+        about = ", ".join(f"{words[name]} about {name[-1]}" for name in parameters)
         return f"the inertia of {joint}'s link differs from {self.against}'s: {about}"
 
 

@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.links import (
     mass_directions,
     weight_evaluator,
 )
-from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, Words, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Site, last_link, links_of_joints
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
@@ -267,11 +267,11 @@ class PayloadHypothesis(Hypothesis):
         com *= min(1.0, _FARTHEST / max(float(np.linalg.norm(com)), _LEAST))
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, com, strict=True)}
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         where = _centre(parameters)
         mass = parameters["mass"]
         if mass.value >= 0.0:
-            return super().claim(parameters) + where
+            return super()._claim(parameters, words) + where
         link = self.site.words(self.arm)
         return f"{link} carries {mass.magnitude.shown} less than in {self.against}{where}"
 
@@ -353,9 +353,9 @@ class PlacedPayloadHypothesis(FarPayloadHypothesis):
     def unclamped(self) -> Hypothesis:
         return self
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         place = ", ".join(f"{axis} {1e3 * self.setting[axis]:.4g}" for axis in AXES)
-        return f"{super().claim(parameters)}, at {place} mm in the link's frame as stated"
+        return f"{super()._claim(parameters, words)}, at {place} mm in the link's frame as stated"
 
 
 def place_of(arm: Arm, text: str) -> tuple[int, Array]:

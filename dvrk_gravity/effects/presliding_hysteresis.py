@@ -30,7 +30,7 @@ from dvrk_gravity.effects.base.linear_term import (
     Unknowns,
     site_columns,
 )
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Site, effort_limits
 from dvrk_gravity.effects.base.term import PlantPart
@@ -317,8 +317,7 @@ class PreslidingHypothesis(Hypothesis):
         result[key] = (*before, float(theta[0]))
         return with_coulomb(self.arm, result, self.site, theta[1:]) if len(theta) > 1 else result
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        words = self._in_words(parameters)
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         beside = f", beside {words['coulomb']} Coulomb friction" if "coulomb" in words else ""
         return (
             f"friction of {self.site.words(self.arm)} builds up to {words['level']} over "

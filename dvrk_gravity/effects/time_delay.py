@@ -59,7 +59,7 @@ class TimeDelay(SensorEffect):
             return
         yield DelayHypothesis(arm=motion.arm, site=THE_ARM, setting={"delay": 0.0})
         # Sharp where joints turn back, or hardly moved by the noise of a model's accelerations.
-        if motion.reference is None:
+        if not motion.measured_twice:
             yield DelayHypothesis(
                 arm=motion.arm, site=THE_ARM, setting={"delay": 0.0}, over_a_while=True
             )
@@ -127,12 +127,12 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
         the efforts', which keeps the columns' noise uncorrelated with the residual's.
         """
         step = self.setting["delay"] if abs(self.setting["delay"]) > _SMALL else _FIRST
-        if motion.reference is not None:
+        if self.against_reference:
             if self.over_a_while:
                 return mean_slope_by_delay(motion, self.setting["delay"])[:, :, None]
             was = delayed(motion, motion.effort, -step)
-            becomes = delayed(motion, motion.reference, step)
-            return (0.5 * (motion.effort - was + becomes - motion.reference) / step)[:, :, None]
+            becomes = delayed(motion, motion.expected, step)
+            return (0.5 * (motion.effort - was + becomes - motion.expected) / step)[:, :, None]
         acting = motion.acting
         if self.of_friction is not None:
             acting = motion.friction if self.of_friction else acting - motion.friction
@@ -146,7 +146,7 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
 
     def tangent(self, motion: Motion) -> Array | None:
         """A column with noise of its own would make the delay seem surer than it is."""
-        if motion.reference is None:
+        if not self.against_reference:
             return None
         return mean_slope_by_delay(motion, self.setting["delay"])[:, :, None]
 
@@ -234,12 +234,11 @@ def _while_about(moments: Array, time: Array) -> tuple[Array, Array]:
 
 
 def mean_slope_by_delay(motion: Motion, delay: float = 0.0) -> Array:
-    """Return (N, n) the same of efforts and reference, their mean, laid over each other.
+    """Return (N, n) the same of measured and expected torque, their mean, laid over each other.
 
     Args:
-        motion: N samples with a reference.
+        motion: N samples.
         delay: By which the efforts are late, s.
     """
-    assert motion.reference is not None
     efforts = _slope_by_delay(motion, motion.effort, -0.5 * delay)
-    return 0.5 * (efforts + _slope_by_delay(motion, motion.reference, 0.5 * delay))
+    return 0.5 * (efforts + _slope_by_delay(motion, motion.expected, 0.5 * delay))

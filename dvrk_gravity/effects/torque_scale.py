@@ -11,7 +11,7 @@ from dvrk_gravity.arms import ANY_UNIT, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import joint_array
 from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
-from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, Words, meanings
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.sensor import SensorEffect, read_factors, written_factors
@@ -114,11 +114,10 @@ class ScaleHypothesis(Hypothesis):
         right = ReadingErrors.none(self.arm.n)
         return replace(right, effort=right.effort + part * self.mixing.T)
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        factor = self._in_words(parameters)["factor"]
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         if self.site == THE_ARM:
-            return f"the efforts of all joints read {factor}"
-        return f"the effort of {self.site.words(self.arm)} reads {factor}"
+            return f"the efforts of all joints read {words['factor']}"
+        return f"the effort of {self.site.words(self.arm)} reads {words['factor']}"
 
     def plausible(self, theta: Array) -> bool:
         """Known drive gains do not all share one large error."""

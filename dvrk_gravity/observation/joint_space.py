@@ -84,8 +84,7 @@ class Bands:
         """
         stride = max(1, round((recording.rate or 0.0) / self.kept))
         return prepare(
-            recording, self.effort, self.used, self.motion, not self.for_fit, stride,
-            ends=self.for_fit,
+            recording, self.effort, self.used, self.motion, stride, self.for_fit,
         )  # fmt: skip
 
 

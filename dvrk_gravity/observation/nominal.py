@@ -109,7 +109,7 @@ def _filtered(recording: Recording) -> Prepared | None:
     if recording.rate is None or recording.rate < _RATE * BAND:
         return None
     try:
-        return prepare(recording, BAND, ends=False, warnings=())
+        return prepare(recording, BAND, for_fit=False, warnings=())
     except RecordingError:  # whoever reads it next says why
         return None
 

@@ -141,9 +141,8 @@ def prepare(
     cutoff: float = DEFAULT_CUTOFF,
     band: float | None = None,
     motion: float | None = None,
-    limit_acceleration: bool = True,
     stride: int = 1,
-    ends: bool = True,
+    for_fit: bool = True,
     warnings: tuple[Note, ...] | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
@@ -160,10 +159,11 @@ def prepare(
         band: Frequency below which the signals will be used, Hz; default: the cut-off. Gaps that
             are short against it are interpolated over, see ``longest_bridged``.
         motion: Cut-off of the low-pass of positions and velocities, Hz; default: that of efforts.
-        limit_acceleration: Whether the acceleration is limited to the band that position steps
-            allow (``known_acceleration``).
         stride: Every so-maniest low-passed sample is kept.
-        ends: Whether the ends of parts, which the efforts' filter disturbs, are kept.
+        for_fit: Whether the signals, and columns made of them, go through a further filter. Else
+            the ends of parts, which the efforts' filter disturbs, are left out, and the
+            acceleration is limited to the band that position steps allow
+            (``known_acceleration``).
         warnings: Findings about the recording; ``None``: it is checked.
 
     Raises:
@@ -191,7 +191,7 @@ def prepare(
     gaps = Gaps(low, longest_bridged(rate, band))
     gaps.count(recording.time)
     step = np.zeros(len(recording.joints))
-    if limit_acceleration:
+    if not for_fit:
         step = np.array([quantum(column) for column in recording.position.T])
     parts: list[Filtered] = []
     first, gridded = 0, False
@@ -203,7 +203,7 @@ def prepare(
             continue
         uniform = resample(fresh, rate)
         gridded = gridded or uniform is not fresh
-        kept = slice(None, None, stride) if ends else slice(low.edge, -low.edge, stride)
+        kept = slice(None, None, stride) if for_fit else slice(low.edge, -low.edge, stride)
         parts.append(_filtered(uniform, low, wide, derived, step, band, kept))
     if not parts:
         raise RecordingError(

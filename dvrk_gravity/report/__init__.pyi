@@ -8,6 +8,7 @@ from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
 from .evaluation import evaluation_page as evaluation_page
 from .findings import parameter_rows as parameter_rows
 from .findings import size_of as size_of
+from .findings import what_is_compared as what_is_compared
 from .fit_in_terminal import compared as compared
 from .fit_in_terminal import error_table as error_table
 from .fit_in_terminal import evaluation_text as evaluation_text

@@ -13,7 +13,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning import link_origins
-from dvrk_gravity.report.html import escape
+from dvrk_gravity.report.html import escape, prose
 
 Level = Literal["", "good", "fair", "poor"]
 _LEVELS: tuple[Level, ...] = ("", "good", "fair", "poor")
@@ -57,10 +57,10 @@ def drawn_arm(arm: Arm, remarks: Iterable[Remark]) -> str:
     lines = []
     for name in arm.joint_names:
         said = "; ".join(remark.text for remark in remarks if remark.joint == name)
-        text = f"<b>{escape(name)}</b>" + (f": {escape(said)}" if said else "")
+        text = f"<b>{escape(name)}</b>" + (f": {prose(said)}" if said else "")
         lines.append(f"<li{_class(worst[name])}>{text}</li>")
     whole = "".join(
-        f"<p{_class(remark.level)}><b>the arm</b>: {escape(remark.text)}</p>"
+        f"<p{_class(remark.level)}><b>the arm</b>: {prose(remark.text)}</p>"
         for remark in remarks
         if not remark.joint
     )

@@ -12,7 +12,7 @@ from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
 from dvrk_gravity.report.fit_pictures import torque_pictures
 from dvrk_gravity.report.fit_tables import level_of_verdict
-from dvrk_gravity.report.html import escape
+from dvrk_gravity.report.html import prose
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import effort_in_table
 from dvrk_gravity.units import fixed, interval
@@ -42,7 +42,7 @@ def certificate_page(certificate: Certificate, evaluation: Evaluation, arm: Arm)
 def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterator[str]:
     if certificate.simulated:
         yield (
-            f'<p class="poor">Simulated: {escape(certificate.simulated)}. This is not the '
+            f'<p class="poor">Simulated: {prose(certificate.simulated)}. This is not the '
             "certificate of an arm.</p>"
         )
     yield drawn_arm(arm, [_remark(joint) for joint in certificate.joints])
@@ -55,7 +55,7 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
     yield "<h2>What the diagnosis found beside the first model</h2>"
     yield html.item_list(_some(certificate.findings), "nothing")
     yield "<h2>Motion and limits</h2>"
-    yield f"<p>{escape(_of_motion(certificate.motion))}</p>"
+    yield f"<p>{prose(_of_motion(certificate.motion))}</p>"
     yield html.collapsible(
         "Files (SHA-256) and versions",
         html.table((), list(certificate.files.items())),
@@ -84,7 +84,7 @@ def _by_joint(certificate: Certificate, arm: Arm) -> str:
         "Sure to stay: part of random poses at which so little friction covers the 95 % band of "
         "the gravity torque, what the model lacks included.",
     ]
-    return html.table(head, rows) + f'<p class="small">{escape(" ".join(notes))}</p>'
+    return html.table(head, rows) + f'<p class="small">{prose(" ".join(notes))}</p>'
 
 
 def _of_drift(certificate: Certificate) -> str:

@@ -28,14 +28,16 @@ from dvrk_gravity.report.findings import (
     DETECTABLE,
     KNOWN,
     SEPARATE,
+    caveat,
     detectable_table,
     effect_title,
     misplaced_load,
     model_verdict,
     parameter_rows,
     size_of,
+    what_is_compared,
 )
-from dvrk_gravity.report.html import escape
+from dvrk_gravity.report.html import escape, prose
 from dvrk_gravity.report.in_simulation import section
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import (
@@ -86,17 +88,17 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
 
 def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     arm = diagnosis.model.arm
-    if diagnosis.caveat:
-        yield f'<p class="small">{escape(diagnosis.caveat)}</p>'
+    if limit := caveat(diagnosis):
+        yield f'<p class="small">{prose(limit)}</p>'
     if diagnosis.findings and diagnosis.cannot_judge:
-        yield f"<p>{escape(BLIND)}</p>" + html.item_list(diagnosis.cannot_judge)
+        yield f"<p>{prose(BLIND)}</p>" + html.item_list(diagnosis.cannot_judge)
     yield drawn_arm(arm, _remarks(diagnosis.findings))
     if diagnosis.findings:
         yield "<h2>Findings</h2>"
     for number, finding in enumerate(diagnosis.findings, start=1):
         yield from _finding(number, finding, diagnosis)
     if diagnosis.payload_check is not None:
-        yield f"<p><b>Known payload:</b> {escape(diagnosis.payload_check.sentence)}.</p>"
+        yield f"<p><b>Known payload:</b> {prose(diagnosis.payload_check.sentence)}.</p>"
     if diagnosis.known:
         yield _known(diagnosis.known, diagnosis.against_reference)
     if diagnosis.in_simulation is not None:
@@ -104,7 +106,7 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
     yield "<h2>Tables</h2>"
     yield _errors(diagnosis)
     if diagnosis.detectable:
-        note = f'<p class="small">{escape(DETECTABLE)}</p>'
+        note = f'<p class="small">{prose(DETECTABLE)}</p>'
         table = html.table(*detectable_table(diagnosis.detectable))
         yield html.collapsible("What would have been found", note, table)
     if diagnosis.ambiguities:
@@ -134,9 +136,9 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
     arm = diagnosis.model.arm
     where = ", ".join(finding.joints) or "the arm"
     yield f"<h3>{escape(f'{number}. {effect_title(finding.effect)} at {where}')}</h3>"
-    yield f"<p>{escape(finding.sentence)}.</p>"
+    yield f"<p>{prose(finding.sentence)}.</p>"
     if finding.remedy:
-        yield f"<p><b>What to do:</b> {escape(finding.remedy)}.</p>"
+        yield f"<p><b>What to do:</b> {prose(finding.remedy)}.</p>"
     if finding.picture is not None:
         yield html.side_by_side(*_panels(finding.picture, arm))
     gain = finding.gain
@@ -219,7 +221,7 @@ def _errors(diagnosis: Diagnosis) -> str:
         "model's error at calibration; of a file's model, from its uncertain masses and day-to-day "
         "friction variation.</p>"
     )
-    compared = f'<p class="small">Errors {diagnosis.compared}.</p>'
+    compared = f'<p class="small">Errors {what_is_compared(diagnosis)}.</p>'
     return html.collapsible(f"Held-out error, {unit} RMS", compared, html.table(head, rows), legend)
 
 

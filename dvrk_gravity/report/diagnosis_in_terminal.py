@@ -15,12 +15,14 @@ from dvrk_gravity.report.findings import (
     BETWEEN,
     KNOWN,
     SEPARATE,
+    caveat,
     detectable_line,
     detectable_table,
     exact_model,
     misplaced_load,
     model_verdict,
     size_of,
+    what_is_compared,
 )
 from dvrk_gravity.report.terminal import painted, warning_lines, wrap
 from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
@@ -63,8 +65,8 @@ def diagnosis_text(
             yield wrap(f"next: {_largest(diagnosis).remedy or 'see the report'}", width)
         if any(diagnosis.separating(finding) for finding in findings):
             yield f"{SEPARATE}: {diagnosis.separated_by}"
-    if diagnosis.caveat:
-        yield wrap(f"note: {diagnosis.caveat}", width)
+    if limit := caveat(diagnosis):
+        yield wrap(f"note: {limit}", width)
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
     for ambiguity in suspected:
         yield wrap(f"cannot be separated: {ambiguity.sentence}", width)
@@ -152,7 +154,7 @@ def _how_good(diagnosis: Diagnosis) -> str:
 
     joints = [name for name, value in after.items() if np.isfinite(value)]
     if not joints:
-        return f"errors {diagnosis.compared} are unknown"
+        return f"errors {what_is_compared(diagnosis)} are unknown"
     most = max(joints, key=lambda name: before[name] - after[name])
     line = f"held-out RMSE before -> after, {unit}: {change(most)}"
     least, words = diagnosis.least
@@ -206,7 +208,7 @@ def _errors(diagnosis: Diagnosis) -> Iterator[str]:
 
     head = f"held-out RMSE [{unit}]"
     width = max(len(head), *(2 + len(joint) for joint in diagnosis.before))
-    yield f"errors {diagnosis.compared}:"
+    yield f"errors {what_is_compared(diagnosis)}:"
     columns = dict(zip(("before", "after", "floor", "expected"), errors_of(diagnosis), strict=True))
     legend = f"floor: {FLOORS[diagnosis.floor_from]}"
     if np.isfinite(list(diagnosis.expected.values())).any():

@@ -18,7 +18,7 @@ from dvrk_gravity.report.fit_tables import (
     level_of_verdict,
     verdict_in_short,
 )
-from dvrk_gravity.report.html import escape
+from dvrk_gravity.report.html import prose
 from dvrk_gravity.report.page import page
 from dvrk_gravity.report.units import effort_in_table
 
@@ -42,7 +42,7 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
 
     def parts() -> Iterator[str]:
         said = compared(model, result.joints, result.coordinates, result.with_friction)
-        yield f"<p>{escape(said[:1].upper() + said[1:])}.</p>"
+        yield f"<p>{prose(said[:1].upper() + said[1:])}.</p>"
         yield drawn_arm(arm, error_remarks(result.joints, verdicts))
         yield "<h2>Joint by joint</h2>"
         yield from pictures_by_joint(result.traces, arm)

@@ -8,7 +8,7 @@ from operator import itemgetter
 import numpy as np
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis import Detectable, Finding
+from dvrk_gravity.diagnosis import Detectable, Diagnosis, Finding
 from dvrk_gravity.units import percent, quantity
 
 _SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
@@ -112,3 +112,25 @@ def _range(of_kind: Sequence[Detectable]) -> str:
         detectable_size(each) + (f" ({each.joint})" if each.joint else "") for each in ends
     )
     return f"{effect_title(of_kind[0].effect)} {' to '.join(sizes)}"
+
+
+def caveat(diagnosis: Diagnosis) -> str:
+    """Return what limits the findings of a diagnosis; ``""`` if nothing does."""
+    if not (diagnosis.findings and diagnosis.against_reference):
+        return ""
+    without = (
+        ". Without a model, a tilt of the base or a joint's zero appears as other causes: give "
+        "--model with the reference"
+    )
+    return (
+        "every difference between the two recordings counts, also friction that changes with "
+        "warmth or from day to day: record both in one session. For a load on a link that rotates, "
+        "mass times position is better known than mass alone, which only its inertia shows"
+        f"{'' if diagnosis.with_model else without}"
+    )
+
+
+def what_is_compared(diagnosis: Diagnosis) -> str:
+    """Return what the errors of a diagnosis are, in words."""
+    below = "" if diagnosis.band is None else f" below {diagnosis.band:g} Hz,"
+    return f"in joint coordinates,{below} on blocks held out of fit and model selection"

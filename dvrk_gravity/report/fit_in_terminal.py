@@ -274,11 +274,13 @@ def _about_errors(result: Evaluation, model: TorqueModel) -> Iterator[str]:
 
 def _above(result: Evaluation) -> str:
     """Return the joints whose error is above its band, and how far."""
-    return ", ".join(
-        f"{name} {result.joints[name].rmse / band.high:.2g} times"
-        for name, band in result.expected.items()
-        if result.joints[name].rmse > band.high
-    )
+    ratios = {name: result.joints[name].rmse / band.high for name, band in result.expected.items()}
+    return ", ".join(f"{name} {_times(ratio)}" for name, ratio in ratios.items() if ratio > 1.0)
+
+
+def _times(ratio: float) -> str:
+    """Return a ratio above one, with as many digits as show that it is."""
+    return f"{ratio:.2g} times" if ratio >= 1.05 else f"{max(ratio, 1.01):.2f} times"
 
 
 def expectation(result: Evaluation, model: TorqueModel) -> str:

@@ -19,12 +19,18 @@ _PANEL = (4.0, 2.6)  # inches
 # Parts of a panel around its axes: room for numbers, labels and legend. Finding it, picture by
 # picture, costs as much as drawing.
 _ROOM = {"left": 0.17, "right": 0.98, "bottom": 0.18, "top": 0.89}
+_CODE = re.compile(r"`([^`]+)`")
 _NUMBER = re.compile(r"(< |[-+−])?(\d[\d.]*|\.\d+)(e[-+]?\d+)?( … .*)?")
 
 
 def escape(text: str) -> str:
     """Return a text as HTML that shows it; see :func:`printable`."""
     return html_escape(printable(text))
+
+
+def prose(text: str) -> str:
+    """Return a text as HTML, what stands between backticks as code."""
+    return _CODE.sub(r"<code>\1</code>", escape(text))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -38,7 +44,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     def line(tag: str, cells: Sequence[str]) -> str:
         kinds = (' class="n"' if number else "" for number in numeric)
         return "".join(
-            f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=True)
+            f"<{tag}{kind}>{prose(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=True)
         )
 
     lines = [f"<tr>{line('th', head)}</tr>"] if head else []
@@ -49,7 +55,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def item_list(items: Iterable[object], nothing: str = "") -> str:
     """Return a list, every item escaped; of none what stands for it, if anything."""
     texts = [str(item) for item in items] or ([nothing] if nothing else [])
-    return "<ul>" + "".join(f"<li>{escape(text)}</li>" for text in texts) + "</ul>"
+    return "<ul>" + "".join(f"<li>{prose(text)}</li>" for text in texts) + "</ul>"
 
 
 def collapsible(title: str, *parts: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 
 from dvrk_gravity.identification import POOR, RULE, Choice, Fit
@@ -18,7 +17,7 @@ from dvrk_gravity.report.fit_tables import (
     level_of_verdict,
     verdict_in_short,
 )
-from dvrk_gravity.report.html import escape
+from dvrk_gravity.report.html import prose
 from dvrk_gravity.report.page import page
 
 
@@ -50,7 +49,7 @@ def identification_page(fit: Fit, sources: str) -> str:
 def _parts(fit: Fit) -> Iterator[str]:
     arm = fit.model.arm
     if fit.verdict.record:
-        record = re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(fit.verdict.record))
+        record = prose(fit.verdict.record)
         yield f"<p>Record instead: {record}.</p>"
     if fit.verdict.level == POOR:
         yield (
@@ -58,7 +57,7 @@ def _parts(fit: Fit) -> Iterator[str]:
             "</p>"
         )
     for line in (*constant_lines(fit), weight_line(fit)):
-        yield f"<p>{escape(line[:1].upper() + line[1:])}.</p>" if line else ""
+        yield f"<p>{prose(line[:1].upper() + line[1:])}.</p>" if line else ""
     yield drawn_arm(arm, error_remarks(fit.held_out, fit.verdict.joints))
     yield "<h2>Joint by joint</h2>"
     yield from pictures_by_joint(fit.traces, arm)
@@ -67,7 +66,7 @@ def _parts(fit: Fit) -> Iterator[str]:
     yield html.collapsible(
         "Held-out error by joint",
         error_rows(fit.held_out, arm, fit.verdict.joints, {"|e|/|τ| on the data fitted": fitted}),
-        f'<p class="small">{escape(RULE)}. A joint\'s verdict is the worst of that of its error, '
+        f'<p class="small">{prose(RULE)}. A joint\'s verdict is the worst of that of its error, '
         "of what is not known of its gravity torque, and of how far it moved.</p>",
     )
     yield html.collapsible("Terms", *_terms(fit.choices))
@@ -97,13 +96,13 @@ def _terms(choices: Iterable[Choice]) -> Iterator[str]:
 
 def _open(fit: Fit) -> Iterator[str]:
     found = fit.identifiability
-    yield f"<p>{escape(found.sentence.capitalize())}.</p>"
+    yield f"<p>{prose(found.sentence.capitalize())}.</p>"
     yield html.item_list(found.statements, "nothing that was asked for")
     if fit.physical:
         each = ", ".join(f"{link} {value:.2g}" for link, value in fit.physical.items())
         yield (
             "<p>Every link is a body that can exist: least eigenvalue of its pseudo-inertia over "
-            f"the greatest, {escape(each)}.</p>"
+            f"the greatest, {prose(each)}.</p>"
         )
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.baseline_error import baseline_columns
-from dvrk_gravity.diagnosis.data.friction_change import FRICTION_PART
-from dvrk_gravity.diagnosis.data.model_error import model_columns
+from dvrk_gravity.diagnosis.data.model_error import FRICTION_PART, model_columns
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 
 
@@ -26,6 +25,11 @@ class Expectation:
         friction: (N, n) torque of friction that may have changed since calibration, N·m; zero for a
             model without uncertainty, for friction stated in an arm's file, and for poses.
         friction_variation: (n,) RMS torque by which that varies from day to day, N·m.
+        predicts: Whether it is known in other motions as well, and for an arm without wrong
+            readings. Else it was measured in this motion: wrong readings are in it, too, and of an
+            effect only the change is known.
+        identified: Whether it was measured or fitted, so that what it lacks are single causes; an
+            arm's own file lacks several at every joint.
     """
 
     torque: Array
@@ -33,6 +37,8 @@ class Expectation:
     known_error: Array
     friction: Array
     friction_variation: Array
+    predicts: bool
+    identified: bool
 
     @property
     def day_to_day_error(self) -> Array:
@@ -56,10 +62,14 @@ def _of_model(motion: MeasuredMotion) -> Expectation:
         friction = motion.friction
     varies = FRICTION_PART * np.sqrt(np.mean(friction**2, axis=0))
     error = np.zeros(motion.arm.n) if known is None else np.nan_to_num(known.error)
-    return Expectation(motion.modelled, model_columns(motion), error, friction, varies)
+    return Expectation(
+        motion.modelled, model_columns(motion), error, friction, varies, predicts=True,
+        identified=known is not None and not motion.model.of_file,
+    )  # fmt: skip
 
 
 def _of_baseline(motion: MeasuredMotion, measured: Array) -> Expectation:
     """Return what one of two recordings leads to expect: its columns have friction's changes."""
     nothing, none = np.zeros(motion.q.shape), np.zeros(motion.arm.n)
-    return Expectation(measured, baseline_columns(motion), none, nothing, none)
+    columns = baseline_columns(motion)
+    return Expectation(measured, columns, none, nothing, none, predicts=False, identified=True)

@@ -14,7 +14,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches, not_zero
 from dvrk_gravity.diagnosis.data.expectation import Expectation, expect
 from dvrk_gravity.diagnosis.data.model_error import model_columns
-from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.effects import Effect, Hypothesis, effects
 from dvrk_gravity.estimation import (
     Blocks,
@@ -43,7 +43,7 @@ class FilterSettings:
     """How torques are compared.
 
     Attributes:
-        band: Hz; torques are compared below this. Chosen; see `make sensitivity`.
+        band: Hz; torques are compared below this.
         oversampling: Samples kept a second, in bands: at four the second-order low-pass, run twice,
             has let through 0.35 % of what would be aliased; chosen a little above.
         stuck: Part of a stuck sample that the low-pass may leave in a usable one. Chosen; see
@@ -54,7 +54,7 @@ class FilterSettings:
         blocks: How samples are divided into blocks.
     """
 
-    band: float = 8.0
+    band: float = BAND
     oversampling: float = 5.0
     stuck: float = 0.05
     near: float = 0.03
@@ -65,10 +65,6 @@ class FilterSettings:
     def samples_per_independent(self) -> float:
         """Kept samples per independent one: a band of B Hz has 2 B independent a second."""
         return self.oversampling / 2.0
-
-
-BAND = FilterSettings().band
-"""Hz: torques are compared below this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +179,7 @@ class FilteredData:
     ) -> Iterator[Candidate]:
         """Yield hypotheses with their filtered columns, by default in the data's own motion."""
         motion = motion or self.motion
-        if motion.reference is not None:
+        if motion.measured_twice:
             hypotheses = (replace(each, against_reference=True) for each in hypotheses)
         built = (
             Candidate.of(hypothesis, hypothesis.regressor(motion)) for hypothesis in hypotheses

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.diagnosis.data.filtered_data import BAND
-from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.observation import (

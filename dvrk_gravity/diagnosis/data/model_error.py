@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.friction_change import FRICTION_PART
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import CalibrationSamples, ModelUncertainty
 
+# Standard deviation of the relative change of a joint's friction since calibration. A PSM that was
+# recorded twice in one motion: the efforts of its four instrument motors, nearly all of them
+# friction, differ by 24 to 40 % (docs/psm.md).
+FRICTION_PART = 0.3
 _OF_LOAD = 6  # columns of a joint that a load may be mistaken for, by a model
 _SLOW = 0.3  # of the RMS speed, about which friction falls with speed (``stribeck_friction``)
 # Of the part of the transmitted torque that is friction, with a model as with a reference: harmonic
@@ -122,7 +125,7 @@ def load_columns(motion: MeasuredMotion, load: Array) -> Array:
         motion: The motion.
         load: (N, n) torque of the load as it was found.
     """
-    by_model = motion.reference is None
+    by_model = not motion.measured_twice
     known = not by_model or _calibration(motion) is not None
     joints = np.flatnonzero(motion.moves).tolist() if known else []
     each = _OF_LOAD if by_model else 1

@@ -18,15 +18,15 @@ from dvrk_gravity.recording import LowPass
 
 _SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
+BAND = 8.0
+"""Hz: torques are compared below this, and so is the speed that shows where a joint reverses.
 
-
+Chosen; see `make sensitivity`.
+"""
 # All chosen.
 _SIGN = 0.03  # of a joint's RMS speed: slower, its direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s, likewise at least; of what slides and of travel a tenth in m
 _MOVES = 0.01  # rad, half of a joint's travel: less shows nothing
-_TURNING_BAND = (
-    8.0  # Hz, of the speed that shows where a joint reverses: as ``FilterSettings.band``
-)
 _RANK = 3e-3  # of the first pivot: torques are known to some per cent, so this counts as zero
 _STILL = 0.06  # of a joint's RMS speed: slower, it may be stuck
 _SLOW = 0.4  # of it: faster, friction counts however coarse the encoder
@@ -41,19 +41,14 @@ class MeasuredMotion(Observation):
 
     Attributes:
         model: The model under test.
-        reference: (N, n) torques of a baseline recording at the same phase, N·m, used in place of
-            the model's; ``None``: the model's are used.
-        changed_friction: Joints whose friction differs from the reference's by more than from day
-            to day: all of the difference is reported.
-        changed_springs: Joints whose springs do.
+        reference: (N, n) torques of a baseline recording at the same phase, N·m, expected in place
+            of the model's; ``None``: the model's are expected.
         known_torque: (N, n) torque of known causes that the model lacks, N·m.
         payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
     """
 
     model: TorqueModel
     reference: Array | None = None
-    changed_friction: tuple[int, ...] = ()
-    changed_springs: tuple[int, ...] = ()
     known_torque: Array | None = None
     payload_at: tuple[int, Array] | None = None
 
@@ -84,6 +79,16 @@ class MeasuredMotion(Observation):
         """(N, n) torque of the model, N·m."""
         return self.model.prediction(self._state(self.q))
 
+    @property
+    def measured_twice(self) -> bool:
+        """Whether the expected torque was measured in the same motion, and not modelled."""
+        return self.reference is not None
+
+    @property
+    def expected(self) -> Array:
+        """(N, n) torque of the baseline recording, or else of the model, N·m."""
+        return self.modelled if self.reference is None else self.reference
+
     @cached_property
     def friction(self) -> Array:
         """(N, n) torque of the model's friction, N·m."""
@@ -95,17 +100,17 @@ class MeasuredMotion(Observation):
     def acting(self) -> Array:
         """(N, n) torque that acts, as wrong readings scale or delay it, N·m.
 
-        Beside a reference it is the mean of both measurements: a column with the reference's own
-        noise would make it seem to read too low.
+        Of two measurements it is the mean: a column with one's own noise would make that one seem
+        to read too low.
         """
-        if self.reference is not None:
-            return 0.5 * (self.effort + self.reference)
+        if self.measured_twice:
+            return 0.5 * (self.effort + self.expected)
         return self.modelled if self.known_torque is None else self.modelled + self.known_torque
 
     @cached_property
     def residual(self) -> Array:
-        """(N, n) measured minus modelled torque, or minus the reference's, N·m."""
-        return self.effort - (self.modelled if self.reference is None else self.reference)
+        """(N, n) measured minus expected torque, N·m."""
+        return self.effort - self.expected
 
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
         """Return (N, n) torques of a model at other positions in the same motion, N·m."""
@@ -193,7 +198,7 @@ class MeasuredMotion(Observation):
         """Return (N,) samples in which a joint or motor stops or reverses; row as in `sign`."""
         assert self.rate is not None
         # Encoder steps are not reversals.
-        low = LowPass(min(_TURNING_BAND, self.rate / 6.0), self.rate)
+        low = LowPass(min(BAND, self.rate / 6.0), self.rate)
         speed = self.qd @ row
         typical = float(np.sqrt(np.mean(speed**2)))
         slow = max(_STILL * typical, 2 * _SLOWEST * self._scale(row))

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.baseline_error import NearbyTorque
-from dvrk_gravity.diagnosis.data.filtered_data import BAND
 from dvrk_gravity.diagnosis.data.loading import LoadSettings
-from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import SAME_STATE, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
@@ -169,9 +168,8 @@ def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:
 
 def _require_signs(motion: MeasuredMotion, names: Sequence[str]) -> None:
     """Raise RecordingError for efforts that are the reference's with reversed sign."""
-    assert motion.reference is not None
-    product = (motion.effort * motion.reference).sum(axis=0)
-    sizes = np.linalg.norm(motion.effort, axis=0) * np.linalg.norm(motion.reference, axis=0)
+    product = (motion.effort * motion.expected).sum(axis=0)
+    sizes = np.linalg.norm(motion.effort, axis=0) * np.linalg.norm(motion.expected, axis=0)
     turned = motion.moves & (product < -_REVERSED * sizes)
     if turned.any():
         joints = ", ".join(np.array(motion.arm.joint_names)[turned])

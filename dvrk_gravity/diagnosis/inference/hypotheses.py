@@ -27,6 +27,16 @@ class Hypotheses:
     context: FitContext
     pool: list[Candidate]
 
+    @property
+    def motion(self) -> MeasuredMotion:
+        """The motion."""
+        return self.context.validation.data.motion
+
+    @classmethod
+    def about(cls, motion: MeasuredMotion) -> Hypotheses:
+        """Return those about a motion."""
+        return cls.of(ordinary_effects(motion))
+
     @classmethod
     def of(cls, context: FitContext) -> Hypotheses:
         """Return those of the motion of a context."""
@@ -75,6 +85,6 @@ def poorly_stated(motion: MeasuredMotion) -> set[str]:
 
     Its values are often placeholders, such as one damping for all joints.
     """
-    if not motion.model.of_file or motion.reference is not None:
+    if not motion.model.of_file or motion.measured_twice:
         return set()
     return {term.NAME for term in effects.terms() if term.EVERYWHERE or term.FRICTION}

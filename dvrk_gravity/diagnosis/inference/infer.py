@@ -9,7 +9,6 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.baseline_error import changed_friction, changed_springs
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
@@ -22,7 +21,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable, detectable
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
-from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, ordinary_effects
+from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses
 from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.remaining import (
@@ -44,7 +43,6 @@ class Posterior:
     """What explains a recording.
 
     Attributes:
-        motion: As it was finally read.
         validation: The samples, linearised at the fit.
         selected: Effects.
         unexplained: Structure that no effect explains.
@@ -59,7 +57,6 @@ class Posterior:
         detectable: What would have been found.
     """
 
-    motion: MeasuredMotion
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
     unexplained: tuple[EffectTrial, ...]
@@ -73,59 +70,71 @@ class Posterior:
     floor: Array
     detectable: tuple[Detectable, ...]
 
+    @property
+    def motion(self) -> MeasuredMotion:
+        """The motion as it was finally read."""
+        return self.validation.data.motion
+
 
 def silent(line: str) -> None:
     """Ignore a line of progress."""
     del line
 
 
-def infer(
-    motion: MeasuredMotion,
-    hypotheses: Hypotheses | None = None,
-    say: Callable[[str], None] = silent,
-) -> Posterior:
+def infer(hypotheses: Hypotheses, say: Callable[[str], None] = silent) -> Posterior:
     """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
 
-    Beside a reference, friction and springs are first taken to vary from day to day. Where the fit
-    needs more than that, they are hypotheses like any other.
-
     Args:
-        motion: Beside the model or the reference.
-        hypotheses: About it, where they are known.
+        hypotheses: About the motion, beside what is expected of it.
         say: Called with one line at every step.
     """
-    search = _select(motion, hypotheses or Hypotheses.of(ordinary_effects(motion)), say)
-    friction, springs = search.changed_joints()
-    while friction or springs:
-        search.validation.data.release()
-        say("comparing hypotheses with changed friction and springs")
-        changed = replace(motion, changed_friction=friction, changed_springs=springs)
-        hypotheses = Hypotheses.of(ordinary_effects(changed))
-        posterior = _posterior(_select(changed, hypotheses, say))
-        found = {
-            joint
-            for effect in posterior.selected
-            for joint in effect.trial.candidate.hypothesis.joints
-        }
-        if found.issuperset((*friction, *springs)):
-            return posterior
-        # At joints where no effect fits, the change counts as day-to-day variation.
-        friction = tuple(joint for joint in friction if joint in found)
-        springs = tuple(joint for joint in springs if joint in found)
-    return _posterior(search)
+    validation, pool = hypotheses.context.validation, hypotheses.pool
+    data, motion = validation.data, hypotheses.motion
+    # Single links first: what the masses of all links explain is not yet a cause.
+    sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
+    at_calibration = AtCalibration.of(motion)
+    selection = Selection(
+        validation,
+        sparse,
+        say,
+        ordinary=hypotheses.context.candidates,
+        at_calibration=at_calibration,
+    )
+    say("comparing hypotheses")
+    chosen = selection.run()
+
+    def noise(context: FitContext) -> Array:
+        return data.noise_rms(motion.noise, context.validation.residual(context.candidates))
+
+    # What may be off in some directions was free in these, and is no further.
+    if not validation.model_size and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
+        selection, chosen = _with_free_masses(selection, chosen, pool)
+    kept, unconfirmed = confirmed(selection, chosen.candidates)
+    if unconfirmed:  # nor is it an alternative
+        selection = selection.excluding(effect.hypothesis for effect in unconfirmed)
+    # Masses that were only free are no cause: they come last.
+    kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
+    selected = with_alternatives(selection, kept)
+    say("looking for unexplained structure")
+    floor = noise(selection.at(kept))
+    motion.release()
+    selected, unexplained = unexplained_structure(selection, selected, floor)
+    return _posterior(
+        hypotheses, selected, unexplained, unconfirmed, at_calibration, selection.multiplicity
+    )
 
 
-def empty_posterior(motion: MeasuredMotion, hypotheses: Hypotheses) -> Posterior:
+def empty_posterior(hypotheses: Hypotheses) -> Posterior:
     """Return a posterior without effects, of a recording of the other arm: no effect explains it.
 
     Args:
-        motion: The motion.
-        hypotheses: About it.
+        hypotheses: About the motion.
     """
+    motion, validation = hypotheses.motion, hypotheses.context.validation
     motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
-    counted = Multiplicity.of(hypotheses.pool)
-    validation = hypotheses.context.validation
-    return _posterior(_Selected(motion, validation, [], [], [], [], [], None, counted))
+    validation = replace(validation, data=replace(validation.data, motion=motion))
+    nothing = Hypotheses(replace(hypotheses.context, validation=validation), [])
+    return _posterior(nothing, [], [], [], None, Multiplicity.of(hypotheses.pool))
 
 
 def with_load_elsewhere(
@@ -147,9 +156,7 @@ def with_load_elsewhere(
     if motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    # What changed beside a load at that place need not have.
-    free = replace(motion, payload_at=None, changed_friction=(), changed_springs=())
-    anywhere = infer(free, say=say)
+    anywhere = infer(Hypotheses.about(replace(motion, payload_at=None)), say)
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None
@@ -159,100 +166,32 @@ def with_load_elsewhere(
     return anywhere if gain > _FREE_GAIN else None
 
 
-@dataclass(frozen=True, eq=False)
-class _Selected:
-    """What was selected, before it is linearised at the fit."""
-
-    motion: MeasuredMotion
-    validation: CrossValidation
-    selected: list[SelectedEffect]
-    unexplained: list[EffectTrial]
-    unconfirmed: list[Unconfirmed]
-    pool: list[Candidate]
-    sparse: list[Candidate]
-    at_calibration: AtCalibration | None
-    multiplicity: Multiplicity
-
-    def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion = self.motion
-        if motion.reference is None:
-            return (), ()
-        named = [effect.trial.candidate for effect in self.selected]
-        validation = self.validation.weighted(named)
-        mean, covariance = validation.posterior(named)
-        causes: dict[int, list[int]] = {}
-        first = validation.model_size
-        for candidate in named:
-            hypothesis, last = candidate.hypothesis, first + candidate.size
-            if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
-                for joint in hypothesis.joints:
-                    causes.setdefault(joint, []).extend(range(first, last))
-            first = last
-        friction = changed_friction(motion, mean[: validation.model_size])
-        return friction, changed_springs(motion, mean, covariance, causes)
-
-
-def _select(motion: MeasuredMotion, about: Hypotheses, say: Callable[[str], None]) -> _Selected:
-    """Return effects and unexplained structure that the samples of selection show."""
-    validation, pool = about.context.validation, about.pool
-    data = validation.data
-    # Single links first: what the masses of all links explain is not yet a cause.
-    sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
-    at_calibration = AtCalibration.of(motion)
-    selection = Selection(
-        validation, sparse, say, ordinary=about.context.candidates, at_calibration=at_calibration
-    )
-    say("comparing hypotheses")
-    chosen = selection.run()
-
-    def noise(context: FitContext) -> Array:
-        return data.noise_rms(motion.noise, context.validation.residual(context.candidates))
-
-    # A model with uncertainty was free within that, and is no further.
-    certain = motion.model.uncertainty is None and motion.reference is None
-    if certain and np.any(chosen.score.rms > _DOUBTFUL * noise(chosen)):
-        selection, chosen = _with_free_masses(selection, chosen, pool)
-    kept, unconfirmed = confirmed(selection, chosen.candidates)
-    if unconfirmed:  # nor is it an alternative
-        selection = selection.excluding(effect.hypothesis for effect in unconfirmed)
-    # Masses that were only free are no cause: they come last.
-    kept.sort(key=lambda candidate: candidate.hypothesis.refits_model)
-    selected = with_alternatives(selection, kept)
-    say("looking for unexplained structure")
-    floor = noise(selection.at(kept))
-    motion.release()
-    selected, unexplained = unexplained_structure(selection, selected, floor)
-    return _Selected(
-        motion, validation, selected, unexplained, unconfirmed, pool, sparse,
-        at_calibration, selection.multiplicity,
-    )  # fmt: skip
-
-
-def _posterior(search: _Selected) -> Posterior:
+def _posterior(
+    hypotheses: Hypotheses, selected: Sequence[SelectedEffect], unexplained: Sequence[EffectTrial],
+    unconfirmed: Sequence[Unconfirmed], at_calibration: AtCalibration | None,
+    multiplicity: Multiplicity,
+) -> Posterior:  # fmt: skip
     """Return what was found, linearised at the fit, and what is known to be there."""
-    named = [effect.trial.candidate for effect in search.selected]
-    validation, there = relinearised(search.validation.weighted(named), named)
+    pool, named = hypotheses.pool, [effect.trial.candidate for effect in selected]
+    validation, there = relinearised(hypotheses.context.validation.weighted(named), named)
     selected = [
         replace(effect, trial=replace(effect.trial, move=candidate))
-        for effect, candidate in zip(search.selected, there, strict=True)
+        for effect, candidate in zip(selected, there, strict=True)
     ]
-    stated = _stated(search.pool, validation, there)
+    stated = _stated(pool, validation, there)
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
     selected = [effect for effect in selected if not effect.trial.day_to_day]
     named = [effect.trial.candidate for effect in selected]
-    floor = validation.data.noise_rms(search.motion.noise, validation.residual(named))
-    joints = unexplained_joints(validation, [*named, *day_to_day], search.unexplained, floor)
-    minor = minor_effects(
-        validation, [each for each in search.sparse if not each.hypothesis.STATED], selected,
-        search.unexplained, search.at_calibration,
-    )  # fmt: skip
-    seen = detectable(FitContext(validation, tuple(named)), search.pool, search.multiplicity)
-    validation.data.release()
+    data = validation.data
+    floor = data.noise_rms(data.motion.noise, validation.residual(named))
+    joints = unexplained_joints(validation, [*named, *day_to_day], unexplained, floor)
+    sparse = [each for each in pool if not (each.hypothesis.refits_model or each.hypothesis.STATED)]
+    minor = minor_effects(validation, sparse, selected, unexplained, at_calibration)
+    seen = detectable(FitContext(validation, tuple(named)), pool, multiplicity)
+    data.release()
     return Posterior(
-        search.motion, validation, tuple(selected), tuple(search.unexplained),
-        joints, tuple(search.unconfirmed), tuple(minor), tuple(day_to_day), stated,
-        tuple(search.pool), search.at_calibration, floor, seen,
+        validation, tuple(selected), tuple(unexplained), joints, tuple(unconfirmed),
+        tuple(minor), tuple(day_to_day), stated, tuple(pool), at_calibration, floor, seen,
     )  # fmt: skip
 
 

@@ -210,7 +210,7 @@ def relinearised(
     """
     data, result = validation.data, list(chosen)
     motion, uncertainty = data.motion, data.motion.model.uncertainty
-    if uncertainty is None or motion.reference is not None:
+    if uncertainty is None:
         return validation, result
     last: Array | None = None
     for _ in range(_ROUNDS):

@@ -77,7 +77,7 @@ class AtCalibration:
         """Return those of the model of a motion; ``None`` where they are not kept, or too few."""
         uncertainty = motion.model.uncertainty
         kept = None if uncertainty is None else uncertainty.calibration
-        if uncertainty is None or kept is None or motion.reference is not None:
+        if uncertainty is None or kept is None:
             return None
         shortest = LoadSettings().shortest * kept.rate
         if max(part.stop - part.start for part in kept.parts) < shortest:

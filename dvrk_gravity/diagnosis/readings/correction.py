@@ -49,31 +49,28 @@ class CorrectedReading:
     """A recording as it is to be read.
 
     Attributes:
-        motion: The motion.
         wrong: Wrong readings, in the order in which they were corrected.
         hypotheses: About the motion, as it is to be read.
     """
 
-    motion: MeasuredMotion
     wrong: tuple[WrongReading, ...]
     hypotheses: Hypotheses
 
 
 def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> CorrectedReading:
-    """Return the motion as it is to be read; two recordings of one motion were read equally.
+    """Return the motion as it is to be read.
 
     A better reading must gain about as much as the best effect does.
     """
     wrong: list[WrongReading] = []
     while True:
         context = ordinary_effects(motion)
-        tested = motion.reference is None and len(wrong) < _MOST
-        found = _better_reading(context) if tested else None
+        found = _better_reading(context) if len(wrong) < _MOST else None
         say("building hypotheses")
         about = Hypotheses.of(context)
         selection = Selection(context.validation, about.pool, say)
         if found is None or found.score.gain <= _SHARE * _best_gain(selection, context):
-            return CorrectedReading(motion, tuple(wrong), about)
+            return CorrectedReading(tuple(wrong), about)
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
         motion.release()

@@ -88,10 +88,13 @@ def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
 
 
 def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
-    """Return how other readings do, best first, by the error of each joint as it was named."""
+    """Return how other readings do, best first, by the error of each joint as it was named.
+
+    None where joints are missing, nor of two recordings of one motion, which were read equally.
+    """
     from scipy import stats
 
-    if not motion.present.all():
+    if motion.measured_twice or not motion.present.all():
         return []
     rows = np.linspace(0, len(motion.q) - 1, min(_SAMPLES, len(motion.q))).astype(int)
     block = np.arange(len(rows)) * _BLOCKS // len(rows)
@@ -170,7 +173,7 @@ def _clocks(few: MeasuredMotion, usable: Mask, expected: Array) -> list[Reading]
     """
     from scipy.optimize import minimize_scalar
 
-    if few.static or few.timed or few.reference is not None:
+    if few.static or few.timed:
         return []
     eye, counted = np.eye(few.arm.n), usable & few.moves
     least = expected + 1e-12
@@ -276,7 +279,7 @@ def effort_scales(few: MeasuredMotion, usable: Mask, least: Array) -> Iterator[R
         least: (n,) mean square of the model's known error, (N·m)².
     """
     arm = few.arm
-    if few.reference is not None or arm.read_in == ANY_UNIT:
+    if arm.read_in == ANY_UNIT:
         return
     products = _products(few, usable)
     read, both, modelled = products.sum(axis=0).T

@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, slices_of
 from dvrk_gravity.diagnosis.data.faults import Fault
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
@@ -36,13 +37,12 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
-from dvrk_gravity.diagnosis.results.judgeable import reasons_not_to_judge
-from dvrk_gravity.diagnosis.results.method_notes import method_notes, not_judged
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
     fault_finding,
     known,
     reading_finding,
+    reasons_not_to_judge,
     unexplained_error,
     unknown_finding,
 )
@@ -88,11 +88,13 @@ def report(
     if wrong:
         first = error_as_read(wrong[0].motion, data, held_out)
         findings += _reading_findings(wrong, held_out, named, first)
-    effect_findings = []
+    effect_findings, averaged = [], _averaged(differences)
     floor, proven = posterior.floor, proven_error(data)
-    likely = np.fmax(floor, proven)
+    predicts = data.expectation.predicts
+    # What friction and springs differ by from one recording to another is no error of a model.
+    likely = np.fmax(floor, proven) if predicts else np.full(motion.arm.n, np.nan)
     for i, rows in enumerate(slices_of(named)):
-        if conflicts.get(i) == sentences.BESIDE_DIFFERENT:
+        if averaged[i]:
             continue
         parameters = _parameters(
             posterior, named, i, theta[rows], covariance[rows, rows], spreads[i]
@@ -121,13 +123,12 @@ def report(
     after = held_out.rmse(held_out.error(named))
     of_joints = {j for each in named if each.hypothesis.of_joint for j in each.hypothesis.joints}
     missed = np.flatnonzero(after > LEAVES * likely).tolist()
-    leaves = motion.reference is None and not of_joints.isdisjoint(missed)
+    leaves = not of_joints.isdisjoint(missed)
     seen = np.where(held_out.seen, 1.0, np.nan)
     grown = [names[joint] for joint in held_out.worse(named, first, floor)]
     outside = outside_range(
         motion.model, motion.q, None if motion.static else motion.qd, motion.present
     )
-    reference = motion.reference is not None
     blind = reasons_not_to_judge(data, held_out, posterior.detectable)
     unseparated = ambiguities(validation, named, posterior.pool)
     return Diagnosis(
@@ -144,9 +145,9 @@ def report(
         floor_from=source,
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
-        warnings=(*motion.warnings, *not_judged(motion), *_larger(grown)),
+        warnings=(*motion.warnings, *_not_judged(motion), *_larger(grown)),
         notes=(
-            *method_notes(motion, data, floor),
+            *sentences.method_notes(motion, data, floor),
             *sentences.extrapolated(outside),
             *(sentences.rejected(effect) for effect in posterior.unconfirmed),
             *(sentences.left_out(named[i].hypothesis, why) for i, why in conflicts.items()),
@@ -155,13 +156,13 @@ def report(
         model=model,
         payload_check=None
         if known_payload is None
-        else check_payload(findings, known_payload, reference),
+        else check_payload(findings, known_payload, not predicts),
         band=data.band,
-        against_reference=reference,
-        with_model=not reference or bool(motion.model.terms),
+        against_reference=not predicts,
+        with_model=predicts or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,
-        exact="" if reference else sentences.why_exact(motion.model),
+        exact=sentences.why_exact(motion.model) if predicts else "",
         motion=motion,
         held_out_spans=tuple(data.held_out_spans),
         detectable=posterior.detectable,
@@ -218,6 +219,15 @@ def _differences(
     return [difference(validation, named, i, sources) for i in range(len(named))]
 
 
+def _averaged(differences: Sequence[Difference | None]) -> list[bool]:
+    """Return which effects only compensate an average of recordings that differ.
+
+    No recording shows them by itself.
+    """
+    shown = any(each and each.shown for each in differences)
+    return [any(differences) and (not each or shown > each.shown) for each in differences]
+
+
 def _extended(
     posterior: Posterior,
     misread: Sequence[WrongReading],
@@ -230,14 +240,12 @@ def _extended(
     motion, data = posterior.motion, posterior.validation.data
     parts = [theta[rows] for rows in slices_of(named)]
     found = [(each.hypothesis, part) for each, part in zip(named, parts, strict=True)]
-    # An effect that no recording shows by itself only compensates an average of differing ones.
-    shown = any(each and each.shown for each in differences)
-    conflicts: dict[int, str] = {}
-    for i, each in enumerate(differences):
-        if any(differences) and (not each or shown > each.shown):
-            conflicts[i] = sentences.BESIDE_DIFFERENT
-        elif each:
-            conflicts[i] = sentences.DIFFERENT
+    averaged = _averaged(differences)
+    conflicts = {
+        i: sentences.BESIDE_DIFFERENT if averaged[i] else sentences.DIFFERENT
+        for i, each in enumerate(differences)
+        if averaged[i] or each
+    }
     model, left_out = extended(motion, found, conflicts)
     lost = {
         i: NOT_AS_FOUND
@@ -308,6 +316,13 @@ def _fit(
             spread[name] = max(high - low, EDGE_STEP) / (2.0 * NORMAL_95)
         spreads.append(spread)
     return theta, covariance[: len(theta), : len(theta)], spreads
+
+
+def _not_judged(motion: MeasuredMotion) -> tuple[Note, ...]:
+    if not motion.stands.any():
+        return ()
+    names = np.array(motion.arm.joint_names)[motion.stands].tolist()
+    return (Note("not_judged", None, {}, sentences.stands_still(names)),)
 
 
 def _larger(joints: Sequence[str]) -> tuple[Note, ...]:

@@ -16,9 +16,14 @@ from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.detectable import Detectable
 from dvrk_gravity.diagnosis.results import sentences
-from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
+from dvrk_gravity.diagnosis.results.findings import (
+    Ambiguity,
+    Finding,
+    InSimulation,
+    Known,
+    PayloadCheck,
+)
 from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
-from dvrk_gravity.diagnosis.results.in_simulation import InSimulation
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Note
 from dvrk_gravity.tabular import Columns, Tabular
@@ -186,18 +191,6 @@ class Diagnosis(Tabular):
         if np.isfinite(list(self.expected.values())).any():
             return self.expected, "what the model expects"
         return self.floor, sentences.FLOORS[self.floor_from]
-
-    @property
-    def caveat(self) -> str:
-        """What limits the findings; ``""`` if nothing does."""
-        if not self.findings:
-            return ""
-        return sentences.caveat(self.against_reference, self.with_model)
-
-    @property
-    def compared(self) -> str:
-        """What the errors are, in words."""
-        return sentences.what_is_compared(self.band)
 
     @property
     def unresolved(self) -> tuple[tuple[FittedHypothesis, ...], ...]:

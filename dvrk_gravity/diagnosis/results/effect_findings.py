@@ -58,7 +58,7 @@ def effect_finding(
         parameters: Its estimates.
         theta: (k,) its linear parameters.
         left_out: Why the extended model lacks it; ``""`` if it has it.
-        likely: (n,) RMS that noise and the model's own error leave, N·m; NaN: not known.
+        likely: (n,) RMS that noise and the expectation's own error leave, N·m; NaN: not known.
     """
     effect, motion = selected[i], validation.data.motion
     candidate = effect.trial.candidate
@@ -78,7 +78,7 @@ def effect_finding(
             _pushed_together(hypothesis, [other.hypothesis for other in rest]),
             sentences.RECORD_ALONE,
         ),
-        (_shares_joint(motion, hypothesis, [other.hypothesis for other in rest]), remedy),
+        (_shares_joint(validation.data, hypothesis, [other.hypothesis for other in rest]), remedy),
         (held_out.shows_nothing_of(named, candidate, joints), remedy),
         (_leaves(motion, joints, held_out.rmse(after), likely), remedy),
         effect.doubt,
@@ -188,11 +188,8 @@ def _unresolved(
 def _leaves(motion: MeasuredMotion, joints: Sequence[int], left: Array, likely: Array) -> str:
     """Return by how much the fit misses at a finding's joints; ``""``: as noise and model do.
 
-    A name that leaves more has part of another cause's torque. What friction and springs differ by
-    from a baseline recording to the next is no error of a model.
+    A name that leaves more has part of another cause's torque.
     """
-    if motion.reference is not None:
-        return ""
     ratio = {joint: left[joint] / likely[joint] for joint in joints if likely[joint] > 0.0}
     worst = max(ratio, key=lambda joint: ratio[joint], default=-1)
     if worst < 0 or not ratio[worst] > LEAVES:
@@ -218,16 +215,13 @@ def _pushed_together(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> st
     return sentences.pushed_together([name for name in joints if name not in hypothesis.names])
 
 
-def _shares_joint(
-    motion: MeasuredMotion, hypothesis: Hypothesis, others: Sequence[Hypothesis]
-) -> str:
+def _shares_joint(data: FilteredData, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
     """Return which other cause is found at a finding's joint; ``""`` for none.
 
     What no effect is, is often two: torque that grows with the square of the speed is viscous
     friction and less Coulomb friction. A model that was never identified lacks several at once.
     """
-    identified = motion.model.uncertainty is not None and not motion.model.of_file
-    kinds = (Kind.JOINT, Kind.MOTOR) if identified or motion.reference is not None else ()
+    kinds = (Kind.JOINT, Kind.MOTOR) if data.expectation.identified else ()
     for other in others if hypothesis.site.kind in kinds else ():
         if other.site.kind in kinds and other.site.index == hypothesis.site.index:
             return sentences.SHARES_JOINT.format(other.EFFECT.title())

@@ -52,8 +52,8 @@ def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool
         theta: (k,) its parameters.
     """
     motion = data.motion
-    if motion.reference is not None and candidate.hypothesis.EFFECT.READS_WRONGLY:
-        return False  # relative to what the reference reads, which no model predicts
+    if candidate.hypothesis.EFFECT.READS_WRONGLY and not data.expectation.predicts:
+        return False  # relative to how the expected torque was read
     model, _ = extended(motion, [(candidate.hypothesis, theta)])
     merged = data.reduce(motion.read_by(model) - motion.modelled)
     found = candidate.columns() @ theta

@@ -9,6 +9,9 @@ from shlex import quote
 import numpy as np
 
 from dvrk_gravity import effects
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.held_out import Gain, Unconfirmed
 from dvrk_gravity.diagnosis.results.findings import Contender
 from dvrk_gravity.effects import Estimate, Hypothesis, compared_with
@@ -57,7 +60,7 @@ def effect_found(
     where = f"{first} and {len(others)} more joints" if len(others) > 1 else " and ".join(joints)
     does, to = ("removes", "of") if gain.relative >= 0.0 else ("adds", "to")
     claim = hypothesis.claim(parameters)
-    if (doubt or gain.low <= 0.0) and "perhaps" not in claim:
+    if (doubt or gain.low <= 0.0) and not hypothesis.hedges(parameters):
         claim = f"perhaps {claim}"
     removed = f"{does} {100 * abs(gain.relative):.0f} % {to} the error at {where}"
     sentence = f"{claim}; {hypothesis.correction()} {removed}"
@@ -315,28 +318,6 @@ def extrapolated(outside: Sequence[str]) -> list[str]:
     return [f"{line}: the model extrapolates there, and is uncertain" for line in outside]
 
 
-def caveat(against_reference: bool, with_model: bool) -> str:
-    """Return what limits findings beside a reference; ``""`` for a model."""
-    if not against_reference:
-        return ""
-    without = (
-        ". Without a model, a tilt of the base or a joint's zero appears as other causes: give "
-        "--model with the reference"
-    )
-    return (
-        "every difference between the two recordings counts, also friction that changes with "
-        "warmth or from day to day: record both in one session. For a load on a link that rotates, "
-        "mass times position is better known than mass alone, which only its inertia shows"
-        f"{'' if with_model else without}"
-    )
-
-
-def what_is_compared(band: float | None) -> str:
-    """Return what the errors of a diagnosis are, in words."""
-    below = "" if band is None else f" below {band:g} Hz,"
-    return f"in joint coordinates,{below} on blocks held out of fit and model selection"
-
-
 def why_exact(model: TorqueModel) -> str:
     """Return why a model is taken as exact; ``""`` if it states its uncertainty."""
     if model.uncertainty is not None:
@@ -371,3 +352,62 @@ def unseen_friction(joint: str, size: float, limit: float, unit: str, others: in
 def cannot_judge(reasons: Sequence[str]) -> str:
     """Return that nothing found says nothing, and why."""
     return f"Nothing was found, which says little: {'; '.join(reasons)}."
+
+
+def method_notes(motion: MeasuredMotion, data: FilteredData, floor: Array) -> list[str]:
+    """Return how recordings were prepared and hypotheses judged, a sentence each.
+
+    Args:
+        motion: The motion as it was finally read.
+        data: What was compared.
+        floor: (n,) noise, N·m.
+    """
+    blocks = data.settings.blocks
+    notes = [
+        *motion.processing_log,
+        f"{data.count} blocks, one in {blocks.held_out} held out of fit and model selection; the "
+        f"others in {blocks.folds} folds for cross-validation",
+    ]
+    if data.repetition is not None:
+        notes.append(
+            f"the motion repeats every {data.repetition.period:.4g} s, {data.copies:.3g} times: a "
+            "block is one phase of every period"
+        )
+    notes.append(f"noise floor: {FLOORS[data.noise_source(floor)]}")
+    notes.append(_certainty(data))
+    if data.band is None:
+        return notes
+    notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
+    names = np.array(motion.arm.joint_names)
+    stuck = np.where(motion.stands, 0.0, motion.stuck.mean(axis=0))
+    return notes + [
+        f"{name} stands still {100 * part:.0f} % of the time: those samples are left out"
+        for name, part in zip(names, stuck, strict=True)
+        if part > 0.05
+    ]
+
+
+def stands_still(joints: Sequence[str]) -> str:
+    """Return that joints never move, and what their efforts show then."""
+    return (
+        f"not judged: efforts of {', '.join(joints)}, which never move: friction may hold any "
+        "torque up to its level"
+    )
+
+
+def _certainty(data: FilteredData) -> str:
+    """Return how certain the model was taken to be."""
+    model = data.motion.model
+    if not data.expectation.predicts:
+        return "the reference's efforts at the same phase were used in place of a model's torques"
+    if model.uncertainty is None:
+        why = f" ({model.unsure})" if model.unsure else ""
+        return (
+            f"the model states no uncertainty{why}: its parameters were taken as exact and, where "
+            "much error remained, as free as links plausibly weigh (their prior in "
+            "docs/judgement.md)"
+        )
+    return (
+        f"the model's parameters were free in {model.uncertainty.size} directions within their "
+        "posterior, and its error at calibration counted as noise"
+    )

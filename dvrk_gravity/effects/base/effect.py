@@ -18,7 +18,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values
-from dvrk_gravity.effects.base.meaning import Estimate, Meaning
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, Words
 from dvrk_gravity.effects.base.motion import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.site import Kind, Site
@@ -409,12 +409,22 @@ class Hypothesis(ABC):
         Raises:
             EffectError: ``CLAIM`` names an unknown parameter.
         """
-        words = self.words(parameters) | self._in_words(parameters)
+        return self._claim(parameters, self._in_words(parameters))
+
+    def hedges(self, parameters: Mapping[str, Estimate]) -> bool:
+        """Return whether that sentence has `perhaps` before one of the parameters it names."""
+        words = self._in_words(parameters)
+        self._claim(parameters, words)
+        return words.hedged
+
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
+        """Return the sentence of a finding, from its parameters and these in words."""
         try:
-            return self.CLAIM.format(**words)
+            return self.CLAIM.format_map(words)
         except (LookupError, ValueError) as error:
+            known = ", ".join((*self.words(parameters), *parameters))
             raise EffectError(
-                self.effect, f"CLAIM {self.CLAIM!r}: {error}, expected of {', '.join(words)}"
+                self.effect, f"CLAIM {self.CLAIM!r}: {error}, expected of {known}"
             ) from error
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
@@ -423,8 +433,8 @@ class Hypothesis(ABC):
         where = self.site.words(self.arm)
         return {"where": where, "joint": joint, "other": other, "model": self.against}
 
-    def _in_words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
-        return {name: self.meaning(name).in_words(each) for name, each in parameters.items()}
+    def _in_words(self, parameters: Mapping[str, Estimate]) -> Words:
+        return Words(self.words(parameters), parameters, self.meaning)
 
     def correction(self) -> str:
         """Return the subject of `… removes 40 % of the error`."""

@@ -13,7 +13,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Range, Values, diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
 from dvrk_gravity.effects.base.linear_term import ColumnTable, LinearTerm, SearchMove, Unknowns
-from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.base.meaning import Estimate, Words
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
 
@@ -244,8 +244,7 @@ class AllFriction(Hypothesis):
         """Friction may vanish, but not drive the arm."""
         return bool((1.0 + theta >= _NONE).all())
 
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        words = self._in_words(parameters)
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         if not self.divided:
             return f"there is {words[FACTOR]} friction than in {self.against}"
         named = [(f"{kind}_{FACTOR}", t) for kind, t in zip(self.kinds, self.titles, strict=True)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -123,6 +123,36 @@ class Meaning:
         if self.senses is not None:
             return estimate.signed(self.senses)
         return f"perhaps {estimate.shown}" if self.doubts(estimate) else estimate.shown
+
+
+class Words:
+    """The words of a claim by name: plain ones, and estimates, each as it is asked for.
+
+    Attributes:
+        hedged: Whether `perhaps` stands before an estimate that was asked for.
+    """
+
+    def __init__(
+        self,
+        plain: Mapping[str, str],
+        estimates: Mapping[str, Estimate],
+        meaning: Callable[[str], Meaning],
+    ) -> None:
+        """Take plain words, estimates, and what the names of estimates mean."""
+        self._plain, self._estimates, self._meaning = plain, estimates, meaning
+        self.hedged = False
+
+    def __getitem__(self, name: str) -> str:
+        """Return a plain word, or an estimate in words."""
+        if name not in self._estimates:
+            return self._plain[name]
+        meaning, estimate = self._meaning(name), self._estimates[name]
+        self.hedged |= meaning.doubts(estimate)
+        return meaning.in_words(estimate)
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether there is such an estimate."""
+        return name in self._estimates
 
 
 def _is_any_angle(estimate: Estimate) -> bool:

@@ -78,7 +78,8 @@ class Motion(Protocol):
         qd: (N, n) velocities.
         qdd: (N, n) accelerations.
         effort: (N, n) measured torques.
-        reference: (N, n) torques of a baseline recording of the same motion, if there is one.
+        expected: (N, n) torque of a baseline recording of the same motion, or else of the model.
+        measured_twice: Whether it is that of a recording.
         direction: (N, n) +1/-1, the directions in which static poses were approached, if known.
         time: (N,) s.
         thinned: One of so many recorded samples was kept.
@@ -111,7 +112,9 @@ class Motion(Protocol):
     @property
     def effort(self) -> Array: ...
     @property
-    def reference(self) -> Array | None: ...
+    def expected(self) -> Array: ...
+    @property
+    def measured_twice(self) -> bool: ...
     @property
     def direction(self) -> Array | None: ...
     @property
