@@ -15,3 +15,5 @@ from .rows import Rows as Rows
 from .window import Band as Band
 from .window import Sampling as Sampling
 from .window import Window as Window
+from .wrench import Tip as Tip
+from .wrench import Wrench as Wrench
