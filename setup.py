@@ -10,9 +10,9 @@ NAME = "dvrk_gravity"
 
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = (
-    "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
-    "convert", "identify", "evaluate", "diagnose", "fleet", "history", "demo", "get", "set",
-    "newton-euler",
+    "compensator", "simulator", "watchdog", "monitor", "plan", "collect", "calibrate", "excite",
+    "replay", "convert", "identify", "evaluate", "diagnose", "fleet", "history", "demo", "get",
+    "set", "newton-euler",
 )  # fmt: skip
 
 # A wheel's executables share one folder with all others, where `convert` is ImageMagick's: there is

@@ -6,6 +6,10 @@ from .events import Event as Event
 from .events import Value as Value
 from .stream import Monitor as Monitor
 from .stream import MonitorSettings as MonitorSettings
+from .stream import Seen as Seen
+from .listening import Judge as Judge
+from .listening import Listener as Listener
+from .listening import Reading as Reading
 from .observer import MomentumObserver as MomentumObserver
 from .observer import gain_for as gain_for
 from .offline import Monitored as Monitored

@@ -8,6 +8,7 @@ from .executor import PromptNode as PromptNode
 from .executor import kept_awake as kept_awake
 from .listening import listen as listen
 from .listening import on_sample as on_sample
+from .monitor_node import MONITOR_PARAMETERS as MONITOR_PARAMETERS
 from .mover import MotionError as MotionError
 from .mover import Mover as Mover
 from .others import COMMANDS as COMMANDS
@@ -26,12 +27,15 @@ from .processes import private_domain as private_domain
 from .replayed import REPLAYED_COMMANDS as REPLAYED_COMMANDS
 from .replayed import REPLAYED_MEASURED as REPLAYED_MEASURED
 from .rig import RosRig as RosRig
+from .saving import LastMinutes as LastMinutes
 from .simulator_node import SIMULATOR_PARAMETERS as SIMULATOR_PARAMETERS
 from .stage import BEARABLE as BEARABLE
 from .stage import MODEL as MODEL
 from .stage import Stage as Stage
 from .trajectory_mover import TrajectoryMover as TrajectoryMover
+from .verbs import MonitorVerb as MonitorVerb
 from .verbs import parameter_file as parameter_file
+from .verbs import parameters_help as parameters_help
 from .watchdog_node import OWN_PARAMETERS as OWN_PARAMETERS
 from .wire import PARAMETERS as PARAMETERS
 from .wire import CommandTopic as CommandTopic
