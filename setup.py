@@ -39,7 +39,7 @@ def shared_files():
     ]
     for folder in ("config", "launch"):
         for path in sorted(Path(folder).rglob("*")):
-            if path.is_file() and path.suffix in (".yaml", ".py", ".xml"):
+            if path.is_file() and path.suffix in (".yaml", ".py", ".xml", ".json", ".rviz"):
                 files.append((f"share/{NAME}/{path.parent}", [str(path)]))
     return files
 

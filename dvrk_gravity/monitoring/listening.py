@@ -45,7 +45,7 @@ class Reading:
         q: (n,) measured positions, rad or m.
         qd: (n,) measured velocities, rad/s or m/s.
         measured: (n,) measured torque, low-passed, N·m or N.
-        expected: (n,) what the model expects, low-passed alike, N·m or N.
+        expected: (n,) what the model expects, likewise, N·m or N.
         deviation: (n,) standard deviation that is expected of their difference; ``None``: not known
             before the first seconds.
         wrench: At the tip; ``None`` without a deviation.
@@ -115,7 +115,7 @@ class Listener:
         events: The last ones, in the order in which they were reported. Their times are seconds of
             the clock of the arm's messages.
         last: The last reading.
-        failures: How often tests have failed and begun anew.
+        failures: How often tests have failed and started again.
         why_failed: What the last of these was; ``""``: none has.
     """
 
@@ -242,7 +242,7 @@ class Listener:
     def judged(self, wait: bool = False) -> list[Event]:
         """Return events that were found since the last call.
 
-        Where a test fails, the tests begin anew: torques are published all the same.
+        Where a test fails, the tests start again: torques are published all the same.
 
         Args:
             wait: For the tests of all that was received.

@@ -34,7 +34,7 @@ _ROWS = Sampling().row_rate
 _LOOK = 0.2  # s, between looks for what the tests found
 # s that messages gather: to wake for each of them costs as much as to read it. Half a row's length.
 _GATHER = 0.01
-_MOST = 200  # messages that are read before anything else is looked at
+_MOST = 200  # messages, after which all else is looked at
 
 # Best effort: an arm's publisher waits for no monitor. A second at 1 kHz waits for a busy machine.
 _MEASURED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -107,8 +107,8 @@ class Monitor(PromptNode):
         self._connect(value["save_seconds"])
         self.get_logger().info(
             f"monitoring {model.arm.name} on {self.resolve_topic_name(MEASURED)}"
-            + ("" if model.uncertainty else ": the model does not say how sure it is; what it "
-               "misses in the first seconds counts as its error")
+            + ("" if model.uncertainty else ": the model has no uncertainty; what it misses in "
+               "the first seconds counts as its error")
         )  # fmt: skip
 
     def _connect(self, seconds: float) -> None:
@@ -196,7 +196,7 @@ class Monitor(PromptNode):
             (log.info if event.kind == "push" else log.warning)(text)
         if self._listener.failures > self._failures:
             self._failures = self._listener.failures
-            self.get_logger().error(f"the tests begin anew: {self._listener.why_failed}")
+            self.get_logger().error(f"the tests start again: {self._listener.why_failed}")
         if self._minutes.said != self._said:
             self._said = self._minutes.said
             self.get_logger().info(f"~/save: {self._said}")
@@ -217,7 +217,7 @@ class Monitor(PromptNode):
             "saved": self._minutes.said or "nothing",
             "messages kept": str(len(self._minutes)),
             "rows not tested": str(listener.skipped),
-            "tests begun anew": str(listener.failures),
+            "tests started again": str(listener.failures),
             **self._statistics.take(now),
             **{f"dropped {cause}": str(count) for cause, count in listener.dropped.items()},
         }
