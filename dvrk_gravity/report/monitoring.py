@@ -49,9 +49,9 @@ def event_text(event: Event, arm: Arm) -> str:
     return f"{text}: {size}{f' (or {next(iter(others))})' if others else ''}"
 
 
-def event_json(event: Event) -> dict[str, Any]:
-    """Return an event as a program reads it, in SI units."""
-    return asdict(event)
+def event_json(event: Event, arm: Arm) -> dict[str, Any]:
+    """Return an event as a program reads it, in SI units, with its sentence."""
+    return {"sentence": event_text(event, arm), **asdict(event)}
 
 
 def monitored_json(seen: Monitored) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def monitored_json(seen: Monitored) -> dict[str, Any]:
     return {
         "arm": seen.model.arm.name,
         "seconds": seen.seconds,
-        "events": [event_json(event) for event in seen.events],
+        "events": [event_json(event, seen.model.arm) for event in seen.events],
         "external": {
             name: {"rms": float(of), "expected": float(by)}
             for name, of, by in zip(seen.model.arm.joint_names, rms, expected, strict=True)

@@ -1,8 +1,10 @@
 from .client import Client as Client
+from .demo import MONITORED as MONITORED
 from .demo import Kill as Kill
 from .demo import Phase as Phase
 from .demo import Scenario as Scenario
 from .demo import Schedule as Schedule
+from .demo import Watched as Watched
 from .executor import PromptExecutor as PromptExecutor
 from .executor import PromptNode as PromptNode
 from .executor import kept_awake as kept_awake

@@ -190,10 +190,10 @@ class Monitor(PromptNode):
 
     def _on_look(self) -> None:
         for event in self._listener.judged():
-            self._events.publish(String(data=json.dumps(event_json(event))))
-            text = event_text(event, self._listener.model.arm)
+            said = event_json(event, self._listener.model.arm)
+            self._events.publish(String(data=json.dumps(said)))
             log = self.get_logger()
-            (log.info if event.kind == "push" else log.warning)(text)
+            (log.info if event.kind == "push" else log.warning)(said["sentence"])
         if self._listener.failures > self._failures:
             self._failures = self._listener.failures
             self.get_logger().error(f"the tests start again: {self._listener.why_failed}")
