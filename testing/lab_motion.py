@@ -50,26 +50,32 @@ def draw_calibration(arm: Arm, seed: int) -> Sines:
     return _draw(arm, random, random.uniform(0.8, 1.0), random.uniform(1.0, 1.5))
 
 
-def draw_other(arm: Arm, seed: int, calibration: Sines | None = None) -> Sines:
+def draw_other(
+    arm: Arm, seed: int, calibration: Sines | None = None, duration: float = LONGEST,
+    near: float = NEAR,
+) -> Sines:  # fmt: skip
     """Return a motion to diagnose from: less far or slower in some, faster in others.
 
-    Three of four stay about where the calibration went; the others go anywhere, and where that is
-    another place than the calibration's, no model can know what cables do there.
+    Three of four, by default, stay about where the calibration went; the others go anywhere, and
+    where that is another place than the calibration's, no model can know what cables do there.
 
     Args:
         arm: The arm.
         seed: Of the motion.
         calibration: The motion that was identified from; ``None``: anywhere.
+        duration: For which it keeps the limits, s.
+        near: Part of the motions that stay about where the calibration went.
     """
     random = np.random.default_rng([seed, 2])
     part = float(random.choice([1.0, 0.9, 0.6]))
     speed = float(random.choice([1.2, 1.0, 1.6, 0.7]))
-    near = random.random() < NEAR
-    return _draw(arm, random, part, speed, calibration if near else None)
+    about = calibration if random.random() < near else None
+    return _draw(arm, random, part, speed, about, duration)
 
 
 def _draw(
-    arm: Arm, random: Random, part: float, speed: float, about: Sines | None = None
+    arm: Arm, random: Random, part: float, speed: float, about: Sines | None = None,
+    duration: float = LONGEST,
 ) -> Sines:  # fmt: skip
     limits = PlanLimits.of(arm)
     limits = replace(
@@ -80,7 +86,7 @@ def _draw(
     limits = replace(limits, used=part * limits.used)
     if random.random() < 0.4:
         return fourier(limits, min(speed, 1.0) * float(random.uniform(*BASE)), random)
-    drawn = exciting_motion(limits, LONGEST, int(random.integers(1 << 30)))
+    drawn = exciting_motion(limits, duration, int(random.integers(1 << 30)))
     phase = drawn.phase + 2.0 * np.pi * drawn.frequency * _RAMP
     return Sines(drawn.middle, drawn.amplitude, drawn.frequency, phase)
 

@@ -80,6 +80,33 @@ class MujocoArm:
         engine.opt.gravity[:] = known
         return effort @ self.expand
 
+    def mass_matrix(self, q: Array) -> Array:
+        """Return the (N, n, n) inertia at positions (N, n), rotors left out, kg·m^2 (kg)."""
+        engine, data = self.model, mujoco.MjData(self.model)
+        full, result = np.empty((engine.nv, engine.nv)), np.empty((len(q), *self.expand.T.shape))
+        for row, data.qpos in enumerate(q @ self.expand.T):
+            mujoco.mj_fwdPosition(engine, data)
+            mujoco.mj_fullM(engine, data, full)
+            result[row] = self.expand.T @ full
+        return result @ self.expand
+
+    def tip_jacobian(self, q: Array, point: ArrayLike) -> Array:
+        """Return the (N, 3, n) velocity in the base of a point of the last link, m/rad (1).
+
+        Args:
+            q: (N, n) positions.
+            point: (3,) in the last link's frame, m.
+        """
+        engine, data, body = self.model, mujoco.MjData(self.model), int(self.bodies[-1])
+        at = (self.frames[-1] @ np.append(point, 1.0))[:3]
+        turning, result = np.empty((3, engine.nv)), np.empty((len(q), 3, engine.nv))
+        for row, data.qpos in enumerate(q @ self.expand.T):
+            mujoco.mj_kinematics(engine, data)
+            mujoco.mj_comPos(engine, data)
+            tip = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
+            mujoco.mj_jac(engine, data, result[row], turning, tip, body)
+        return result @ self.expand
+
     def added(
         self, motion: tuple[Array, Array, Array], joint: int, mass: float, com: ArrayLike,
         inertia: float = 0.0,

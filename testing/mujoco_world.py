@@ -174,21 +174,31 @@ class MujocoWorld:
             motion: The motion, kept exactly.
             duration: s.
         """
-        arm = self.arm
         time = np.arange(-BEFORE, duration + AFTER, STEP)
         q, qd, qdd = motion.at(time)
-        rigid = self.engine.torque(q, qd, qdd)
+        return Truth(self.arm, time, q, qd, qdd, self.effort(q, qd, qdd))
+
+    def effort(self, q: Array, qd: Array, qdd: Array, carried: Array | float = 0.0) -> Array:
+        """Return (T, n) efforts of a motion (T, n) on a fine grid of times, N·m or N.
+
+        Args:
+            q: Positions.
+            qd: Velocities.
+            qdd: Accelerations.
+            carried: (T, n) what the arm's gears bear beside its own masses.
+        """
+        arm = self.arm
+        rigid = self.engine.torque(q, qd, qdd) + carried
         at_motor = arm.actuator_position(q), arm.actuator_position(qd)
         rotors = self.rotors * arm.actuator_position(qdd)
         rubbing = self.motor_friction.torque(*at_motor, arm.actuator_effort(rigid))
-        effort = (
+        return (
             rigid
             + arm.joint_effort(rotors + rubbing)
             + self.joint_friction.torque(q, qd, rigid)
             + self.cable.torque(q, qd)
             + self.spring.at(q)
         )
-        return Truth(arm, time, q, qd, qdd, effort)
 
     def at_rest(self, q: Array) -> Array:
         """Return (T, n) efforts that hold the arm, halfway between both ways of slow motion."""

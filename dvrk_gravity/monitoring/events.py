@@ -15,12 +15,12 @@ class Value:
 
     Attributes:
         value: Its size.
-        ci95: Its 95 % interval.
+        ci95: Its 95 % interval, if it is an estimate.
         unit: SI unit.
     """
 
     value: float
-    ci95: tuple[float, float]
+    ci95: tuple[float, float] | None
     unit: str
 
 

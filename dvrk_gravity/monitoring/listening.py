@@ -11,7 +11,6 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Literal
 
 import numpy as np
@@ -21,7 +20,7 @@ from dvrk_gravity.compensate import DRY_SPEED, DroppedSampleError, InputGate, Sa
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel, stated_weight
 from dvrk_gravity.monitoring.events import Event
-from dvrk_gravity.monitoring.observer import MomentumObserver
+from dvrk_gravity.monitoring.observer import FASTEST, MomentumObserver
 from dvrk_gravity.monitoring.rows import RowMaker, Rows
 from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings, Seen
 from dvrk_gravity.monitoring.wrench import Tip, Wrench
@@ -69,12 +68,13 @@ class Judge:
     """Runs a monitor's tests in a thread of their own.
 
     Attributes:
+        monitor: The monitor.
         skipped: Rows that were never tested, because the tests were behind.
     """
 
     def __init__(self, monitor: Monitor) -> None:
         """Start the thread."""
-        self._monitor = monitor
+        self.monitor = monitor
         self._pool = ThreadPoolExecutor(1, "monitor")
         self._asked: deque[Future[Seen]] = deque()
         self.skipped = 0
@@ -84,7 +84,7 @@ class Judge:
         if len(self._asked) >= _WAITING:
             self.skipped += len(rows)
             return
-        self._asked.append(self._pool.submit(self._monitor.add, rows))
+        self._asked.append(self._pool.submit(self.monitor.add, rows))
 
     def answers(self, wait: bool = False) -> list[Seen]:
         """Return what was found since the last call.
@@ -145,7 +145,8 @@ class Listener:
         self._timeout, sampling = timeout, self._settings.sampling
         self._gate = InputGate(arm)
         self._maker = RowMaker(sampling.row_rate)
-        self._observer = MomentumObserver(model, sampling.gain, 5.0 / sampling.row_rate)
+        gain = np.full(arm.n, FASTEST)
+        self._observer = MomentumObserver(model, gain, 5.0 / sampling.row_rate)
         self._smooth: tuple[float, Array] | None = (
             None  # time and low-passed torque of the last row
         )
@@ -221,13 +222,13 @@ class Listener:
         residual = self._observer.advance(row).residual[0]
         time, effort = float(row.time[0]), row.effort[0]
         if self._smooth is not None and time - self._smooth[0] <= 5.0 / sampling.row_rate:
-            keep = np.exp(-sampling.gain * (time - self._smooth[0]))
+            keep = np.exp(-self._observer.gain * (time - self._smooth[0]))
             effort = keep * self._smooth[1] + (1.0 - keep) * effort
         self._smooth = time, effort
         self._listened += 1.0 / sampling.row_rate
         self._rows.append(row)
         if len(self._rows) >= sampling.row_rate:
-            self._judge.ask(reduce(Rows.followed_by, self._rows))
+            self._judge.ask(Rows.joined(self._rows))
             self._rows = []
         wrench = None
         if self._tip is not None and self._deviation is not None:
@@ -256,6 +257,7 @@ class Listener:
             self._judge.close()
             self._judge = Judge(Monitor(self.model, self._settings))
             return []
+        self._observer.gain = self._judge.monitor.gain
         for seen in answers:
             if np.isfinite(seen.deviation).all():
                 self._deviation = np.sqrt(np.mean(seen.deviation**2, axis=0))

@@ -15,7 +15,7 @@ is theirs; the exponential is the exact solution for a constant integrand, and s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -24,8 +24,27 @@ from dvrk_gravity.effects import LinearTerm, State
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.rows import Rows
 
+_NORMAL = 1.4826  # standard deviation over the median of magnitudes, of normal values
 
-def gain_for(step: float, torque_noise: Array, momentum_noise: Array, least: float) -> Array:
+
+SLOWEST, FASTEST = 2.0 * np.pi * 1.0, 2.0 * np.pi * 5.65
+"""1/s, between which gains are chosen: what a push of a second takes, and the band of known errors."""
+
+
+def white_noise(values: Array) -> Array:
+    """Return the (n,) standard deviations of white noise in (K, n) rows of a smooth signal.
+
+    From second differences, whose variance is six times that of the noise; their median is not moved
+    by the few in which a joint reverses.
+    """
+    if len(values) < 3:
+        return np.zeros(values.shape[1])
+    return np.asarray(
+        _NORMAL * np.median(np.abs(np.diff(values, 2, axis=0)), axis=0) / np.sqrt(6.0)
+    )
+
+
+def gain_for(step: float, torque_noise: Array, momentum_noise: Array) -> Array:
     """Return the (n,) gains K at which noise of torques and of momenta contribute alike, 1/s.
 
     White noise of variance s_tau^2 in the torques of rows gives K T / (2 - K T) s_tau^2 in r, that of
@@ -36,11 +55,9 @@ def gain_for(step: float, torque_noise: Array, momentum_noise: Array, least: flo
         step: T, s.
         torque_noise: (n,) standard deviations of the rows' efforts, N·m.
         momentum_noise: (n,) of their momenta, N·m·s.
-        least: Gain that is not gone below, 1/s.
     """
-    most = 1.0 / step
     balanced = step * torque_noise**2 / np.maximum(2.0 * momentum_noise**2, 1e-300)
-    return np.asarray(np.clip(balanced, least, most))
+    return np.asarray(np.clip(balanced, SLOWEST, FASTEST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +67,12 @@ class Observed:
     Attributes:
         residual: (K, n) low-passed measured minus expected torque, N·m.
         unexpected: (K, n) the same before the low-pass: what each row adds, N·m.
+        momentum: (K, n) N·m·s.
     """
 
     residual: Array
     unexpected: Array
+    momentum: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +98,21 @@ class MomentumObserver:
     """Residual of a model along rows that follow one another.
 
     How many rows come at a time does not matter. After a gap it begins anew.
+
+    Attributes:
+        gain: (n,) K, 1/s.
     """
 
-    def __init__(self, model: TorqueModel, gain: float, longest_gap: float) -> None:
+    def __init__(self, model: TorqueModel, gain: Array, longest_gap: float) -> None:
         """Observe the arm of a model.
 
         Args:
             model: The model.
-            gain: K, 1/s.
+            gain: (n,) K, 1/s.
             longest_gap: s between two rows, after which the observer begins anew.
         """
-        self._model, self._gain, self._longest = model, gain, longest_gap
+        self.gain = gain
+        self._model, self._longest = model, longest_gap
         self._terms = sorted(model.terms, key=lambda term: term.OF_OTHERS)
         self._last: _Last | None = None
 
@@ -101,15 +124,17 @@ class MomentumObserver:
             for first, last in zip((0, *gaps), (*gaps, len(rows)), strict=True)
         ]
         return Observed(
-            np.concatenate([piece.residual for piece in pieces]),
-            np.concatenate([piece.unexpected for piece in pieces]),
+            *(
+                np.concatenate([getattr(piece, each.name) for piece in pieces])
+                for each in fields(Observed)
+            )
         )
 
     def _continued(self, rows: Rows) -> Observed:
         last = self._last
         if last is None or not 0.0 < rows.time[0] - last.row.time[0] <= self._longest:
             last, self._last = None, None
-        known = rows if last is None else last.row.followed_by(rows)
+        known = rows if last is None else Rows.joined([last.row, rows])
         momentum, driven, memories = self._evaluate(known, {} if last is None else last.memories)
         if last is None:
             residual, unexpected = np.zeros((2, *rows.q.shape))
@@ -121,13 +146,13 @@ class MomentumObserver:
         steps = np.diff(known.time)
         mean = 0.5 * (driven[1:] + driven[:-1])
         unexpected[new] = mean - np.diff(momentum, axis=0) / steps[:, None]
-        kept = np.exp(-self._gain * steps)
+        kept = np.exp(-np.outer(steps, self.gain))
         for k, (keep, value) in enumerate(
             zip(kept, unexpected[new], strict=True), len(rows) - len(kept)
         ):
             start = residual[k] = keep * start + (1.0 - keep) * value
         self._last = _Last(rows.at(slice(-1, None)), momentum[-1], driven[-1], memories, start)
-        return Observed(residual, unexpected)
+        return Observed(residual, unexpected, momentum[-len(rows) :])
 
     def _evaluate(
         self, rows: Rows, before: dict[int, Array]

@@ -12,13 +12,14 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.events import Event
-from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings
 from dvrk_gravity.monitoring.rows import RowMaker, Rows
+from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings
 from dvrk_gravity.observation import Bands, observe, stated_coordinates, without_known_errors
 from dvrk_gravity.recording import Coordinates, Given, opened
 
 # Hz, of the kinematics: as a diagnosis has them (``diagnosis.LoadSettings``).
 _BAND, _RATE = 20.0, 160.0
+_FASTEST_BAND = 20.0  # Hz, of the efforts
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ def monitor(
     opened_ = opened(recordings, coordinates or "joint", model.arm)
     whole, _ = without_known_errors(opened_, model, coordinates)
     model = replace(model, reading_errors=ReadingErrors.none(model.arm.n))
-    bands = Bands(_BAND, _BAND, settings.sampling.band, _RATE, 1.5 * _BAND, for_fit=False)
+    bands = Bands(_BAND, _BAND, _FASTEST_BAND, _RATE, 1.5 * _BAND, for_fit=False)
     events, seconds, pieces = list[Event](), 0.0, list[tuple[Array, Array, Array]]()
     for observed in observe(whole, model.arm, bands):
         listener = Monitor(model, settings)
@@ -85,7 +86,7 @@ def monitor(
             continue
         second = round(settings.sampling.row_rate)
         for first in range(0, len(rows), second):
-            step = _joined(rows[first : first + second])
+            step = Rows.joined(rows[first : first + second])
             seen = listener.add(step)
             events += seen.events
             pieces.append((step.time, -seen.residual, seen.deviation))
@@ -96,12 +97,3 @@ def monitor(
         pieces = [(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))]
     time, external, deviation = (np.concatenate(each) for each in zip(*pieces, strict=True))
     return Monitored(model, tuple(events), seconds, time, external, deviation)
-
-
-def _joined(rows: list[Rows]) -> Rows:
-    return Rows(
-        *(
-            np.concatenate(each)
-            for each in zip(*((r.time, r.q, r.qd, r.effort) for r in rows), strict=True)
-        )
-    )

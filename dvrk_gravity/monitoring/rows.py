@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -33,10 +34,11 @@ class Rows:
         """Return some of the rows."""
         return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
 
-    def followed_by(self, later: Rows) -> Rows:
-        """Return these rows and later ones."""
-        pairs = ((getattr(self, f.name), getattr(later, f.name)) for f in fields(self))
-        return Rows(*(np.concatenate(pair) for pair in pairs))
+    @classmethod
+    def joined(cls, each: Sequence[Rows]) -> Rows:
+        """Return some rows, one after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(rows, name) for rows in each]) for name in names))
 
     @classmethod
     def none(cls, n: int) -> Rows:

@@ -13,11 +13,16 @@ from dvrk_gravity.diagnosis import FRICTION_BY_LOAD, FRICTION_PART, MeasuredMoti
 from dvrk_gravity.effects import Hypothesis
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.change_test import ChangeTest, whitened
+from dvrk_gravity.monitoring.observer import white_noise
 from dvrk_gravity.monitoring.rows import Rows
 
 _OTHER_MOTION = 1.22  # of the known error, in another motion; ``identification.expected_error``
 _SHAPES = 5  # of a joint's misfit: constant, position and its square, direction, speed
 _STUCK = 0.05  # part of a stuck row that the low-pass may leave in a sample, as of a diagnosis
+# Of the identified range and speed, by which a row may be beyond them and still count. Chosen: what a
+# motion of the same kind exceeds them by.
+_BESIDE = 0.03
+_FASTER = 1.2
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
 
 
@@ -26,21 +31,24 @@ class Band:
     """By how much a model's torque is off without a cause.
 
     Attributes:
-        deviation: (n,) RMS of errors that the uncertain directions do not describe, N·m.
+        error: (n,) RMS of errors that the uncertain directions do not describe, N·m.
         correlation_time: (n,) s of these.
+        gain: (n,) of the observer, 1/s.
     """
 
-    deviation: Array
+    error: Array
     correlation_time: Array
+    gain: Array
 
     @classmethod
-    def of(cls, model: TorqueModel, measured: Array) -> Band:
+    def of(cls, model: TorqueModel, measured: Array, gain: Array) -> Band:
         """Return that of an identified model.
 
         Args:
             model: The model.
             measured: (n,) RMS residual of a first stretch, N·m, for joints of which the model knows
                 no error.
+            gain: (n,) of the observer, 1/s.
         """
         known, n = model.uncertainty, model.arm.n
         error = np.full(n, np.nan) if known is None else known.error
@@ -48,6 +56,7 @@ class Band:
         return cls(
             np.where(np.nan_to_num(error) > 0.0, _OTHER_MOTION * error, measured),
             np.fmax(np.nan_to_num(time), _LEAST_CORRELATION),
+            gain,
         )
 
 
@@ -76,29 +85,33 @@ class Window:
     fixed: int
     _filter: LowPassed
     _follows: Mask
-    _band: Band
+    _deviation: Array
+    _correlation: Array
 
     @classmethod
     def of(
-        cls, model: TorqueModel, rows: Rows, residual: Array, band: Band, settings: Sampling,
+        cls, model: TorqueModel, rows: Rows, unexpected: Array, band: Band, settings: Sampling,
         without: Sequence[tuple[float, float]] = (),
     ) -> Window:  # fmt: skip
-        """Return the samples of (K, n) rows with their low-passed residual.
+        """Return the samples of (K, n) rows.
 
         Args:
             model: The model.
             rows: The rows.
-            residual: (K, n) of the observer, N·m.
+            unexpected: (K, n) measured minus expected torque of each row, N·m.
             band: By how much the model is off.
             settings: Of observer and samples.
             without: Spans of time that are left out, s.
         """
         motion = measured_motion(model, rows, settings.row_rate)
-        low = LowPassed.of(motion, settings)
+        low = LowPassed.of(motion, band.gain, settings)
         expected = expect(motion)
         time = low.decimated(rows.time)
         usable = low(motion.silent.astype(float)) < _STUCK
         usable &= motion.present
+        usable[low(np.repeat(_beyond(motion)[:, None], model.arm.n, 1).astype(float)) >= _STUCK] = (
+            False
+        )
         for begin, end in without:
             usable[(time >= begin) & (time <= end)] = False
         step = low.stride / settings.row_rate
@@ -110,22 +123,24 @@ class Window:
             [
                 columns[:, :, :known],
                 low(_diagonal(FRICTION_PART * expected.friction)),
-                low(_misfits(motion, band.deviation)),
+                low(_misfits(motion, band.error)),
             ],
             axis=2,
         )
+        torque = low(unexpected)
+        noise = white_noise(torque)
+        deviation = np.hypot(band.error, noise)
+        # Of an error of first order and white noise, seen as one error of first order.
+        correlation = np.exp(-step / band.correlation_time) * (band.error / deviation) ** 2
         found = cls(
-            motion, time, usable, residual, low.decimated(residual),
-            np.concatenate([fixed, columns[:, :, known:]], axis=2), fixed.shape[2],
-            low, follows, band,
+            motion, time, usable, torque, torque, np.concatenate([fixed, columns[:, :, known:]], 2),
+            fixed.shape[2], low, follows, deviation, correlation,
         )  # fmt: skip
-        return replace(found, residual=found.white(found.torque))
+        return replace(found, residual=found.white(torque))
 
     def white(self, values: Array) -> Array:
         """Return (m, n, …) samples, whitened; zero where they say nothing."""
-        step = self._filter.stride / (self.motion.rate or 1.0)
-        kept = np.exp(-step / self._band.correlation_time)
-        white = whitened(values, self._follows, self._band.deviation, kept)
+        white = whitened(values, self._follows, self._deviation, self._correlation)
         return np.where(
             self.usable.reshape(*self.usable.shape, *(1,) * (values.ndim - 2)), white, 0.0
         )
@@ -136,7 +151,7 @@ class Window:
         Errors, and what is uncertain about the model as the samples leave it.
         """
         left = test.deviation_of(self.open[rows].reshape(-1, self.open.shape[2]))
-        return np.hypot(self._band.deviation, left.reshape(-1, self.motion.arm.n))
+        return np.hypot(self._deviation, left.reshape(-1, self.motion.arm.n))
 
     def rubbed(self, torque: Array) -> Array:
         """Return (m, n, n) torque by which friction grows with (m, n) torque that joints transmit."""
@@ -159,18 +174,11 @@ class Sampling:
 
     Attributes:
         row_rate: Rows a second: the observer's steps. Chosen: six times its band.
-        band: Hz, of the observer's low-pass; that of the known error of identified models.
-        stride: Rows a sample: first-order noise of that band then has a correlation of 0.06.
+        stride: Rows a sample: noise behind the fastest observer then has a correlation of 0.06.
     """
 
     row_rate: float = 50.0
-    band: float = 5.65
     stride: int = 4
-
-    @property
-    def gain(self) -> float:
-        """The observer's gain, 1/s."""
-        return 2.0 * np.pi * self.band
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,30 +187,30 @@ class LowPassed:
 
     Attributes:
         parts: Rows that follow one another.
-        kept: What a step keeps, e^(-K T).
+        kept: (n,) what a step keeps, e^(-K T).
         stride: Rows a sample.
     """
 
     parts: tuple[slice, ...]
-    kept: float
+    kept: Array
     stride: int
 
     @classmethod
-    def of(cls, motion: MeasuredMotion, settings: Sampling) -> LowPassed:
-        """Return that of the rows of a motion."""
-        kept = float(np.exp(-settings.gain / settings.row_rate))
-        return cls(motion.parts, kept, settings.stride)
+    def of(cls, motion: MeasuredMotion, gain: Array, settings: Sampling) -> LowPassed:
+        """Return that of the rows of a motion, with (n,) gains in 1/s."""
+        return cls(motion.parts, np.exp(-gain / settings.row_rate), settings.stride)
 
     def __call__(self, values: Array) -> Array:
-        """Return (m, …) samples of (K, …) signals."""
+        """Return (m, n, …) samples of (K, n, …) signals."""
         from scipy.signal import lfilter
 
-        pieces = []
+        result = np.empty_like(values)
         for part in self.parts:
-            own = values[part]
-            state = self.kept * own[:1]
-            pieces.append(lfilter([1.0 - self.kept], [1.0, -self.kept], own, axis=0, zi=state)[0])
-        return self.decimated(np.concatenate(pieces))
+            for joint, kept in enumerate(self.kept.tolist()):
+                own = values[part, joint]
+                start = kept * own[:1]
+                result[part, joint], _ = lfilter([1.0 - kept], [1.0, -kept], own, axis=0, zi=start)
+        return self.decimated(result)
 
     def decimated(self, values: Array) -> Array:
         """Return every so-maniest of (K, …) rows, the last one among them."""
@@ -224,6 +232,21 @@ def measured_motion(model: TorqueModel, rows: Rows, rate: float) -> MeasuredMoti
         model=model, q=rows.q, qd=rows.qd, qdd=qdd, effort=rows.effort, time=rows.time, parts=parts,
         rate=rate, present=np.ones(n, dtype=bool), step=np.zeros(n), clock=(0,) * len(parts),
     )  # fmt: skip
+
+
+def _beyond(motion: MeasuredMotion) -> Mask:
+    """Return (K,) rows in which a joint is beyond what the model was identified on.
+
+    There the model may be off by more than anything that could be named.
+    """
+    known = motion.model.uncertainty
+    if known is None or motion.model.of_file:
+        return np.zeros(len(motion.q), dtype=bool)
+    aside = _BESIDE * (known.upper - known.lower)
+    q = motion.true_q
+    outside = (q < known.lower - aside) | (q > known.upper + aside)
+    fastest = np.where(np.nan_to_num(known.speed) > 0.0, known.speed, np.inf)
+    return np.asarray(np.any(outside | (np.abs(motion.qd) > _FASTER * fastest), axis=1))
 
 
 def _diagonal(values: Array) -> Array:

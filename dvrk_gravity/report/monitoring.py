@@ -36,7 +36,8 @@ def event_text(event: Event, arm: Arm) -> str:
         return f"{what} at {', '.join(event.joints)}"
     effect = effects.named(event.effect)
     estimates = {
-        name: Estimate(each.value, *each.ci95, each.unit) for name, each in event.values.items()
+        name: Estimate(each.value, *(each.ci95 or (each.value,) * 2), each.unit)
+        for name, each in event.values.items()
     }
     size = effect.summary(estimates) or ", ".join(
         f"{effect.meaning(name).label or name.replace('_', ' ')} "

@@ -1,0 +1,61 @@
+"""What a monitor would say of the recording that its model was identified on: nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.monitoring.change_test import ChangeTest
+from dvrk_gravity.monitoring.observer import MomentumObserver
+from dvrk_gravity.monitoring.rows import RowMaker, Rows
+from dvrk_gravity.monitoring.trials import Key, Limits, moments, trials
+from dvrk_gravity.monitoring.window import Band, Sampling, Window
+
+_STEP = 4.0  # s, between two looks at the calibration
+
+
+def calibration_limits(
+    model: TorqueModel, band: Band, sampling: Sampling, longest: float, limits: Limits
+) -> Limits:
+    """Return limits that the calibration's own samples do not exceed.
+
+    What the model lacks recurs in other motions, and not as white noise: after reversals, say.
+
+    Args:
+        model: The model; without kept samples the limits are returned as they are.
+        band: By how much it is off.
+        sampling: Of observer and windows.
+        longest: s, of a window.
+        limits: Those by chance.
+    """
+    kept = None if model.uncertainty is None else model.uncertainty.calibration
+    if kept is None or model.of_file:
+        return limits
+    of_causes = dict[Key, float]()
+    of_pushes = np.zeros(model.arm.n)
+    for part in kept.parts:
+        maker = RowMaker(sampling.row_rate)
+        found = [
+            row
+            for index in range(part.start, part.stop)
+            if (
+                row := maker.add(
+                    index / kept.rate, kept.q[index], kept.qd[index], kept.effort[index]
+                )
+            )
+        ]
+        if len(found) < longest * sampling.row_rate:
+            continue
+        rows = Rows.joined(found)
+        unexpected = MomentumObserver(model, band.gain, 1.0).advance(rows).unexpected
+        size, step = round(longest * sampling.row_rate), round(_STEP * sampling.row_rate)
+        for last in range(size, len(rows) + 1, step):
+            own = slice(last - size, last)
+            window = Window.of(model, rows.at(own), unexpected[own], band, sampling)
+            test = ChangeTest(window.white(window.open), window.residual)
+            firsts = np.arange(0, len(window.time) - 20, 25).tolist()
+            for trial in trials(window, test, firsts, limits):
+                key = trial.hypothesis.key
+                of_causes[key] = max(of_causes.get(key, 0.0), trial.evidence.gain)
+            of_pushes = np.maximum(of_pushes, moments(window, test, 0).gain.max(axis=0))
+    return Limits(limits.false_alarms, of_causes, of_pushes)

@@ -1,0 +1,230 @@
+"""Causes, and pushes of any kind, beside the samples of a window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
+from dvrk_gravity.monitoring.events import Value
+from dvrk_gravity.monitoring.window import Window
+
+Key = tuple[str, tuple[int, ...], str]
+
+# Known errors are those of the calibration's motion; in another one within its range they are 1.22
+# times as large in the median (``identification.expected_error``), and so gains are its square.
+OTHER_MOTION = 1.5
+_CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
+_SHAPE = 0.02  # of a cause's power: a column that is off by 14 % of itself. Chosen
+_LENGTHS = (
+    4,
+    8,
+)  # samples, of moments at which any torque may act: a third and two thirds of a second
+_APART = 3  # samples between two such moments
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What gains a monitor expects without any change.
+
+    Attributes:
+        false_alarms: Tests of one second that may pass by chance, by white errors.
+        of_causes: The largest gain that the calibration itself shows, by cause.
+        of_pushes: (n,) likewise of torque at one joint for a moment.
+    """
+
+    false_alarms: float
+    of_causes: Mapping[Key, float] = field(default_factory=dict)
+    of_pushes: Array = field(default_factory=lambda: np.zeros(1))
+
+    def cause(self, hypothesis: Hypothesis, k: int, count: int) -> float:
+        """Return the gain from which on one of so many causes of k parameters is there."""
+        chance = float(chi2.isf(self.false_alarms / count, k))
+        return max(chance, OTHER_MOTION * self.of_causes.get(hypothesis.key, 0.0))
+
+    def push(self, count: int) -> Array:
+        """Return (n,) or (1,) gains from which on one of so many moments is no chance."""
+        return np.maximum(chi2.isf(self.false_alarms / count, 1), OTHER_MOTION * self.of_pushes)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A cause beside the residual of some last seconds.
+
+    Attributes:
+        hypothesis: The cause.
+        evidence: What they say of it.
+        first: Index of the sample with which it begins.
+        limit: Gain from which on it is there.
+        columns: (m, n, k) whitened torque in all samples.
+        test: That gave the evidence.
+    """
+
+    hypothesis: Hypothesis
+    evidence: Evidence
+    first: int
+    limit: float
+    columns: Array
+    test: ChangeTest
+
+    @property
+    def excess(self) -> float:
+        """Gain over the limit."""
+        return self.evidence.gain - self.limit
+
+    @property
+    def _begun(self) -> Array:
+        columns = self.columns.copy()
+        columns[: self.first] = 0.0
+        return columns
+
+    @property
+    def torque(self) -> Array:
+        """(m, n) whitened torque of the estimate."""
+        return np.asarray(self._begun @ self.evidence.theta)
+
+    def rms(self) -> float:
+        """Return the whitened RMS torque at the joint where it is largest, while it acts."""
+        torque = self.torque[self.first :]
+        acts = np.any(torque != 0.0, axis=1)
+        return float(np.sqrt(np.mean(torque[acts] ** 2, axis=0)).max())
+
+    def lasts(self) -> bool:
+        """Return whether either half of its information shows it, in one size."""
+        columns, k = self._begun, self.columns.shape[2]
+        power = np.cumsum(np.sum(columns**2, axis=(1, 2)))
+        middle = int(np.searchsorted(power, 0.5 * power[-1])) + 1
+        halves = np.zeros((*columns.shape[:2], 2 * k))
+        halves[:middle, :, :k], halves[middle:, :, k:] = columns[:middle], columns[middle:]
+        found = self.test.evidence(halves, np.tile(prior_precision(self.hypothesis, k), 2))
+        if not np.isfinite(found.covariance).all():
+            return False
+        early, late = found.theta[:k], found.theta[k:]
+        for theta, own in ((early, slice(0, k)), (late, slice(k, None))):
+            gain = theta @ np.linalg.solve(found.covariance[own, own], theta)
+            if gain < NORMAL_95**2 * k:
+                return False
+        size = self.evidence.theta @ self.evidence.theta
+        return bool(min(early @ self.evidence.theta, late @ self.evidence.theta) > 0.5 * size)
+
+    def like_push(self) -> bool:
+        """Return whether it is nearly constant at every joint, as the push of a hand is."""
+        torque = self.torque[self.first :]
+        acts = np.any(torque != 0.0, axis=1)
+        constant = torque[acts].mean(axis=0) ** 2
+        return bool(constant.sum() > _CONSTANT * np.mean(torque[acts] ** 2, axis=0).sum())
+
+    def left(self, usable: Mask) -> float:
+        """Return the largest mean square of whitened residuals that it leaves at its joints."""
+        rows, torque = slice(self.first, None), self.torque
+        left = self.test.left(self.evidence, self._begun)[rows]
+        count = np.maximum(usable[rows].sum(axis=0), 1)
+        power, left = (np.sum(each**2, axis=0) / count for each in (torque, left))
+        # A column is right to some per cent, which is more than the errors of a large change.
+        return float(np.max((left - _SHAPE * power)[power > 0.1 * power.max()]))
+
+    def joints(self) -> tuple[str, ...]:
+        """Return the names of its joints, or those that feel it, the one that feels it most first."""
+        if self.hypothesis.of_joint:
+            return self.hypothesis.names
+        size = np.sum(self.torque**2, axis=0)
+        names = self.hypothesis.arm.joint_names
+        return tuple(names[j] for j in np.argsort(-size) if size[j] > 0.1 * size.max())
+
+    def values(self) -> dict[str, Value]:
+        """Return its parameters with their intervals, to first order."""
+        hypothesis, theta = self.hypothesis, self.evidence.theta
+        covariance = self.evidence.covariance
+        steps = np.maximum(np.sqrt(np.diag(covariance)), 1e-12)
+        middle = hypothesis.parameters(theta)
+        moved = [hypothesis.parameters(theta + row) for row in np.diag(steps)]
+        found = {}
+        for name, value in middle.items():
+            slope = np.array([each[name] - value for each in moved]) / steps
+            half = NORMAL_95 * float(np.sqrt(slope @ covariance @ slope))
+            unit = hypothesis.unit(name)
+            found[name] = Value(float(value), (float(value - half), float(value + half)), unit)
+        return found
+
+    def significant(self) -> bool:
+        """Return whether any of the parameters that are reported differs from none."""
+        effect, values = self.hypothesis.EFFECT, self.values()
+        for name in effect.listed(values):
+            neutral = effect.meaning(name).neutral
+            low, high = values[name].ci95 or (-np.inf, np.inf)
+            if neutral is not None and not low <= neutral <= high:
+                return True
+        return False
+
+
+def prior_precision(hypothesis: Hypothesis, k: int) -> Array:
+    """Return the (k,) prior precision of a cause's parameters."""
+    return np.asarray(1.0 / np.square(hypothesis.prior_std or (np.inf,) * k))
+
+
+def trials(
+    window: Window, test: ChangeTest, firsts: Sequence[int], limits: Limits
+) -> Iterator[Trial]:
+    """Yield every cause as it may have begun with each of some samples."""
+    causes = list(window.causes())
+    columns = [window.white(window.columns(cause)) for cause in causes]
+    if not firsts or not causes:
+        return
+    priors = [
+        prior_precision(cause, own.shape[2]) for cause, own in zip(causes, columns, strict=True)
+    ]
+    found = test.of_spans(np.concatenate(columns, axis=2), priors, firsts)
+    for cause, own, evidences in zip(causes, columns, found, strict=True):
+        limit = limits.cause(cause, own.shape[2], len(causes) * len(firsts))
+        for first, evidence in zip(firsts, evidences, strict=True):
+            if evidence.gain > 0.0 and cause.plausible(evidence.theta):
+                yield Trial(cause, evidence, first, limit, own, test)
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Torque of any origin that acts for a moment.
+
+    Attributes:
+        begin: Index of each moment's first sample.
+        gain: (moments, n) of torque at one joint; 0 where it cannot be told.
+        torque: (moments, n) of it, N·m.
+    """
+
+    begin: Array
+    gain: Array
+    torque: Array
+
+
+def moments(window: Window, test: ChangeTest, since: int) -> Moments:
+    """Return what acts at one joint or another for a moment, since a sample."""
+    m, n = window.usable.shape
+    parts = [
+        slice(start, start + length)
+        for start in range(max(since, 0), m - _LENGTHS[0] + 1, _APART)
+        for length in _LENGTHS
+        if start + length <= m
+    ]
+    places = [
+        (index, joint)
+        for index, part in enumerate(parts)
+        for joint in np.flatnonzero(window.usable[part].all(axis=0)).tolist()
+    ]
+    gain, torque = np.zeros((2, len(parts), n))
+    if places:
+        columns = np.zeros((m, n, len(places)))
+        for column, (index, joint) in enumerate(places):
+            columns[parts[index], joint, column] = 1.0
+        columns = window.white(columns)
+        for column, (index, _) in enumerate(places):
+            columns[parts[index].stop :, :, column] = 0.0  # it may go on
+        found = test.of_spans(columns, [np.zeros(1)] * len(places), [0])
+        for (index, joint), (evidence,) in zip(places, found, strict=True):
+            gain[index, joint], torque[index, joint] = evidence.gain, evidence.theta[0]
+    return Moments(np.array([part.start for part in parts], dtype=float), gain, torque)
