@@ -42,10 +42,8 @@ class Stream:
             "stamp": EPOCH + self.shift + round(self.count / RATE * 1e9),
             "names": arm.joint_names, "position": q, "velocity": qd, "effort": effort,
         } | changed  # fmt: skip
-        reading = self.listener.receive(**fields, now=self.now)
+        self.readings += self.listener.receive(**fields, now=self.now)
         self.count, self.now = self.count + 1, self.now + 1.0 / RATE
-        if reading is not None:
-            self.readings.append(reading)
 
     def run(self, seconds: float, **given) -> None:
         """Send messages for a while, and wait for the tests of every second."""
@@ -72,8 +70,8 @@ def test_expected_torque_band_and_wrench_are_known_after_the_first_seconds(strea
     last = stream.readings[-1]
     assert (np.abs(last.external) < 4.0 * last.deviation).all()
     assert len(last.wrench.unobservable) == 2  # of four joints
-    assert len(stream.readings) == pytest.approx(5.0 * 50.0, abs=2)
-    assert last.stamp == pytest.approx(EPOCH + 5.0e9, abs=0.05e9)
+    assert len(stream.readings) == pytest.approx(5.0 * 50.0, abs=12)
+    assert last.stamp == pytest.approx(EPOCH + 5.0e9, abs=0.25e9)
     assert stream.listener.dropped == {}
 
 
@@ -141,7 +139,7 @@ def test_a_clock_that_is_set_back_or_a_publisher_that_begins_anew_is_followed(st
     assert stream.listener.dropped["stamp_backwards"] > 10
     count = len(stream.readings)
     stream.run(3.0)
-    assert len(stream.readings) == pytest.approx(count + 150, abs=2)
+    assert len(stream.readings) == pytest.approx(count + 150, abs=12)
     assert stream.found == []
     assert stream.readings[-1].stamp < EPOCH
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import textwrap
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -150,8 +151,8 @@ def draw(
 ) -> None:  # fmt: skip
     """Draw the motion of the joints from their release, a panel for each part, and the load.
 
-    Revolute joints are in the first row, in deg; prismatic ones in a second one, in mm. Below is the
-    torque of the joint that the load changes most, beside what the monitor expected of it.
+    Revolute joints are in the first row, in deg; prismatic ones in a second one, in mm. Below is
+    the torque of the joint that the load changes most, beside what the monitor expected of it.
     """
     import matplotlib
 
@@ -170,7 +171,8 @@ def draw(
     rows = tuple(dict.fromkeys(units))
     height = 1.2 + 3.4 * len(rows)
     figure = plt.figure(figsize=(15, height + 4.0), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(height, 4.0))
+    halves: Any = figure.subfigures(2, 1, height_ratios=(height, 4.0))
+    upper, lower = halves
     grid = upper.subplots(len(rows), len(parts), sharey="row", sharex="col", squeeze=False)
     _load(lower.add_subplot(), arm, watched)
     for (factor, unit), axes in zip(rows, grid, strict=True):
@@ -199,14 +201,17 @@ def _load(axis: Any, arm: Arm, watched: Watched) -> None:
     axis.plot(watched.time, expected, color="C0", linewidth=1.0)
     axis.plot(watched.time, watched.measured[:, joint], color="C3", linewidth=1.4, label="measured")
     axis.axvline(watched.fastened, color="0.2", linestyle="--",
-                 label=f"{watched.mass:g} kg fastened to {watched.link}, which nothing says")  # fmt: skip
-    named = [each for each in watched.events if each[0] > watched.fastened]
-    for when, _ in named:
+                 label=f"{watched.mass:g} kg fastened to {watched.link}")  # fmt: skip
+    for when, sentence in watched.events:
         axis.axvline(when, color="C2", linewidth=1.6)
-    said = "; ".join(
-        f"{when - watched.fastened:.1f} s later: {sentence}" for when, sentence in named
+        said = textwrap.fill(f"named {when - watched.fastened:.0f} s later: {sentence}", 44)
+        axis.annotate(said, (when, 0.97), xytext=(6, 0), xycoords=("data", "axes fraction"),
+                      textcoords="offset points", va="top", fontsize=8, color="C2",
+                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0})  # fmt: skip
+    axis.set_xlim(watched.fastened - 10.0, max(watched.time[-1], watched.fastened + 15.0))
+    axis.set_title(
+        "A load is fastened while the arm moves; the monitor says what has changed", fontsize=11
     )
-    axis.set_title(f"A load is fastened in motion. The monitor, {said or 'nothing'}", fontsize=11)
     axis.set_xlabel("time (s)")
     axis.set_ylabel(f"torque of {arm.joint_names[joint]} ({arm.effort_units[joint]})")
     axis.grid(alpha=0.3)

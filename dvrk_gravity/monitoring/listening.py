@@ -1,8 +1,8 @@
 """A monitor that listens to an arm's messages: what is published of each row, and what was found.
 
-Readings are checked as the compensator checks them. A row's torques are worked out as it comes;
-the tests, which take longer than a message may wait, run in a thread of their own, a second of rows
-at a time.
+Readings are checked as the compensator checks them. Torques are worked out a few rows at a time,
+which costs hardly more than one; the tests, which take longer than a message may wait, run in a
+thread of their own, a second of rows at a time.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from dvrk_gravity.parameters import DEAD_BAND
 _WAITING = (
     10  # s of rows that wait for the tests: a machine that stands still for longer skips some
 )
+_AT_ONCE = 10  # rows whose torques are worked out together: 0.2 s
 _APART = 3.0  # standard deviations beyond which a state, which is no event, calls a torque external
 _KEPT = 100  # events
 
@@ -146,7 +147,8 @@ class Listener:
         self._gate = InputGate(arm)
         self._maker = RowMaker(sampling.row_rate)
         gain = np.full(arm.n, FASTEST)
-        self._observer = MomentumObserver(model, gain, 5.0 / sampling.row_rate)
+        self._gap = 5.0 / sampling.row_rate  # s, after which torques begin again
+        self._observer = MomentumObserver(model, gain, self._gap)
         self._smooth: tuple[float, Array] | None = (
             None  # time and low-passed torque of the last row
         )
@@ -159,7 +161,8 @@ class Listener:
         self.events: deque[Event] = deque(maxlen=_KEPT)
         self.last: Reading | None = None
         self._deviation: Array | None = None
-        self._rows: list[Rows] = []  # not yet given to the tests
+        self._rows: list[Rows] = []  # whose torques are not worked out yet
+        self._untested: list[Rows] = []  # that are not yet given to the tests
         self._listened = 0.0  # s of rows
         self._changed: list[Event] = []
 
@@ -171,8 +174,8 @@ class Listener:
     def receive(
         self, stamp: int, names: Sequence[str], position: Array, velocity: Array, effort: Array,
         now: float,
-    ) -> Reading | None:  # fmt: skip
-        """Take the fields of a message; return the reading of the row that it completes, if any.
+    ) -> list[Reading]:  # fmt: skip
+        """Take the fields of a message; return readings of rows, whenever some are complete.
 
         A message that cannot be used is counted and left out.
 
@@ -188,14 +191,14 @@ class Listener:
             return self._take(self._read(stamp, names, position, velocity, effort), now)
         except DroppedSampleError as error:
             self.drop(error)
-            return None
+            return []
 
     def drop(self, error: DroppedSampleError) -> None:
         """Count a message that cannot be used."""
         self.dropped[error.cause] += 1
         self.why_dropped = str(error)
 
-    def _take(self, sample: Sample, now: float) -> Reading | None:
+    def _take(self, sample: Sample, now: float) -> list[Reading]:
         if sample.effort is None:
             raise DroppedSampleError("no_effort", "no measured effort")
         if sample.stamp == self._stamp:
@@ -211,34 +214,44 @@ class Listener:
         row = self._maker.add(
             (sample.stamp - self._origin) * 1e-9, sample.position, velocity, sample.effort
         )
-        return None if row is None else self._advance(row)
+        if row is not None:
+            self._rows.append(row)
+        if len(self._rows) < _AT_ONCE:
+            return []
+        rows, self._rows = Rows.joined(self._rows), []
+        return self._advance(rows)
 
-    def _advance(self, row: Rows) -> Reading:
-        assert self._origin is not None  # there was a sample
-        arm, sampling = self.model.arm, self._settings.sampling
-        unread = None if arm.gravity_in_reading else stated_weight(arm, row.q)
+    def _advance(self, rows: Rows) -> list[Reading]:
+        arm, rate = self.model.arm, self._settings.sampling.row_rate
+        unread = None if arm.gravity_in_reading else stated_weight(arm, rows.q)
         if unread is not None:
-            row = replace(row, effort=row.effort + unread)
-        residual = self._observer.advance(row).residual[0]
-        time, effort = float(row.time[0]), row.effort[0]
-        if self._smooth is not None and time - self._smooth[0] <= 5.0 / sampling.row_rate:
+            rows = replace(rows, effort=rows.effort + unread)
+        residual = self._observer.advance(rows).residual
+        self._listened += len(rows) / rate
+        self._untested.append(rows)
+        if sum(map(len, self._untested)) >= rate:
+            self._judge.ask(Rows.joined(self._untested))
+            self._untested = []
+        readings = [
+            self._reading(*row)
+            for row in zip(rows.time.tolist(), rows.q, rows.qd, rows.effort, residual, strict=True)
+        ]
+        self.last = readings[-1]
+        return readings
+
+    def _reading(self, time: float, q: Array, qd: Array, effort: Array, residual: Array) -> Reading:
+        """Return what is known of a row, with (n,) positions, velocities, effort and residual."""
+        assert self._origin is not None  # there was a sample
+        if self._smooth is not None and time - self._smooth[0] <= self._gap:
             keep = np.exp(-self._observer.gain * (time - self._smooth[0]))
             effort = keep * self._smooth[1] + (1.0 - keep) * effort
         self._smooth = time, effort
-        self._listened += 1.0 / sampling.row_rate
-        self._rows.append(row)
-        if len(self._rows) >= sampling.row_rate:
-            self._judge.ask(Rows.joined(self._rows))
-            self._rows = []
         wrench = None
         if self._tip is not None and self._deviation is not None:
-            q = row.q[0] - self.model.joint_offset
-            wrench = self._tip.wrench(q, -residual, self._deviation)
-        self.last = Reading(
-            self._origin + round(time * 1e9), row.q[0], row.qd[0], effort, effort - residual,
-            self._deviation, wrench,
-        )  # fmt: skip
-        return self.last
+            at = q - self.model.joint_offset
+            wrench = self._tip.wrench(at, -residual, self._deviation)
+        stamp = self._origin + round(time * 1e9)
+        return Reading(stamp, q, qd, effort, effort - residual, self._deviation, wrench)
 
     def judged(self, wait: bool = False) -> list[Event]:
         """Return events that were found since the last call.

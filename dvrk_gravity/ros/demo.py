@@ -1,11 +1,11 @@
-"""The demonstration: a simulated arm falls, floats, is pushed, is held without compensator, and
-gets a load in motion that a monitor names.
+"""The demonstration: an arm falls, floats, is pushed, is held, and gets a load that is named.
 
 Simulator, compensator, watchdog and monitor run as separate processes.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import multiprocessing
@@ -24,14 +24,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, String
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
-from dvrk_gravity.ros.stage import WATCHED, Stage, identified, load_of
+from dvrk_gravity.ros.stage import Stage, identified, load_of
 from dvrk_gravity.ros.wire import CommandTopic
 
 Result = TypeVar("Result")
+
+_AT_MOST = 60.0  # s, until a monitor has begun
+_LOST = 6.0  # s, after which a motion that has not arrived is given up
 
 MONITORED = "monitor_model.yaml"
 """In the demonstration's folder: the model that the monitor has."""
@@ -59,8 +61,8 @@ class Schedule:
     coast: float = 2.5
     rest: float = 3.0
     attempts: int = 5
-    usual: float = 2.0
-    named: float = 12.0
+    usual: float = 1.0
+    named: float = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,7 @@ class Watched:
         time: (N,) s since the monitor began.
         measured: (N, n) low-passed torque, N·m or N.
         expected: (N, n) of the model, likewise.
-        deviation: (N, n) standard deviation that is expected of their difference; NaN: not yet known.
+        deviation: (N, n) standard deviation expected of their difference; NaN: not yet known.
         fastened: When the load was fastened, s.
         mass: Of the load, kg.
         link: That it was fastened to.
@@ -277,6 +279,8 @@ class Scenario:
 
     def begin_monitor(self) -> None:
         """Start the monitor, once its model is identified, and listen to it."""
+        while not self._modelling.done():
+            self._client.spin(0.1)
         model = self._modelling.result()
         self._heard: dict[str, list[tuple[float, list[float]]]] = {}
         self._said: list[dict[str, Any]] = []
@@ -293,38 +297,46 @@ class Scenario:
         self._said.append(json.loads(message.data))
 
     def fasten(self) -> Watched:
-        """Drive the arm, fasten a load to it, and wait for the monitor to name that."""
-        stage, heard, schedule = self._stage, self._heard, self._schedule
-        motion = Multisine.draw(stage.arm, WATCHED)
-        load = load_of(stage.arm, motion)
-        stream = self._client.node.create_publisher(JointState, "servo_jp", 1)
+        """Move the arm, fasten a load to it, and wait for the monitor to name that."""
+        schedule = self._schedule
+        load = load_of(self._stage.arm, self._stage.watched)
         change = self._client.node.create_publisher(String, "simulator/change", 1)
-        self._go_to(motion.at(0.0)[0])
-        start = self._clock  # a slow machine leaves out time of the arm's
-
-        def drive(ended: Callable[[], bool], longest: float) -> None:
-            end = time.monotonic() + longest
-            while not ended() and time.monotonic() < end:
-                position = motion.at(self._clock - start)[0]
-                stream.publish(JointState(name=stage.arm.joint_names, position=position))
-                self._client.spin(0.01)
-
-        drive(lambda: bool(heard["external_js_std"]), 60.0)
-        if not heard["external_js_std"]:
+        ways = self._moving()
+        self._while_moving(ways, lambda: bool(self._heard["external_js_std"]), _AT_MOST)
+        if not self._heard["external_js_std"]:
             raise ProcessError("the monitor did not begin")
-        drive(lambda: False, schedule.usual)
-        change.publish(String(data=json.dumps(load)))
+        self._while_moving(ways, lambda: False, schedule.usual)
+        change.publish(String(data=json.dumps({"payload": load})))
         fastened = self._clock
-        drive(
-            lambda: any(
-                said["kind"] != "push" and said["reported"] > fastened for said in self._said
-            ),
-            schedule.named,
-        )
-        drive(lambda: False, 1.0)
-        return self._watched(load["payload"], fastened)
+        self._while_moving(ways, lambda: self._named(fastened), schedule.named)
+        self._while_moving(ways, lambda: False, 1.0)
+        return self._what_was_heard(load, fastened)
 
-    def _watched(self, load: dict[str, Any], fastened: float) -> Watched:
+    def _moving(self) -> Iterator[None]:
+        """Move from one pose to the next, without end; yield as often as it is asked to go on."""
+        arm, tolerance = self._stage.arm, np.radians(2.0) * self._stage.arm.scale
+        for goal in itertools.cycle(self._stage.watched):
+            self._move.publish(JointState(name=arm.joint_names, position=goal))
+            begun = self._clock
+            while (np.abs(self._positions[-1][1] - goal) > tolerance).any():
+                if self._clock > begun + _LOST:  # a hold on its way has cancelled it
+                    break
+                yield
+
+    def _while_moving(
+        self, ways: Iterator[None], ended: Callable[[], bool], longest: float
+    ) -> None:
+        """Move on until something holds, at most some seconds of the arm's clock."""
+        end = self._clock + longest
+        while not ended() and self._clock < end:
+            next(ways)
+            self._client.spin(0.01)
+
+    def _named(self, since: float) -> bool:
+        """Return whether the monitor has named a change since a time of the arm's clock, s."""
+        return any(said["kind"] != "push" and said["reported"] > since for said in self._said)
+
+    def _what_was_heard(self, load: dict[str, Any], fastened: float) -> Watched:
         expected, external = (dict(self._heard[name]) for name in ("expected_js", "external_js"))
         spread = dict(self._heard["external_js_std"])
         stamps = sorted(expected.keys() & external.keys())

@@ -158,10 +158,9 @@ class Monitor(PromptNode):
         except DroppedSampleError as error:
             self._listener.drop(error)
             return
-        reading = self._listener.receive(
+        for reading in self._listener.receive(
             fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort, now
-        )
-        if reading is not None:
+        ):
             self._count += 1
             if self._count % self._every == 0:
                 self._publish(reading)

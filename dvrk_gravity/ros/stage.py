@@ -11,8 +11,8 @@ import numpy as np
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DRY_SPEED, Settings
-from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.effects import last_link
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import config_path, shipped
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
@@ -33,9 +33,10 @@ RANGE, BEARABLE, DRAWN, POSES = 0.5, 0.6, 300, 3
 PUSHED, ACCELERATION = 3, 0.4
 # The load takes this part of a joint's effort limit at most, along the motion.
 LOADED = 0.2
-# Seeds of two motions: one that a monitor's model is identified from, one that it watches.
-LEARNED, WATCHED = 1, 5
-LEARNING = 30.0  # s, of the first
+# Seed and s of a motion that a monitor's model is identified from; seed and number of poses between
+# which the arm moves while it is watched.
+LEARNED, LEARNING = 1, 30.0
+WATCHED, BETWEEN = 5, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,7 @@ class Stage:
         own_model: Whether it has the plant's own terms.
         poses: (k, n) positions at which the arm is released, rad or m.
         push: (n,) efforts of the hand, N·m or N.
+        watched: (k, n) positions between which it moves while a load is fastened, rad or m.
         namespace: Of its topics, one that no arm has: a replayed bag commands no arm either.
     """
 
@@ -58,6 +60,7 @@ class Stage:
     own_model: bool
     poses: Array
     push: Array
+    watched: Array
     namespace: str
 
     @classmethod
@@ -85,13 +88,14 @@ class Stage:
         except ConfigError as error:
             raise error if error.source else error.in_file(model) from None
         poses, push = _staged(truth.plant())
-        return cls(arm, plant, model, own, poses, push, f"{PRIVATE}{namespace_of(arm)}")
+        watched = Multisine.draw(arm, WATCHED).at(np.linspace(0.0, 0.9 * BETWEEN, BETWEEN))[0]
+        return cls(arm, plant, model, own, poses, push, watched, f"{PRIVATE}{namespace_of(arm)}")
 
 
 def identified(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
     """Identify a model of a simulated arm, as a monitor needs one, and write it to a file.
 
-    For a process of its own, which lets others go first: it computes for ten seconds.
+    For a process of its own: it computes for ten seconds, and only while no other process does.
 
     Args:
         arm: The arm's name or file.
@@ -99,7 +103,7 @@ def identified(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
         friction_scale: Factor on its friction.
         path: File to write.
     """
-    os.nice(10)
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     of_arm = Arm.load(arm)
     truth = PlantFile.load(plant) if plant else PlantFile.of(of_arm)
     simulated = SimulatedArm(truth.plant(friction_scale), truth.sensors)
@@ -109,15 +113,18 @@ def identified(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
     return path
 
 
-def load_of(arm: Arm, motion: Multisine) -> dict[str, dict[str, float | str]]:
-    """Return parameters of a load on the last link that is well below what the arm can carry."""
+def load_of(arm: Arm, poses: Array) -> dict[str, float | str]:
+    """Return mass, kg, and link of a load that is well below what an arm can carry.
+
+    Args:
+        arm: The arm.
+        poses: (k, n) positions where it is carried, rad or m.
+    """
     link = last_link(arm)
     unit = {"payload.mass": 1.0, "payload.link": link}
-    torque = TorqueModel.from_parameters(unit, arm).torque(
-        motion.at(np.linspace(0.0, 30.0, 300))[0]
-    )
+    torque = TorqueModel.from_parameters(unit, arm).torque(poses)
     part = float(np.max(np.abs(torque) / arm.effort_limit))
-    return {"payload": {"mass": float(f"{LOADED / part:.1g}"), "link": link}}
+    return {"mass": float(f"{LOADED / part:.1g}"), "link": link}
 
 
 def _staged(plant: Plant) -> tuple[Array, Array]:
