@@ -10,9 +10,9 @@ NAME = "dvrk_gravity"
 
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = (
-    "compensator", "simulator", "watchdog", "plan", "collect", "calibrate", "excite", "replay",
-    "convert", "identify", "evaluate", "diagnose", "fleet", "history", "demo", "get", "set",
-    "newton-euler",
+    "compensator", "simulator", "watchdog", "monitor", "plan", "collect", "calibrate", "excite",
+    "replay", "convert", "identify", "evaluate", "diagnose", "fleet", "history", "demo", "get",
+    "set", "newton-euler",
 )  # fmt: skip
 
 # A wheel's executables share one folder with all others, where `convert` is ImageMagick's: there is
@@ -39,7 +39,7 @@ def shared_files():
     ]
     for folder in ("config", "launch"):
         for path in sorted(Path(folder).rglob("*")):
-            if path.is_file() and path.suffix in (".yaml", ".py", ".xml"):
+            if path.is_file() and path.suffix in (".yaml", ".py", ".xml", ".json", ".rviz"):
                 files.append((f"share/{NAME}/{path.parent}", [str(path)]))
     return files
 

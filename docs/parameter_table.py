@@ -49,13 +49,19 @@ def _row(name: str, entry: Parameter, meaning: str) -> str:
 
 def helps() -> dict[Path, str]:
     """Return the lists of the nodes' parameters that their help shows, by the files they lie in."""
-    from dvrk_gravity.ros import OWN_PARAMETERS, PARAMETERS, SIMULATOR_PARAMETERS
+    from dvrk_gravity.ros import (
+        MONITOR_PARAMETERS,
+        OWN_PARAMETERS,
+        PARAMETERS,
+        SIMULATOR_PARAMETERS,
+    )
 
     every, nodes = all_parameters(ARM), node_parameters(ARM)
     arm = {"arm": every["arm"]}
     listed = {
         "compensator": {**arm, **nodes},
         "watchdog": {**arm, **{name: nodes[name] for name in OWN_PARAMETERS}},
+        "monitor": {**arm, **MONITOR_PARAMETERS},
         "simulator": {**arm, **{name: nodes[name] for name in PARAMETERS}, **SIMULATOR_PARAMETERS},
     }
     return {parameter_file(node): _lines(table) for node, table in listed.items()}

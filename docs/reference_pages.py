@@ -126,6 +126,7 @@ BANDS = (
     ("commands and nodes", ("cli", "ros")),
     ("what a user reads", ("report",)),
     ("one arm, certified; many arms", ("calibration", "collecting", "fleet")),
+    ("while an arm moves", ("monitoring",)),
     ("what is found, what is commanded", ("diagnosis", "compensate")),
     ("simulated arms, other formats", ("simulate", "exports")),
     ("motions to identify from", ("planning",)),

@@ -34,6 +34,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "compensator": ("dvrk_gravity.ros.verbs:CompensatorVerb", "node: make an arm weightless"),
     "simulator": ("dvrk_gravity.ros.verbs:SimulatorVerb", "node: a simulated arm"),
     "watchdog": ("dvrk_gravity.ros.verbs:WatchdogVerb", "node: hold the arm when commands stop"),
+    "monitor": ("dvrk_gravity.cli.monitor", "what pushes an arm, what changed: node, or a file"),
     "get": ("dvrk_gravity.cli.node_parameters:Get", "parameters of a running node"),
     "set": ("dvrk_gravity.cli.node_parameters:Set", "change a parameter of a running node"),
     "convert": ("dvrk_gravity.cli.convert", "console JSON <-> model, CSV <-> rosbag2"),

@@ -1,6 +1,7 @@
-"""Simulated arm, watchdog and compensator, for those who have ROS 2 Jazzy installed."""
+"""Simulated arm, watchdog, compensator and monitor, for those who have ROS 2 Jazzy installed."""
 
 from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
@@ -14,13 +15,14 @@ def generate_launch_description() -> LaunchDescription:
     plant = {"plant": LaunchConfiguration("plant")}
     namespace = LaunchConfiguration("namespace")
 
-    def node(executable: str, *parameters: object) -> Node:
+    def node(executable: str, *parameters: object, **further: object) -> Node:
         return Node(
             package="dvrk_gravity",
             executable=executable,
             namespace=namespace,
             parameters=list(parameters),
             output="screen",
+            **further,
         )
 
     return LaunchDescription(
@@ -40,9 +42,15 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="mtmr_28002",
                 description="what is simulated: a plant's name, or a plant, model or .urdf file",
             ),
+            DeclareLaunchArgument(
+                "monitor",
+                default_value="false",
+                description="true: publish what is expected, what pushes, what changed",
+            ),
             node("simulator", plant),
             node("watchdog", model),
             # The simulated arm's clock is behind by all the time that a slow machine has left out.
             node("compensator", model, {"disable_builtin": True, "max_stamp_age": 0.0}),
+            node("monitor", model, condition=IfCondition(LaunchConfiguration("monitor"))),
         ]
     )

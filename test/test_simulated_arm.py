@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from made_up_arm import made_up_arm
 from robots import ROBOTS, UR5
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.files.resources import config_path
@@ -253,3 +255,18 @@ def test_an_arm_has_the_friction_of_its_urdf_and_of_the_model_that_it_is_convert
         if file is not UR5:
             stated = [0.5 * joint.damping + joint.friction for joint in arm.joints]
             np.testing.assert_allclose(by_urdf, stated)
+
+
+def test_an_arm_that_gets_a_load_goes_on_from_where_it_is_and_carries_it():
+    bare = PlantFile.of(Arm.load("ecm"))
+    values = bare.model.parameters() | {"payload.mass": 0.5}
+    loaded = replace(bare, model=TorqueModel.from_parameters(values, bare.model.arm))
+    arm = SimulatedArm(bare.plant())
+    simulate(arm, None, 0.2)
+    before, time, effort = arm.plant.q, arm.plant.time, arm.effort
+    arm.become(loaded.plant())
+    assert arm.plant.time == time
+    simulate(arm, None, 0.2)
+    assert arm.plant.q == pytest.approx(before, abs=1e-4)
+    more = loaded.model.torque(before) - bare.model.torque(before)
+    assert arm.effort - effort == pytest.approx(more, abs=0.02 * np.abs(more).max())

@@ -1,9 +1,10 @@
-"""Watch a simulated arm fall, float, be pushed, and be held when its compensator is killed."""
+"""Watch a simulated arm fall, float, be pushed, be held, and get a load that a monitor names."""
 
 from __future__ import annotations
 
 import argparse
 import shutil
+import textwrap
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +19,7 @@ from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.ros import Kill, Phase, Scenario
+    from dvrk_gravity.ros import Kill, Phase, Scenario, Watched
 
 NAME = "demo"
 EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
@@ -51,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.ros import (
         MODEL,
+        MONITORED,
         SIMULATOR_PARAMETERS,
         Scenario,
         Stage,
@@ -62,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     replace(scale, name="--friction-scale").check(arguments.friction_scale)
     of_arm = Arm.file(arguments.arm) if arguments.arm else None
     inputs = [arguments.model, of_arm, _file(arguments.plant)]
-    written = [PICTURE] if arguments.model else [PICTURE, MODEL]
+    written = [PICTURE, MONITORED] if arguments.model else [PICTURE, MONITORED, MODEL]
     out = outputs.check_folder("--out", arguments.out, written, inputs, [BAG])
     arm = _arm(arguments)  # reports its errors before anything starts
     out.mkdir(parents=True, exist_ok=True)
@@ -82,12 +84,15 @@ def run(arguments: argparse.Namespace) -> int:
         own = " (the simulated arm's own terms, so it floats)" if stage.own_model else ""
         print(f"the compensator's model is {stage.model}{own}\n")
         parts = _play(scenario, arm)
-    fall, floats, pushed, rest, kill = parts
+    fall, floats, pushed, rest, kill, watched = parts
     print(f"\nthe watchdog sent hold {kill.hold_after * 1e3:.0f} ms after the kill")
+    print(f"{watched.mass:g} kg fastened to {watched.link} while the arm moved; the monitor said:")
+    for when, sentence in watched.events:
+        print(f"  {when - watched.fastened:+.1f} s  {sentence}")
     for reason in scenario.interruptions:
         print(f"repeated a part because the compensator stopped: {reason}")
     target = out / PICTURE
-    draw(target, arm, fall, floats, pushed, rest, kill)
+    draw(target, arm, fall, floats, pushed, rest, kill, watched)
     print(f"picture: {target}\nbag:     {bag}\n{time.monotonic() - start:.0f} s in total")
     return 0
 
@@ -134,18 +139,20 @@ def _play(scenario: Scenario, arm: Arm) -> tuple:
     fall = row(scenario.fall())
     floats = [row(phase) for phase in scenario.floats()]
     pushed, rest = (row(phase) for phase in scenario.push())
+    scenario.begin_monitor()
     kill = scenario.kill()
     row(kill.after)
-    return fall, floats, pushed, rest, kill
+    return fall, floats, pushed, rest, kill, scenario.fasten()
 
 
 def draw(
     path: Path, arm: Arm, fall: Phase, floats: Sequence[Phase], pushed: Phase, rest: Phase,
-    kill: Kill,
+    kill: Kill, watched: Watched,
 ) -> None:  # fmt: skip
-    """Draw the motion of the joints from their release, a panel for each part.
+    """Draw the motion of the joints from their release, a panel for each part, and the load.
 
-    Revolute joints are in the first row, in deg; prismatic ones in a second one, in mm.
+    Revolute joints are in the first row, in deg; prismatic ones in a second one, in mm. Below is
+    the torque of the joint that the load changes most, beside what the monitor expected of it.
     """
     import matplotlib
 
@@ -162,10 +169,12 @@ def draw(
     )
     units = shown_position(arm)
     rows = tuple(dict.fromkeys(units))
-    figure, grid = plt.subplots(
-        len(rows), len(parts), figsize=(15, 1.2 + 3.4 * len(rows)), sharey="row", sharex="col",
-        squeeze=False, layout="constrained",
-    )  # fmt: skip
+    height = 1.2 + 3.4 * len(rows)
+    figure = plt.figure(figsize=(15, height + 4.0), layout="constrained")
+    halves: Any = figure.subfigures(2, 1, height_ratios=(height, 4.0))
+    upper, lower = halves
+    grid = upper.subplots(len(rows), len(parts), sharey="row", sharex="col", squeeze=False)
+    _load(lower.add_subplot(), arm, watched)
     for (factor, unit), axes in zip(rows, grid, strict=True):
         joints = [joint for joint in range(arm.n) if units[joint] == (factor, unit)]
         for axis, (_, phases) in zip(axes, parts, strict=True):
@@ -176,9 +185,37 @@ def draw(
     for axis in grid[-1]:
         axis.set_xlabel("time (s)")
     handles = [line for axes in grid for line in axes[0].get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside lower center", ncols=7, fontsize=9)
+    upper.legend(handles=handles, loc="outside lower center", ncols=7, fontsize=9)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _load(axis: Any, arm: Arm, watched: Watched) -> None:
+    """Draw measured and expected torque of the joint that the load changes most."""
+    after = watched.time > watched.fastened
+    outside = np.abs(watched.measured - watched.expected)[after].max(axis=0)
+    joint = int(np.argmax(outside / arm.effort_limit))
+    expected, band = watched.expected[:, joint], 2.0 * watched.deviation[:, joint]
+    axis.fill_between(watched.time, expected - band, expected + band, color="C0", alpha=0.3,
+                      label="expected, 95 %")  # fmt: skip
+    axis.plot(watched.time, expected, color="C0", linewidth=1.0)
+    axis.plot(watched.time, watched.measured[:, joint], color="C3", linewidth=1.4, label="measured")
+    axis.axvline(watched.fastened, color="0.2", linestyle="--",
+                 label=f"{watched.mass:g} kg fastened to {watched.link}")  # fmt: skip
+    for when, sentence in watched.events:
+        axis.axvline(when, color="C2", linewidth=1.6)
+        said = textwrap.fill(f"named {when - watched.fastened:.0f} s later: {sentence}", 44)
+        axis.annotate(said, (when, 0.97), xytext=(6, 0), xycoords=("data", "axes fraction"),
+                      textcoords="offset points", va="top", fontsize=8, color="C2",
+                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0})  # fmt: skip
+    axis.set_xlim(watched.fastened - 10.0, max(watched.time[-1], watched.fastened + 15.0))
+    axis.set_title(
+        "A load is fastened while the arm moves; the monitor says what has changed", fontsize=11
+    )
+    axis.set_xlabel("time (s)")
+    axis.set_ylabel(f"torque of {arm.joint_names[joint]} ({arm.effort_units[joint]})")
+    axis.grid(alpha=0.3)
+    axis.legend(loc="lower left", fontsize=9)
 
 
 def _panel(

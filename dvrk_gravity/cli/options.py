@@ -98,10 +98,10 @@ def planned_model(arguments: argparse.Namespace, arm: Arm) -> TorqueModel | None
     return model.physical()
 
 
-def add_recordings(parser: argparse.ArgumentParser) -> None:
+def add_recordings(parser: argparse.ArgumentParser, required: bool = True) -> None:
     """Declare the recordings."""
     parser.add_argument(
-        "recordings", metavar="RECORDING", type=Path, nargs="+",
+        "recordings", metavar="RECORDING", type=Path, nargs="+" if required else "*",
         help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
     )  # fmt: skip
 

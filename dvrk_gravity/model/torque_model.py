@@ -198,26 +198,40 @@ class TorqueModel:
         if "urdf" in content:
             return cls.stated(Arm.load(file))
         try:
-            values = flatten(_ros_parameters(content))
-            model = cls.from_parameters(arm_beside(values, Path(path).parent))
+            return cls.beside(flatten(_ros_parameters(content)), Path(path).parent)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def beside(cls, values: Mapping[str, Any], folder: Path) -> TorqueModel:
+        """Return the model of a file's parameters whose further files lie in a folder.
+
+        Args:
+            values: Values by parameter name.
+            folder: Of the files of its arm and its uncertainty, where they are there.
+
+        Raises:
+            ConfigError: As :meth:`load`.
+        """
+        model = cls.from_parameters(arm_beside(values, folder))
         name = str(values.get(UNCERTAINTY_PARAMETER.name, ""))
-        beside = Path(path).parent / Path(name).name
+        beside = folder / Path(name).name
         if not name:
             return model
         if not beside.exists():
-            return replace(model, unsure=f"{beside.name} is not beside {path}")
+            return replace(model, unsure=f"{beside.name} is not in {folder}")
         uncertainty = ModelUncertainty.load(beside)
         others = list(foreign_groups(model.identity, uncertainty.identity))
         if uncertainty.identity and others:
             raise ConfigError(
                 UNCERTAINTY_PARAMETER.name, name,
                 f"the uncertainty of this model: that is of another {others[0]}; to go on without "
-                "it, remove this entry", path,
+                "it, remove this entry",
             )  # fmt: skip
         if not uncertainty.fits(model.terms):
-            return replace(model, unsure=f"{beside.name} is of other coefficients than {path} has")
+            return replace(
+                model, unsure=f"{beside.name} is of other coefficients than the model has"
+            )
         return replace(model, uncertainty=uncertainty)
 
     @classmethod

@@ -4,6 +4,9 @@ from .change_test import Sums as Sums
 from .change_test import whitened as whitened
 from .events import Event as Event
 from .events import Value as Value
+from .listening import Judge as Judge
+from .listening import Listener as Listener
+from .listening import Reading as Reading
 from .observer import FASTEST as FASTEST
 from .observer import MomentumObserver as MomentumObserver
 from .observer import gain_for as gain_for
@@ -13,6 +16,9 @@ from .rows import RowMaker as RowMaker
 from .rows import Rows as Rows
 from .stream import Monitor as Monitor
 from .stream import MonitorSettings as MonitorSettings
+from .stream import Seen as Seen
 from .window import Band as Band
 from .window import Sampling as Sampling
 from .window import Window as Window
+from .wrench import Tip as Tip
+from .wrench import Wrench as Wrench

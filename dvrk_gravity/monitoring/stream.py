@@ -141,6 +141,11 @@ class Monitor:
         self._left_out: tuple[tuple[float, float], ...] = ()
         self._nameless: frozenset[str] = frozenset()  # joints at which something has no name
 
+    @property
+    def gain(self) -> Array:
+        """(n,) of the observer, 1/s: the fastest until noise is known."""
+        return self._observer.gain
+
     def add(self, rows: Rows) -> Seen:
         """Listen to the next (K, n) rows, one or two seconds of them.
 

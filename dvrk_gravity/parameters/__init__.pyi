@@ -1,4 +1,5 @@
 from .nodes import ACCEPT_READING_ERRORS as ACCEPT_READING_ERRORS
+from .nodes import DEAD_BAND as DEAD_BAND
 from .nodes import FRICTION_RATIO as FRICTION_RATIO
 from .nodes import node_parameters as node_parameters
 from .parameter import Parameter as Parameter

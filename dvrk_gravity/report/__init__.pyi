@@ -27,6 +27,10 @@ from .html import item_list as item_list
 from .html import picture as picture
 from .html import table as table
 from .identification import identification_page as identification_page
+from .monitoring import event_json as event_json
+from .monitoring import event_text as event_text
+from .monitoring import monitored_json as monitored_json
+from .monitoring import monitored_text as monitored_text
 from .page import page as page
 from .plan_in_terminal import design_text as design_text
 from .plan_in_terminal import limits_text as limits_text

@@ -1,12 +1,17 @@
-"""The demonstration: a simulated arm falls, floats, is pushed, and is held without compensator.
+"""The demonstration: an arm falls, floats, is pushed, is held, and gets a load that is named.
 
-Simulator, compensator and watchdog run as separate processes.
+Simulator, compensator, watchdog and monitor run as separate processes.
 """
 
 from __future__ import annotations
 
+import itertools
+import json
+import math
+import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -16,16 +21,22 @@ from typing import Any, TypeVar
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Empty
+from std_msgs.msg import Bool, Empty, String
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
-from dvrk_gravity.ros.stage import Stage
+from dvrk_gravity.ros.stage import Stage, identified, load_of
 from dvrk_gravity.ros.wire import CommandTopic
 
 Result = TypeVar("Result")
+
+_AT_MOST = 60.0  # s, until a monitor has begun
+_LOST = 6.0  # s, after which a motion that has not arrived is given up
+
+MONITORED = "monitor_model.yaml"
+"""In the demonstration's folder: the model that the monitor has."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +49,8 @@ class Schedule:
         push: A hand pushes.
         coast: Until the arm has come to rest.
         rest: Of watching afterwards.
+        usual: Of motion without the load, after the monitor has learned what is usual.
+        named: The longest that the monitor is waited for to name the load.
         attempts: Number of attempts at a part in which the compensator stops, for instance where
             the machine is suspended for longer than its time-out.
     """
@@ -48,6 +61,8 @@ class Schedule:
     coast: float = 2.5
     rest: float = 3.0
     attempts: int = 5
+    usual: float = 1.0
+    named: float = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +99,31 @@ class Kill:
     after: Phase
 
 
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """What a monitor published of an arm that got a load.
+
+    Attributes:
+        time: (N,) s since the monitor began.
+        measured: (N, n) low-passed torque, N·m or N.
+        expected: (N, n) of the model, likewise.
+        deviation: (N, n) standard deviation expected of their difference; NaN: not yet known.
+        fastened: When the load was fastened, s.
+        mass: Of the load, kg.
+        link: That it was fastened to.
+        events: What the monitor said, and when, s.
+    """
+
+    time: Array
+    measured: Array
+    expected: Array
+    deviation: Array
+    fastened: float
+    mass: float
+    link: str
+    events: tuple[tuple[float, str], ...]
+
+
 class Scenario:
     """Runs the parts one after the other (context manager), in a private ROS domain.
 
@@ -107,6 +147,7 @@ class Scenario:
         self._friction_scale, self._output = friction_scale, output
         self.simulator: NodeProcess | None = None
         self._positions: list[tuple[float, list[float]]] = []
+        self._clock = 0.0  # s, stamp of the last measurement
         self._holds: list[float] = []
         self.interruptions: list[str] = []
 
@@ -114,6 +155,7 @@ class Scenario:
         stage, output = self._stage, {"output": self._output}
         with ExitStack() as stack:
             self._writer = stack.enter_context(BagWriter(self._bag))
+            self._modelling = self._identify(stack)
             self._client = stack.enter_context(Client(stage.namespace))
             simulated = {"rate": 200.0, "friction_scale": self._friction_scale, **output}
             plant = {"plant": stage.plant} if stage.plant else {"arm": stage.arm.source}
@@ -127,6 +169,15 @@ class Scenario:
 
     def __exit__(self, *error: Any) -> None:
         self._stack.__exit__(*error)
+
+    def _identify(self, stack: ExitStack) -> Future[Path]:
+        """Identify the monitor's model meanwhile, in a process of its own."""
+        stage = self._stage
+        spawn = multiprocessing.get_context("spawn")  # a fork would share the middleware's threads
+        pool = stack.enter_context(ProcessPoolExecutor(1, spawn))
+        source = stage.arm.source or stage.arm.name
+        file = self._bag.with_name(MONITORED)
+        return pool.submit(identified, source, stage.plant, self._friction_scale, file)
 
     def _begin(self, verb: str, arguments: Sequence[str]) -> NodeProcess:
         process = NodeProcess(verb, *arguments, namespace=self._stage.namespace)
@@ -175,6 +226,7 @@ class Scenario:
 
     def _on_measured(self, data: bytes) -> None:
         message = deserialize_message(data, JointState)
+        self._clock = _seconds(message)
         self._positions.append((time.monotonic(), list(message.position)))
 
     def fall(self) -> Phase:
@@ -224,6 +276,79 @@ class Scenario:
             self._begin_compensator()
             self._client.wait(partial(self._says_more, before), "another compensator")
         raise self._failed()
+
+    def begin_monitor(self) -> None:
+        """Start the monitor, once its model is identified, and listen to it."""
+        while not self._modelling.done():
+            self._client.spin(0.1)
+        model = self._modelling.result()
+        self._heard: dict[str, list[tuple[float, list[float]]]] = {}
+        self._said: list[dict[str, Any]] = []
+        node = self._client.node
+        for name in ("expected_js", "external_js", "external_js_std"):
+            heard = self._heard.setdefault(name, [])
+            node.create_subscription(
+                JointState, f"monitor/{name}", partial(_note_torque, heard), 100
+            )
+        node.create_subscription(String, "monitor/events", self._on_event, 100)
+        self._begin("monitor", ["--params-file", str(model)])
+
+    def _on_event(self, message: Any) -> None:
+        self._said.append(json.loads(message.data))
+
+    def fasten(self) -> Watched:
+        """Move the arm, fasten a load to it, and wait for the monitor to name that."""
+        schedule = self._schedule
+        load = load_of(self._stage.arm, self._stage.watched)
+        change = self._client.node.create_publisher(String, "simulator/change", 1)
+        ways = self._moving()
+        self._while_moving(ways, lambda: bool(self._heard["external_js_std"]), _AT_MOST)
+        if not self._heard["external_js_std"]:
+            raise ProcessError("the monitor did not begin")
+        self._while_moving(ways, lambda: False, schedule.usual)
+        change.publish(String(data=json.dumps({"payload": load})))
+        fastened = self._clock
+        self._while_moving(ways, lambda: self._named(fastened), schedule.named)
+        self._while_moving(ways, lambda: False, 1.0)
+        return self._what_was_heard(load, fastened)
+
+    def _moving(self) -> Iterator[None]:
+        """Move from one pose to the next, without end; yield as often as it is asked to go on."""
+        arm, tolerance = self._stage.arm, np.radians(2.0) * self._stage.arm.scale
+        for goal in itertools.cycle(self._stage.watched):
+            self._move.publish(JointState(name=arm.joint_names, position=goal))
+            begun = self._clock
+            while (np.abs(self._positions[-1][1] - goal) > tolerance).any():
+                if self._clock > begun + _LOST:  # a hold on its way has cancelled it
+                    break
+                yield
+
+    def _while_moving(
+        self, ways: Iterator[None], ended: Callable[[], bool], longest: float
+    ) -> None:
+        """Move on until something holds, at most some seconds of the arm's clock."""
+        end = self._clock + longest
+        while not ended() and self._clock < end:
+            next(ways)
+            self._client.spin(0.01)
+
+    def _named(self, since: float) -> bool:
+        """Return whether the monitor has named a change since a time of the arm's clock, s."""
+        return any(said["kind"] != "push" and said["reported"] > since for said in self._said)
+
+    def _what_was_heard(self, load: dict[str, Any], fastened: float) -> Watched:
+        expected, external = (dict(self._heard[name]) for name in ("expected_js", "external_js"))
+        spread = dict(self._heard["external_js_std"])
+        stamps = sorted(expected.keys() & external.keys())
+        unknown = [math.nan] * self._stage.arm.n
+        torque = np.array([expected[stamp] for stamp in stamps])
+        outside = np.array([external[stamp] for stamp in stamps])
+        events = ((said["reported"] - stamps[0], said["sentence"]) for said in self._said)
+        return Watched(
+            np.array(stamps) - stamps[0], torque - outside, torque,
+            np.array([spread.get(stamp, unknown) for stamp in stamps]), fastened - stamps[0],
+            load["mass"], load["link"], tuple(events),
+        )  # fmt: skip
 
     def _compensated(self, pose: Array, act: Callable[[], Result]) -> Result:
         """Act on the arm under compensation from a pose on; again if compensation stopped."""
@@ -318,6 +443,14 @@ class Scenario:
         when = np.array([stamp for stamp, _ in self._positions[mark:]])
         position = np.array([values for _, values in self._positions[mark:]])
         return Phase(title, when - start, position.reshape(-1, self._stage.arm.n))
+
+
+def _note_torque(heard: list[tuple[float, list[float]]], message: JointState) -> None:
+    heard.append((_seconds(message), list(message.effort)))
+
+
+def _seconds(message: JointState) -> float:
+    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
 def _arguments(parameters: dict[str, Any]) -> Sequence[str]:

@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.model import arm_beside
+from dvrk_gravity.model import UNCERTAINTY_PARAMETER, TorqueModel, arm_beside
 from dvrk_gravity.parameters import Parameter
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, kept_awake
 from dvrk_gravity.validation import refuse_json
@@ -130,6 +130,17 @@ def given_parameters(node: Node) -> dict[str, Any]:
     for folder in _folders:
         values = arm_beside(values, folder)
     return values
+
+
+def model_of(values: Mapping[str, Any]) -> TorqueModel:
+    """Return the model of given parameters, with the uncertainty beside its parameter file.
+
+    Raises:
+        ConfigError: Parameters that make no model, or another model's uncertainty.
+    """
+    name = Path(str(values.get(UNCERTAINTY_PARAMETER.name, ""))).name
+    folders = [folder for folder in _folders if (folder / name).exists()]
+    return TorqueModel.beside(values, (folders or _folders or [Path()])[0])
 
 
 def plain(value: Any) -> Any:

@@ -7,6 +7,7 @@ import math
 import time
 from array import array
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,12 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Empty
+from std_msgs.msg import Bool, Empty, String
 
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
-from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, all_parameters, arm_of
-from dvrk_gravity.parameters import Parameter, check_all
+from dvrk_gravity.files import json_file
+from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, TorqueModel, all_parameters, arm_of
+from dvrk_gravity.parameters import Parameter, check_all, flatten
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.takers import JOINTS
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
@@ -101,6 +103,7 @@ class Simulator(Node):
         self.add_on_set_parameters_callback(self._refuse_parameters)
 
         truth = PlantFile.load(value["plant"]) if value["plant"] else PlantFile.of(arm)
+        self._truth, self._friction_scale = truth, value["friction_scale"]
         simulated = truth.model.arm
         if ARM_PARAMETER.name in given and simulated.joint_names != arm.joint_names:
             raise ConfigError(
@@ -165,6 +168,7 @@ class Simulator(Node):
              lambda message: arm.use_gravity_compensation(message.data)),
             (JointState, "simulator/push_jf",
              lambda message: arm.push(message.effort, self._push_timeout)),
+            (String, "simulator/change", self._on_change),
         ]  # fmt: skip
         for prefix in ("", "simulator/"):  # the latter for the demonstration: no real arm has these
             commands += [
@@ -185,6 +189,14 @@ class Simulator(Node):
                 self.get_logger().error(f"{topic} ignored: {error}", throttle_duration_sec=1.0)
 
         self.create_subscription(message_type, topic, receive, 1)
+
+    def _on_change(self, message: String) -> None:
+        """Change parameters of the plant's model while it moves: a load that is fastened, say."""
+        model = self._truth.model
+        changed = model.parameters() | flatten(json_file.loads(message.data))
+        self._truth = replace(self._truth, model=TorqueModel.from_parameters(changed, model.arm))
+        self._arm.become(self._truth.plant(self._friction_scale))
+        self.get_logger().info(f"the arm has changed: {message.data}")
 
     def _on_timer(self) -> None:
         elapsed = time.monotonic() - self._origin

@@ -1,7 +1,8 @@
-"""An arm's demonstration: plant, model, poses and a hand's push."""
+"""An arm's demonstration: plant, model, poses, a hand's push, and a load that is fastened."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,12 +11,15 @@ import numpy as np
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DRY_SPEED, Settings
+from dvrk_gravity.effects import last_link
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import config_path, shipped
+from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.ros.presence import namespace_of
 from dvrk_gravity.ros.processes import PRIVATE
-from dvrk_gravity.simulate import Plant, PlantFile
+from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm, record_motion
 
 MODEL = "model.yaml"
 """In the demonstration's folder: the plant's own terms."""
@@ -27,6 +31,12 @@ RANGE, BEARABLE, DRAWN, POSES = 0.5, 0.6, 300, 3
 # The hand moves so many joints, from the base on, with this acceleration beyond their dry friction,
 # rad/s^2 (Arm.scale).
 PUSHED, ACCELERATION = 3, 0.4
+# The load takes this part of a joint's effort limit at most, along the motion.
+LOADED = 0.2
+# Seed and s of a motion that a monitor's model is identified from; seed and number of poses between
+# which the arm moves while it is watched.
+LEARNED, LEARNING = 1, 30.0
+WATCHED, BETWEEN = 5, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +50,7 @@ class Stage:
         own_model: Whether it has the plant's own terms.
         poses: (k, n) positions at which the arm is released, rad or m.
         push: (n,) efforts of the hand, N·m or N.
+        watched: (k, n) positions between which it moves while a load is fastened, rad or m.
         namespace: Of its topics, one that no arm has: a replayed bag commands no arm either.
     """
 
@@ -49,6 +60,7 @@ class Stage:
     own_model: bool
     poses: Array
     push: Array
+    watched: Array
     namespace: str
 
     @classmethod
@@ -76,7 +88,43 @@ class Stage:
         except ConfigError as error:
             raise error if error.source else error.in_file(model) from None
         poses, push = _staged(truth.plant())
-        return cls(arm, plant, model, own, poses, push, f"{PRIVATE}{namespace_of(arm)}")
+        watched = Multisine.draw(arm, WATCHED).at(np.linspace(0.0, 0.9 * BETWEEN, BETWEEN))[0]
+        return cls(arm, plant, model, own, poses, push, watched, f"{PRIVATE}{namespace_of(arm)}")
+
+
+def identified(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
+    """Identify a model of a simulated arm, as a monitor needs one, and write it to a file.
+
+    For a process of its own: it computes for ten seconds, and only while no other process does.
+
+    Args:
+        arm: The arm's name or file.
+        plant: Name or file of its plant; ``""``: the arm's.
+        friction_scale: Factor on its friction.
+        path: File to write.
+    """
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    of_arm = Arm.load(arm)
+    truth = PlantFile.load(plant) if plant else PlantFile.of(of_arm)
+    simulated = SimulatedArm(truth.plant(friction_scale), truth.sensors)
+    motion = Multisine.draw(of_arm, LEARNED)
+    fit = identify(record_motion(simulated, motion, LEARNING), of_arm)
+    fit.model.save(path, f"Identified from {LEARNING:g} s of a simulated {of_arm.name}.")
+    return path
+
+
+def load_of(arm: Arm, poses: Array) -> dict[str, float | str]:
+    """Return mass, kg, and link of a load that is well below what an arm can carry.
+
+    Args:
+        arm: The arm.
+        poses: (k, n) positions where it is carried, rad or m.
+    """
+    link = last_link(arm)
+    unit = {"payload.mass": 1.0, "payload.link": link}
+    torque = TorqueModel.from_parameters(unit, arm).torque(poses)
+    part = float(np.max(np.abs(torque) / arm.effort_limit))
+    return {"mass": float(f"{LOADED / part:.1g}"), "link": link}
 
 
 def _staged(plant: Plant) -> tuple[Array, Array]:

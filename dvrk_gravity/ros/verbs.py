@@ -15,6 +15,15 @@ def parameter_file(node: str) -> Path:
     return Path(__file__).with_name("parameters") / f"{node}.txt"
 
 
+def parameters_help(node: str) -> str:
+    """Return a node's parameters for its help."""
+    table = parameter_file(node).read_text(encoding="utf-8")
+    return (
+        f"parameters, -p NAME:=VALUE or in a --params-file (defaults of mtmr):\n{table}\n"
+        "and those of a model file (docs/parameters.md)"
+    )
+
+
 class NodeVerb:
     """Runs the class of its name in the module NAME_node."""
 
@@ -25,11 +34,7 @@ class NodeVerb:
     def add_arguments(cls, parser: argparse.ArgumentParser) -> None:
         """Declare the command line: --help lists the parameters."""
         parser.usage = "%(prog)s [-h] [--ros-args …]"
-        listed = parameter_file(cls.NAME).read_text(encoding="utf-8")
-        parser.epilog = (
-            f"parameters, -p NAME:=VALUE or in a --params-file (defaults of mtmr):\n{listed}\n"
-            f"and those of a model file (docs/parameters.md)\n\n{parser.epilog}"
-        )
+        parser.epilog = f"{parameters_help(cls.NAME)}\n\n{parser.epilog}"
 
     @classmethod
     def run(cls, arguments: argparse.Namespace) -> int:
@@ -62,3 +67,10 @@ class WatchdogVerb(NodeVerb):
 
     NAME = "watchdog"
     EXAMPLE = "ros2 run dvrk_gravity watchdog --ros-args -r __ns:=/MTMR -p watchdog_timeout:=0.05"
+
+
+class MonitorVerb(NodeVerb):
+    """Node: says what pushes an arm and what changed in it; it commands nothing."""
+
+    NAME = "monitor"
+    EXAMPLE = "ros2 run dvrk_gravity monitor --ros-args -r __ns:=/MTMR --params-file model.yaml"

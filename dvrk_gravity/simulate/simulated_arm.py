@@ -248,6 +248,19 @@ class SimulatedArm:
         self._push = self._finite("effort", effort)
         self._push_until = self.plant.time + duration
 
+    def become(self, plant: Plant) -> None:
+        """Go on as another plant from where the arm is, as when a load is fastened in motion.
+
+        Args:
+            plant: One of the same joints; it is put where this arm is.
+        """
+        before = self.plant
+        plant.reset(before.q, before.v)
+        plant.time = before.time
+        self.plant, self._placed = plant, plant.placed
+        self._offset = plant.model.joint_offset
+        self._readings = [part.reading for part in plant.parts if part.reading is not None]
+
     def step(self) -> bool:
         """Go one step on.
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ast
+import json
+import re
 import runpy
 import sys
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
-from support import REPOSITORY, executables
+import yaml
+from support import CONFIG, REPOSITORY, executables
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.parameters import node_parameters
@@ -59,6 +64,7 @@ def launched(monkeypatch):
     modules: dict[str, dict[str, Any]] = {
         "launch": {"LaunchDescription": list},
         "launch.actions": {"DeclareLaunchArgument": Argument, "IncludeLaunchDescription": Include},
+        "launch.conditions": {"IfCondition": lambda said: said},
         "launch.launch_description_sources": {"PythonLaunchDescriptionSource": lambda path: path},
         "launch.substitutions": substitutions,
         "launch_ros": {},
@@ -82,7 +88,9 @@ def launched(monkeypatch):
                 inner = {name: value(part, known) for name, part in entity.arguments.items()}
                 nodes += launch(value(entity.source, known), inner)
             else:
-                nodes.append(value(entity, known))
+                made = value(entity, known)
+                if made.pop("condition", "true") == "true":
+                    nodes.append(made)
         return nodes
 
     return launch
@@ -106,6 +114,48 @@ def test_a_real_arm_gets_compensator_and_watchdog_with_its_model(launched):
             started = [node["executable"] for node in nodes if node["namespace"] == namespace]
             assert started == ["watchdog", "compensator"], name
     assert {"watchdog", "compensator"} <= set(executables())
+
+
+def test_the_demonstration_has_a_monitor_where_one_is_asked_for(launched):
+    path = LAUNCH / "demo.launch.py"
+    plain, watched = (
+        [node["executable"] for node in launched(path, given)]
+        for given in ({}, {"monitor": "true"})
+    )
+    assert watched == [*plain, "monitor"]
+    assert "monitor" in executables()
+
+
+def test_layouts_show_what_the_monitor_publishes():
+    tree = ast.parse((REPOSITORY / "dvrk_gravity" / "ros" / "monitor_node.py").read_text())
+    words = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    own = {f"/MTMR/monitor{word[1:]}" for word in words if str(word).startswith("~/")}
+    topics = own | {"/MTMR/measured_js", "/MTMR/robot_description", "/diagnostics"}
+    joints, layouts = Arm.load("mtmr").joint_names, CONFIG / "layouts"
+
+    foxglove = json.loads((layouts / "monitor.foxglove.json").read_text())
+    panels = foxglove["configById"]
+    paths = {path["value"] for panel in panels.values() for path in panel.get("paths", ())}
+    events = panels["RawMessages!events"]["topicPath"]
+    shown = {path.split(".")[0] for path in (*paths, events)}
+    assert shown <= topics
+    assert {f"/MTMR/monitor/external_js.effort[{n}]" for n in range(len(joints))} <= paths
+    assert set(re.findall(r'"(\w+!\w+)"', json.dumps(foxglove["layout"]))) == {*panels}
+
+    juggler = ElementTree.parse(layouts / "monitor.plotjuggler.xml").getroot()
+    curves = {entry.get("name", "") for entry in juggler.iter("curve")}
+    selected = {entry.get("name") for entry in juggler.iter("topic")}
+    assert selected <= topics
+    assert all(any(curve.startswith(f"{topic}/") for topic in selected) for curve in curves)
+    assert {f"/MTMR/monitor/expected_js/{joint}/effort" for joint in joints} <= curves
+
+    rviz = yaml.safe_load((layouts / "monitor.rviz").read_text())
+    displays = rviz["Visualization Manager"]["Displays"]
+    (wrench,) = [each for each in displays if each["Class"].endswith("/Wrench")]
+    assert wrench["Topic"]["Value"] in own
+    named = [value["Value"] for each in displays for value in each.values()
+             if isinstance(value, dict) and "Value" in value]  # fmt: skip
+    assert {*named} <= topics
 
 
 def test_no_real_arm_is_started_without_a_model_of_its_own(launched):

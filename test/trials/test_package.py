@@ -53,6 +53,8 @@ def test_only_the_package_itself_is_installed_with_its_files(monkeypatch):
     for file in (
         "share/ament_index/resource_index/packages/dvrk_gravity", "share/dvrk_gravity/package.xml",
         "share/dvrk_gravity/config/mtmr_28002.yaml", "share/dvrk_gravity/config/arms/psm.yaml",
+        "share/dvrk_gravity/config/layouts/monitor.foxglove.json",
+        "share/dvrk_gravity/config/layouts/monitor.rviz",
         *(f"share/dvrk_gravity/launch/{path.name}" for path in REPOSITORY.glob("launch/*.py")),
     ):  # fmt: skip
         assert file in places

@@ -212,7 +212,8 @@ class MeasuredMotion(Observation):
         slow = max(slow, min(unseen, _SLOW * typical))
         # Stick-slip stops and rings; coarse encoder steps would look the same.
         stops_seen = stepwise < _FINE * typical
-        wide = np.ones(1 + 2 * math.ceil(SMEARED * self.rate))
+        half = math.ceil(SMEARED * self.rate)
+        wide = np.ones(1 + 2 * half)
         result = np.zeros(len(speed), dtype=bool)
         for part in self.parts:
             smooth = low(speed[part]) if part.stop - part.start > low.edge else speed[part]
@@ -220,7 +221,9 @@ class MeasuredMotion(Observation):
             still |= np.diff(np.sign(smooth), prepend=np.sign(smooth[0])) != 0.0
             if stops_seen:
                 still |= np.sign(speed[part]) != np.sign(smooth)
-            result[part] = np.convolve(still.astype(float), wide, mode="same") > 0.5
+            # Not `same`, which is as long as the window where that is the longer one.
+            near = np.convolve(still.astype(float), wide)[half : half + len(still)]
+            result[part] = near > 0.5
         return result
 
     def slowest(self, row: Array) -> float:
