@@ -18,8 +18,8 @@ from support import REPOSITORY, syntax
 ROOMS = (
     "faces", "arrays", "errors", "tabular", "validation", "units", "files", "parameters", "arms",
     "parameters.nodes", "gravity", "newton_euler", "effects", "model", "console", "recording",
-    "estimation", "observation", "identification", "diagnosis", "monitoring", "planning",
-    "simulate", "exports", "compensate", "collecting", "calibration", "fleet", "report", "ros", "cli",
+    "estimation", "observation", "identification", "diagnosis", "planning", "simulate", "exports",
+    "compensate", "monitoring", "collecting", "calibration", "fleet", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}

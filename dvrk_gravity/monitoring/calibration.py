@@ -34,7 +34,7 @@ def calibration_limits(
     of_causes = dict[Key, float]()
     of_pushes = np.zeros(model.arm.n)
     for part in kept.parts:
-        maker = RowMaker(sampling.row_rate)
+        maker = RowMaker(sampling.test_rate)
         found = [
             row
             for index in range(part.start, part.stop)
@@ -44,11 +44,11 @@ def calibration_limits(
                 )
             )
         ]
-        if len(found) < longest * sampling.row_rate:
+        if len(found) < longest * sampling.test_rate:
             continue
         rows = Rows.joined(found)
         unexpected = MomentumObserver(model, band.gain, 1.0).advance(rows).unexpected
-        size, step = round(longest * sampling.row_rate), round(_STEP * sampling.row_rate)
+        size, step = round(longest * sampling.test_rate), round(_STEP * sampling.test_rate)
         for last in range(size, len(rows) + 1, step):
             own = slice(last - size, last)
             window = Window.of(model, rows.at(own), unexpected[own], band, sampling)

@@ -2,7 +2,7 @@
 
 Readings are checked as the compensator checks them. Torques are worked out a few rows at a time,
 which costs hardly more than one; the tests, which take longer than a message may wait, run in a
-thread of their own, a second of rows at a time.
+thread of their own, two seconds of rows at a time.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _WAITING = (
     10  # s of rows that wait for the tests: a machine that stands still for longer skips some
 )
 _AT_ONCE = 10  # rows whose torques are worked out together: 0.2 s
+_TESTED_FOR = 2.0  # s of rows that are tested together
 _APART = 3.0  # standard deviations beyond which a state, which is no event, calls a torque external
 _KEPT = 100  # events
 
@@ -229,7 +230,7 @@ class Listener:
         residual = self._observer.advance(rows).residual
         self._listened += len(rows) / rate
         self._untested.append(rows)
-        if sum(map(len, self._untested)) >= rate:
+        if sum(map(len, self._untested)) >= _TESTED_FOR * rate:
             self._judge.ask(Rows.joined(self._untested))
             self._untested = []
         readings = [

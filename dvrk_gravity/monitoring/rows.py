@@ -30,9 +30,14 @@ class Rows:
         """Return the number of rows K."""
         return len(self.time)
 
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """All of them, in the order of the attributes."""
+        return tuple(getattr(self, each.name) for each in fields(self))
+
     def at(self, which: slice) -> Rows:
         """Return some of the rows."""
-        return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
+        return Rows(*(values[which] for values in self.arrays))
 
     @classmethod
     def joined(cls, each: Sequence[Rows]) -> Rows:

@@ -18,6 +18,7 @@ from dvrk_gravity.monitoring.rows import Rows
 from dvrk_gravity.monitoring.trials import Limits, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
 
+_MOVES = 0.01  # rad (Arm.scale), in a second or two, of an arm that moves. Chosen
 _OVERLAP = 0.3  # s, by which looks at pushes overlap: one may begin just before its look
 
 
@@ -131,7 +132,7 @@ class Monitor:
         gain = np.full(n, FASTEST)  # until noise is known
         self._observer = MomentumObserver(model, gain, 5.0 / sampling.row_rate)
         self._rows, self._unexpected, self._momentum = Rows.none(n), *np.zeros((2, 0, n))
-        self._listened = 0.0  # s
+        self._listened = 0.0  # s of motion
         self._band: Band | None = None
         self._limits = Limits(self.settings.false_alarms / 3600.0)
         self._baseline: Sums | None = None  # of what has left the window since the last change
@@ -157,7 +158,8 @@ class Monitor:
         self._rows = Rows.joined([self._rows, rows]).at(slice(-most, None))
         self._unexpected = np.concatenate([self._unexpected, observed.unexpected])[-most:]
         self._momentum = np.concatenate([self._momentum, observed.momentum])[-most:]
-        self._listened += len(rows) / self.settings.sampling.row_rate
+        if np.any(np.ptp(rows.q, axis=0) > _MOVES * self.model.arm.scale):
+            self._listened += len(rows) / self.settings.sampling.row_rate
         deviation, events = np.full(rows.q.shape, np.nan), list[Event]()
         if self._listened >= self.settings.warm_up:
             deviation, events = self._judge(len(rows))
@@ -175,18 +177,21 @@ class Monitor:
             self._limits = calibration_limits(
                 self.model, self._band, sampling, self.settings.longest, self._limits
             )
+        rows = Rows(*map(sampling.average, self._rows.arrays))
         window = self._beside_changes(
             Window.of(
-                self.model, self._rows, self._unexpected, self._band, sampling, self._left_out
+                self.model, rows, sampling.average(self._unexpected), self._band, sampling,
+                self._left_out,
             )
-        )
+        )  # fmt: skip
         uncertain = window.white(window.open)
         test = ChangeTest(uncertain, window.residual, self._baseline)
         events = list(self._changed(window, test)) or list(self._pushed(window, uncertain, new))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
             self._baseline = self._kept(window, uncertain, new)
-        last = slice(-max(1, new // sampling.stride), None)
-        deviation = np.repeat(window.deviation(test, last), sampling.stride, axis=0)[-new:]
+        each = sampling.averaged * sampling.stride  # rows a sample
+        last = slice(-max(1, new // each), None)
+        deviation = np.repeat(window.deviation(test, last), each, axis=0)[-new:]
         return np.pad(deviation, ((new - len(deviation), 0), (0, 0)), mode="edge"), events
 
     def _beside_changes(self, window: Window) -> Window:
@@ -300,7 +305,7 @@ class Monitor:
             peak = np.max(np.abs(np.where(acts, found.torque, 0.0)), axis=0)
             old = self._push or _Push(begin, peak)
             inside = window.time >= max(begin, now - new / rate)
-            step = settings.sampling.stride / rate
+            step = settings.sampling.stride / settings.sampling.test_rate
             torque = np.linalg.norm(window.torque[inside], axis=1)
             self._push = replace(
                 old, peak=np.maximum(old.peak, peak), impulse=old.impulse + step * torque.sum()

@@ -104,7 +104,7 @@ class Window:
             settings: Of observer and samples.
             without: Spans of time that are left out, s.
         """
-        motion = measured_motion(model, rows, settings.row_rate)
+        motion = measured_motion(model, rows, settings.test_rate)
         low = LowPassed.of(motion, band.gain, settings)
         expected = expect(motion)
         time = low.decimated(rows.time)
@@ -115,7 +115,7 @@ class Window:
         )
         for begin, end in without:
             usable[(time >= begin) & (time <= end)] = False
-        step = low.stride / settings.row_rate
+        step = low.stride / settings.test_rate
         follows = np.zeros_like(usable)
         follows[1:] = usable[1:] & usable[:-1] & (np.diff(time) < 1.5 * step)[:, None]
         known = 0 if model.uncertainty is None else model.uncertainty.size
@@ -174,12 +174,26 @@ class Sampling:
     """How measurements are reduced.
 
     Attributes:
-        row_rate: Rows a second: the observer's steps. Chosen: six times its band.
-        stride: Rows a sample: noise behind the fastest observer then has a correlation of 0.06.
+        row_rate: Rows a second: the observer's steps. Chosen: nine times its band.
+        averaged: Rows that tests average: their cost is that of the columns of all rows.
+        stride: Averaged rows a sample: noise behind the fastest observer then has a correlation of
+            0.06.
     """
 
     row_rate: float = 50.0
-    stride: int = 4
+    averaged: int = 2
+    stride: int = 2
+
+    @property
+    def test_rate(self) -> float:
+        """Averaged rows a second."""
+        return self.row_rate / self.averaged
+
+    def average(self, values: Array) -> Array:
+        """Return (K / 2, …) averages of (K, …) rows, the last one among them."""
+        count = len(values) // self.averaged
+        grouped = values[len(values) - count * self.averaged :]
+        return grouped.reshape(count, self.averaged, *values.shape[1:]).mean(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +213,7 @@ class LowPassed:
     @classmethod
     def of(cls, motion: MeasuredMotion, gain: Array, settings: Sampling) -> LowPassed:
         """Return that of the rows of a motion, with (n,) gains in 1/s."""
-        return cls(motion.parts, np.exp(-gain / settings.row_rate), settings.stride)
+        return cls(motion.parts, np.exp(-gain / settings.test_rate), settings.stride)
 
     def __call__(self, values: Array) -> Array:
         """Return (m, n, …) samples of (K, n, …) signals."""
