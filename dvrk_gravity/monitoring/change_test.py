@@ -53,7 +53,7 @@ class Evidence:
     Attributes:
         gain: Twice the log-likelihood ratio: chi-square of k degrees of freedom without the cause.
         theta: (k,) its parameters.
-        covariance: (k, k) of them; NaN where the samples cannot tell it from what is uncertain.
+        covariance: (k, k) of them; NaN where the samples do not separate it from what is uncertain.
         directions: (d,) the uncertain directions beside it.
     """
 

@@ -48,7 +48,7 @@ def white_noise(values: Array) -> Array:
 
 
 def gain_for(step: float, torque_noise: Array, momentum_noise: Array) -> Array:
-    """Return the (n,) gains K at which noise of torques and of momenta contribute alike, 1/s.
+    """Return the (n,) gains K at which noise of torques and of momenta contribute equally, 1/s.
 
     White noise of variance s_tau^2 in the torques of rows gives K T / (2 - K T) s_tau^2 in r, that
     of variance s_p^2 in the momenta 2 K^2 s_p^2 / (2 - K T): equal at K = T s_tau^2 / (2 s_p^2). A
@@ -100,7 +100,7 @@ class _Last:
 class MomentumObserver:
     """Residual of a model along rows that follow one another.
 
-    How many rows come at a time does not matter. After a gap it begins anew.
+    How many rows come at a time does not matter. After a gap it starts again.
 
     Attributes:
         gain: (n,) K, 1/s.
@@ -112,7 +112,7 @@ class MomentumObserver:
         Args:
             model: The model.
             gain: (n,) K, 1/s.
-            longest_gap: s between two rows, after which the observer begins anew.
+            longest_gap: s between two rows, after which the observer starts again.
         """
         self.gain = gain
         self._model, self._longest = model, longest_gap

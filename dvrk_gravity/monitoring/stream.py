@@ -132,7 +132,7 @@ class Monitor:
         gain = np.full(n, FASTEST)  # until noise is known
         self._observer = MomentumObserver(model, gain, 5.0 / sampling.row_rate)
         self._rows, self._unexpected, self._momentum = Rows.none(n), *np.zeros((2, 0, n))
-        self._listened = 0.0  # s of motion
+        self._listened, self._moved = 0.0, 0.0  # s, and s of motion
         self._band: Band | None = None
         self._limits = Limits(self.settings.false_alarms / 3600.0)
         self._baseline: Sums | None = None  # of what has left the window since the last change
@@ -140,7 +140,7 @@ class Monitor:
         self._push: _Push | None = None
         self._over: tuple[_Push, ...] = ()
         self._left_out: tuple[tuple[float, float], ...] = ()
-        self._nameless: frozenset[str] = frozenset()  # joints at which something has no name
+        self._unexplained: frozenset[str] = frozenset()  # joints at which something has no name
 
     @property
     def gain(self) -> Array:
@@ -158,12 +158,22 @@ class Monitor:
         self._rows = Rows.joined([self._rows, rows]).at(slice(-most, None))
         self._unexpected = np.concatenate([self._unexpected, observed.unexpected])[-most:]
         self._momentum = np.concatenate([self._momentum, observed.momentum])[-most:]
+        seconds = len(rows) / self.settings.sampling.row_rate
+        before = self._ready
+        self._listened += seconds
         if np.any(np.ptp(rows.q, axis=0) > _MOVES * self.model.arm.scale):
-            self._listened += len(rows) / self.settings.sampling.row_rate
+            self._moved += seconds
+        if self._ready and not before:
+            self._band = None  # at rest there is less noise
         deviation, events = np.full(rows.q.shape, np.nan), list[Event]()
         if self._listened >= self.settings.warm_up:
             deviation, events = self._judge(len(rows))
         return Seen(observed.residual, observed.unexpected, deviation, tuple(events))
+
+    @property
+    def _ready(self) -> bool:
+        """Whether there was enough motion to know the arm as it usually is."""
+        return self._moved >= self.settings.warm_up
 
     def _judge(self, new: int) -> tuple[Array, list[Event]]:
         """Return (new, n) standard deviations of the last rows' residuals, and events."""
@@ -186,7 +196,8 @@ class Monitor:
         )  # fmt: skip
         uncertain = window.white(window.open)
         test = ChangeTest(uncertain, window.residual, self._baseline)
-        events = list(self._changed(window, test)) or list(self._pushed(window, uncertain, new))
+        events = list(self._changed(window, test)) if self._ready else []
+        events = events or list(self._pushed(window, uncertain, new))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
             self._baseline = self._kept(window, uncertain, new)
         each = sampling.averaged * sampling.stride  # rows a sample
@@ -226,7 +237,7 @@ class Monitor:
         passing = [
             trial
             for trial in trials(window, test, self._onsets(window), self._limits)
-            if trial.excess > 0.0 and trial.joints()[0] not in self._nameless
+            if trial.excess > 0.0 and trial.joints()[0] not in self._unexplained
             and trial.significant()
         ]  # fmt: skip
         if not passing:
@@ -263,7 +274,7 @@ class Monitor:
             return
         if not explains or joints[0] in (change.joint for change in self.changes):
             # Two names at one joint are none: the cause is one that has no name here.
-            self._nameless |= {joints[0]}
+            self._unexplained |= {joints[0]}
             yield Event("unexplained", onset, now, joints)
             return
         change = Change(best.hypothesis, best.evidence.theta, onset, joints[0])
@@ -298,8 +309,8 @@ class Monitor:
         known = ChangeTest(uncertain * before[:, :, None], window.residual * before, self._baseline)
         found = moments(window, known, int(np.searchsorted(window.time, since)))
         limit = self._limits.push(found.gain.size)
-        nameless = np.isin(self.model.arm.joint_names, list(self._nameless))
-        acts = (found.gain > limit) & ~nameless
+        excluded = np.isin(self.model.arm.joint_names, list(self._unexplained))
+        acts = (found.gain > limit) & ~excluded
         if acts.any():
             begin = float(window.time[int(found.begin[acts.any(axis=1)][0])])
             peak = np.max(np.abs(np.where(acts, found.torque, 0.0)), axis=0)

@@ -193,7 +193,7 @@ class Moments:
 
     Attributes:
         begin: Index of each moment's first sample.
-        gain: (moments, n) of torque at one joint; 0 where it cannot be told.
+        gain: (moments, n) of torque at one joint; 0 where it is not known.
         torque: (moments, n) of it, N·m.
     """
 
@@ -227,7 +227,9 @@ def moments(window: Window, known: ChangeTest, since: int) -> Moments:
         held = np.einsum("mn,mnd->nd", white, uncertain[part])
         variance = np.sum(white**2, axis=0) + known.deviation_of(held) ** 2
         score = np.sum(white * unexpected[part], axis=0)
-        told = window.usable[part].all(axis=0) & (variance > 0.0)
-        gain[index] = np.where(told, score**2 / np.where(told, variance, 1.0), 0.0)
-        torque[index] = np.where(told, score / np.where(told, np.sum(white**2, axis=0), 1.0), 0.0)
+        usable = window.usable[part].all(axis=0) & (variance > 0.0)
+        gain[index] = np.where(usable, score**2 / np.where(usable, variance, 1.0), 0.0)
+        torque[index] = np.where(
+            usable, score / np.where(usable, np.sum(white**2, axis=0), 1.0), 0.0
+        )
     return Moments(np.array([part.start for part in parts], dtype=float), gain, torque)
