@@ -12,6 +12,7 @@ from dvrk_gravity.monitoring import (
     FASTEST,
     ChangeTest,
     MomentumObserver,
+    Monitor,
     RowMaker,
     Rows,
     Sums,
@@ -170,3 +171,20 @@ def test_the_push_of_a_hand_is_a_push():
     assert (event.kind, event.joints) == ("push", ("pitch",))
     assert event.onset == pytest.approx(ONSET, abs=0.5)
     assert event.end == pytest.approx(ONSET + 1.0, abs=2.5)
+
+
+def test_a_torque_that_grows_while_the_arm_rests_is_a_drift_and_noise_is_none():
+    model, n = ecm.model(), ecm.ARM.n
+    random = np.random.default_rng(4)
+    time = np.arange(0.5 / RATE, 200.0, 1.0 / RATE)
+    q = np.tile([0.1, 0.2, 0.1, 0.0], (len(time), 1))
+    effort = model.torque(q) + ecm.NOISE * random.standard_normal(q.shape)
+    found = []
+    for ramp in (0.0, 0.05):
+        listener, heard = Monitor(model), []
+        grown = ramp * ecm.ARM.effort_limit * np.eye(n)[ecm.PITCH] * time[:, None] / time[-1]
+        rows = Rows(time, q, np.zeros_like(q), effort + grown)
+        for first in range(0, len(rows), 100):
+            heard += listener.add(rows.at(slice(first, first + 100))).events
+        found.append([(event.kind, event.joints) for event in heard])
+    assert found == [[], [("drift", ("pitch",))]]

@@ -202,12 +202,11 @@ def _load(axis: Any, arm: Arm, watched: Watched) -> None:
     axis.plot(watched.time, watched.measured[:, joint], color="C3", linewidth=1.4, label="measured")
     axis.axvline(watched.fastened, color="0.2", linestyle="--",
                  label=f"{watched.mass:g} kg fastened to {watched.link}")  # fmt: skip
-    for when, sentence in watched.events:
+    for when, _ in watched.events:
         axis.axvline(when, color="C2", linewidth=1.6)
-        said = textwrap.fill(f"named {when - watched.fastened:.0f} s later: {sentence}", 44)
-        axis.annotate(said, (when, 0.97), xytext=(6, 0), xycoords=("data", "axes fraction"),
-                      textcoords="offset points", va="top", fontsize=8, color="C2",
-                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0})  # fmt: skip
+    said = (f"+{when - watched.fastened:.0f} s: {sentence}" for when, sentence in watched.events)
+    axis.text(0.01, 0.96, "\n".join(textwrap.fill(each, 64) for each in said), va="top", fontsize=8,
+              color="C2", transform=axis.transAxes)  # fmt: skip
     axis.set_xlim(watched.fastened - 10.0, max(watched.time[-1], watched.fastened + 15.0))
     axis.set_title(
         "A load is fastened while the arm moves; the monitor says what has changed", fontsize=11

@@ -10,6 +10,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import ReadingErrors
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.events import Event
 from dvrk_gravity.monitoring.rows import RowMaker, Rows
@@ -30,7 +31,9 @@ class Monitored:
     Attributes:
         model: The model.
         events: In the order in which they were reported.
-        seconds: Of motion that were looked at.
+        seconds: That were listened to.
+        judged: s of these in which changes were looked for: not before the arm has moved for a
+            while.
         time: (N,) s, of the rows.
         external: (N, n) torque from outside, low-passed, N·m: where the model is right.
         deviation: (N, n) its standard deviation, all that is uncertain about the model included,
@@ -40,6 +43,7 @@ class Monitored:
     model: TorqueModel
     events: tuple[Event, ...]
     seconds: float
+    judged: float
     time: Array
     external: Array
     deviation: Array
@@ -72,7 +76,10 @@ def monitor(
     whole, _ = without_known_errors(opened_, model, coordinates)
     model = replace(model, reading_errors=ReadingErrors.none(model.arm.n))
     bands = Bands(_BAND, _BAND, _FASTEST_BAND, _RATE, 1.5 * _BAND, for_fit=False)
-    events, seconds, pieces = list[Event](), 0.0, list[tuple[Array, Array, Array]]()
+    events, seconds, judged, pieces = list[Event](), 0.0, 0.0, list[tuple[Array, Array, Array]]()
+    for recording in whole:
+        if recording.time is None:
+            raise RecordingError(recording.source, "holds static poses, expected a motion")
     for observed in observe(whole, model.arm, bands):
         listener = Monitor(model, settings)
         maker = RowMaker(settings.sampling.row_rate)
@@ -90,6 +97,7 @@ def monitor(
             step = Rows.joined(rows[first : first + size])
             seen = listener.add(step)
             events += seen.events
+            judged += listener.ready * len(step) / settings.sampling.row_rate
             pieces.append((step.time, -seen.residual, seen.deviation))
             progress(first / len(rows))
         seconds += len(rows) / settings.sampling.row_rate
@@ -97,4 +105,4 @@ def monitor(
         n = model.arm.n
         pieces = [(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))]
     time, external, deviation = (np.concatenate(each) for each in zip(*pieces, strict=True))
-    return Monitored(model, tuple(events), seconds, time, external, deviation)
+    return Monitored(model, tuple(events), seconds, judged, time, external, deviation)

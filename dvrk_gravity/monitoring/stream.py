@@ -9,9 +9,11 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.calibration import calibration_limits
 from dvrk_gravity.monitoring.change_test import ChangeTest, Sums
+from dvrk_gravity.monitoring.drift import Rest
 from dvrk_gravity.monitoring.events import Event, Value
 from dvrk_gravity.monitoring.observer import FASTEST, MomentumObserver, gain_for, white_noise
 from dvrk_gravity.monitoring.rows import Rows
@@ -133,6 +135,8 @@ class Monitor:
         self._observer = MomentumObserver(model, gain, 5.0 / sampling.row_rate)
         self._rows, self._unexpected, self._momentum = Rows.none(n), *np.zeros((2, 0, n))
         self._listened, self._moved = 0.0, 0.0  # s, and s of motion
+        self._rest: Rest | None = None
+        self._drifting = False  # and reported
         self._band: Band | None = None
         self._limits = Limits(self.settings.false_alarms / 3600.0)
         self._baseline: Sums | None = None  # of what has left the window since the last change
@@ -159,19 +163,38 @@ class Monitor:
         self._unexpected = np.concatenate([self._unexpected, observed.unexpected])[-most:]
         self._momentum = np.concatenate([self._momentum, observed.momentum])[-most:]
         seconds = len(rows) / self.settings.sampling.row_rate
-        before = self._ready
+        before = self.ready
         self._listened += seconds
-        if np.any(np.ptp(rows.q, axis=0) > _MOVES * self.model.arm.scale):
-            self._moved += seconds
-        if self._ready and not before:
+        moves = bool(np.any(np.ptp(rows.q, axis=0) > _MOVES * self.model.arm.scale))
+        self._moved += seconds * moves
+        if self.ready and not before:
             self._band = None  # at rest there is less noise
         deviation, events = np.full(rows.q.shape, np.nan), list[Event]()
         if self._listened >= self.settings.warm_up:
             deviation, events = self._judge(len(rows))
+            events += self._drifted(None if moves else Rest.of(rows, observed.unexpected))
         return Seen(observed.residual, observed.unexpected, deviation, tuple(events))
 
+    def _drifted(self, rest: Rest | None) -> Iterator[Event]:
+        """Yield the drift of a torque while the arm rests, once."""
+        if rest is None or self._rest is None:
+            self._rest, self._drifting = rest, False
+            return
+        self._rest = self._rest.followed_by(rest, _MOVES * self.model.arm.scale)
+        assert self._band is not None  # since it was judged
+        trend = self._rest.trend(self._limits.false_alarms, self._band.error)
+        if trend is None or self._drifting:
+            return
+        self._drifting = True
+        arm, half = self.model.arm, NORMAL_95 * trend.error
+        value = Value(
+            trend.change, (trend.change - half, trend.change + half), arm.effort_units[trend.joint]
+        )
+        name = arm.joint_names[trend.joint]
+        yield Event("drift", trend.since, float(rest.time[0]), (name,), values={"change": value})
+
     @property
-    def _ready(self) -> bool:
+    def ready(self) -> bool:
         """Whether there was enough motion to know the arm as it usually is."""
         return self._moved >= self.settings.warm_up
 
@@ -196,7 +219,7 @@ class Monitor:
         )  # fmt: skip
         uncertain = window.white(window.open)
         test = ChangeTest(uncertain, window.residual, self._baseline)
-        events = list(self._changed(window, test)) if self._ready else []
+        events = list(self._changed(window, test)) if self.ready else []
         events = events or list(self._pushed(window, uncertain, new))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
             self._baseline = self._kept(window, uncertain, new)

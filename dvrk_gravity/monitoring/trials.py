@@ -50,7 +50,8 @@ class Limits:
 
     def push(self, count: int) -> Array:
         """Return (n,) or (1,) gains from which on one of so many moments is no chance."""
-        return np.maximum(chi2.isf(self.false_alarms / count, 1), OTHER_MOTION * self.of_pushes)
+        chance = chi2.isf(self.false_alarms / max(count, 1), 1)
+        return np.maximum(chance, OTHER_MOTION * self.of_pushes)
 
 
 @dataclass(frozen=True, eq=False)

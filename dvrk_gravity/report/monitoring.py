@@ -11,7 +11,7 @@ import numpy as np
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import Estimate
-from dvrk_gravity.monitoring import Event, Monitored
+from dvrk_gravity.monitoring import Event, Monitored, MonitorSettings
 from dvrk_gravity.report.findings import effect_title
 from dvrk_gravity.report.terminal import wrap
 from dvrk_gravity.report.units import effort_in_table
@@ -33,7 +33,8 @@ def event_text(event: Event, arm: Arm) -> str:
         return f"push: {', '.join(sizes) or ', '.join(event.joints)}{lasted}"
     if not event.effect:
         what = {"unexplained": "unexplained torque", "drift": "drift"}.get(event.kind, event.kind)
-        return f"{what} at {', '.join(event.joints)}"
+        grown = [quantity(each.value, each.unit) for each in event.values.values()]
+        return ": ".join([f"{what} at {', '.join(event.joints)}", *grown])
     effect = effects.named(event.effect)
     estimates = {
         name: Estimate(each.value, *(each.ci95 or (each.value,) * 2), each.unit)
@@ -61,6 +62,7 @@ def monitored_json(seen: Monitored) -> dict[str, Any]:
     return {
         "arm": seen.model.arm.name,
         "seconds": seen.seconds,
+        "judged": seen.judged,
         "events": [event_json(event, seen.model.arm) for event in seen.events],
         "external": {
             name: {"rms": float(of), "expected": float(by)}
@@ -85,10 +87,13 @@ def monitored_text(seen: Monitored, width: int | None = None) -> Iterator[str]:
         shown = [f"{factor * size:.3g}" if np.isfinite(size) else "-" for size in sizes]
         yield f"{name:<{max(broad, 20)}} {shown[0]:>10} {shown[1]:>10}"
     yield ""
+    span = f"{seen.judged:.0f} of {seen.seconds:.0f} s judged"
     if not seen.events:
-        yield f"{seen.seconds:.0f} s of motion: nothing that the model does not expect"
+        least = MonitorSettings().warm_up
+        nothing = "nothing that the model does not expect"
+        yield f"{span}: {nothing if seen.judged else f'expected {least:g} s of motion at least'}"
         return
-    yield f"{seen.seconds:.0f} s of motion, {len(seen.events)} event(s)"
+    yield f"{span}, {len(seen.events)} event(s)"
     yield "  began  reported  what"
     for event in seen.events:
         head = f"{event.onset:7.1f} {event.reported:9.1f}  "
