@@ -139,22 +139,17 @@ class MomentumObserver:
             last, self._last = None, None
         known = rows if last is None else Rows.joined([last.row, rows])
         momentum, driven, memories = self._evaluate(known, {} if last is None else last.memories)
-        if last is None:
-            residual, unexpected = np.zeros((2, *rows.q.shape))
-            start, new = np.zeros(rows.q.shape[1]), slice(1, None)
-        else:
-            residual, unexpected = np.zeros((2, *rows.q.shape))
-            momentum[0], driven[0] = last.momentum, last.driven
-            start, new = last.residual, slice(0, None)
+        residual, unexpected = np.zeros((2, *rows.q.shape))
+        before = np.zeros(rows.q.shape[1])
+        if last is not None:
+            momentum[0], driven[0], before = last.momentum, last.driven, last.residual
         steps = np.diff(known.time)
+        first = len(rows) - len(steps)  # of the very first row nothing is known
         mean = 0.5 * (driven[1:] + driven[:-1])
-        unexpected[new] = mean - np.diff(momentum, axis=0) / steps[:, None]
-        kept = np.exp(-np.outer(steps, self.gain))
-        for k, (keep, value) in enumerate(
-            zip(kept, unexpected[new], strict=True), len(rows) - len(kept)
-        ):
-            start = residual[k] = keep * start + (1.0 - keep) * value
-        self._last = _Last(rows.at(slice(-1, None)), momentum[-1], driven[-1], memories, start)
+        unexpected[first:] = mean - np.diff(momentum, axis=0) / steps[:, None]
+        for k, keep in enumerate(np.exp(-np.outer(steps, self.gain)), first):
+            before = residual[k] = keep * before + (1.0 - keep) * unexpected[k]
+        self._last = _Last(rows.at(slice(-1, None)), momentum[-1], driven[-1], memories, before)
         return Observed(residual, unexpected, momentum[-len(rows) :])
 
     def _evaluate(

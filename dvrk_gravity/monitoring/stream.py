@@ -168,7 +168,7 @@ class Monitor:
         moves = bool(np.any(np.ptp(rows.q, axis=0) > _MOVES * self.model.arm.scale))
         self._moved += seconds * moves
         if self.ready and not before:
-            self._band = None  # at rest there is less noise
+            self._band, self._baseline = None, None  # at rest there is less noise
         deviation, events = np.full(rows.q.shape, np.nan), list[Event]()
         if self._listened >= self.settings.warm_up:
             deviation, events = self._judge(len(rows))
