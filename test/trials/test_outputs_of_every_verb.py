@@ -55,6 +55,9 @@ USES = {
     "evaluate's JSON": Use(
         "evaluate", "{r.csv} {bag} --model {m.yaml} --json {out}", ("r.csv", "bag", "m.yaml")
     ),
+    "monitor's JSON": Use(
+        "monitor", "{r.csv} {bag} --model {m.yaml} --json {out}", ("r.csv", "bag", "m.yaml")
+    ),
     "diagnose's folder": Use(
         "diagnose", "{r.csv} --model {m.yaml} --out {out}", ("r.csv", "m.yaml")
     ),
