@@ -14,7 +14,7 @@ from dvrk_gravity.ros import MonitorVerb, parameters_help
 
 NAME = "monitor"
 EXAMPLE = (
-    f"python -m dvrk_gravity monitor recording --model model.yaml\n         {MonitorVerb.EXAMPLE}"
+    f"python -m dvrk_gravity monitor my_bag --model my_arm.yaml\n         {MonitorVerb.EXAMPLE}"
 )
 
 

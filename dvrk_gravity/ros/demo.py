@@ -8,10 +8,9 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -171,10 +170,9 @@ class Scenario:
         self._stack.__exit__(*error)
 
     def _identify(self, stack: ExitStack) -> Future[Path]:
-        """Identify the monitor's model meanwhile, in a process of its own."""
+        """Identify the monitor's model meanwhile."""
         stage = self._stage
-        spawn = multiprocessing.get_context("spawn")  # a fork would share the middleware's threads
-        pool = stack.enter_context(ProcessPoolExecutor(1, spawn))
+        pool = stack.enter_context(ThreadPoolExecutor(1))
         source = stage.arm.source or stage.arm.name
         file = self._bag.with_name(MONITORED)
         return pool.submit(identified, source, stage.plant, self._friction_scale, file)
