@@ -191,10 +191,10 @@ def draw(
 
 
 def _load(axis: Any, arm: Arm, watched: Watched) -> None:
-    """Draw measured and expected torque of the joint that the load changes most."""
+    """Draw measured and expected torque of the joint that the load takes furthest out of the band."""
     after = watched.time > watched.fastened
-    outside = np.abs(watched.measured - watched.expected)[after].max(axis=0)
-    joint = int(np.argmax(outside / arm.effort_limit))
+    outside = np.median(np.abs(watched.measured - watched.expected)[after], axis=0)
+    joint = int(np.argmax(outside / np.nanmedian(watched.deviation[after], axis=0)))
     expected, band = watched.expected[:, joint], 2.0 * watched.deviation[:, joint]
     axis.fill_between(watched.time, expected - band, expected + band, color="C0", alpha=0.3,
                       label="expected, 95 %")  # fmt: skip
