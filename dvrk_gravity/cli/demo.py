@@ -191,7 +191,7 @@ def draw(
 
 
 def _load(axis: Any, arm: Arm, watched: Watched) -> None:
-    """Draw measured and expected torque of the joint that the load takes furthest out of the band."""
+    """Draw the torque of the joint that the load takes furthest out of the band."""
     after = watched.time > watched.fastened
     outside = np.median(np.abs(watched.measured - watched.expected)[after], axis=0)
     joint = int(np.argmax(outside / np.nanmedian(watched.deviation[after], axis=0)))
