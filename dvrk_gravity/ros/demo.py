@@ -10,7 +10,6 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -154,7 +153,11 @@ class Scenario:
         stage, output = self._stage, {"output": self._output}
         with ExitStack() as stack:
             self._writer = stack.enter_context(BagWriter(self._bag))
-            self._modelling = self._identify(stack)
+            # Before there are nodes: it computes for ten seconds, which they would wait for.
+            self._monitored = identified(
+                stage.arm.source or stage.arm.name, stage.plant, self._friction_scale,
+                self._bag.with_name(MONITORED),
+            )  # fmt: skip
             self._client = stack.enter_context(Client(stage.namespace))
             simulated = {"rate": 200.0, "friction_scale": self._friction_scale, **output}
             plant = {"plant": stage.plant} if stage.plant else {"arm": stage.arm.source}
@@ -168,14 +171,6 @@ class Scenario:
 
     def __exit__(self, *error: Any) -> None:
         self._stack.__exit__(*error)
-
-    def _identify(self, stack: ExitStack) -> Future[Path]:
-        """Identify the monitor's model meanwhile."""
-        stage = self._stage
-        pool = stack.enter_context(ThreadPoolExecutor(1))
-        source = stage.arm.source or stage.arm.name
-        file = self._bag.with_name(MONITORED)
-        return pool.submit(identified, source, stage.plant, self._friction_scale, file)
 
     def _begin(self, verb: str, arguments: Sequence[str]) -> NodeProcess:
         process = NodeProcess(verb, *arguments, namespace=self._stage.namespace)
@@ -276,10 +271,7 @@ class Scenario:
         raise self._failed()
 
     def begin_monitor(self) -> None:
-        """Start the monitor, once its model is identified, and listen to it."""
-        while not self._modelling.done():
-            self._client.spin(0.1)
-        model = self._modelling.result()
+        """Start the monitor, and listen to it."""
         self._heard: dict[str, list[tuple[float, list[float]]]] = {}
         self._said: list[dict[str, Any]] = []
         node = self._client.node
@@ -289,7 +281,7 @@ class Scenario:
                 JointState, f"monitor/{name}", partial(_note_torque, heard), 100
             )
         node.create_subscription(String, "monitor/events", self._on_event, 100)
-        self._begin("monitor", ["--params-file", str(model)])
+        self._begin("monitor", ["--params-file", str(self._monitored)])
 
     def _on_event(self, message: Any) -> None:
         self._said.append(json.loads(message.data))

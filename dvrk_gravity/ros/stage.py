@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,15 +94,12 @@ class Stage:
 def identified(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
     """Identify a model of a simulated arm, as a monitor needs one, and write it to a file.
 
-    For a process of its own: it computes for ten seconds, and only while no other process does.
-
     Args:
         arm: The arm's name or file.
         plant: Name or file of its plant; ``""``: the arm's.
         friction_scale: Factor on its friction.
         path: File to write.
     """
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     of_arm = Arm.load(arm)
     truth = PlantFile.load(plant) if plant else PlantFile.of(of_arm)
     simulated = SimulatedArm(truth.plant(friction_scale), truth.sensors)
