@@ -10,7 +10,15 @@ import pytest
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.monitoring import Judge, Listener, Monitor, MonitorSettings, Rows, Seen
+from dvrk_gravity.monitoring import (
+    Judge,
+    Listener,
+    Monitor,
+    MonitorSettings,
+    Observed,
+    Rows,
+    Seen,
+)
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.simulate import PlantFile
 
@@ -181,20 +189,21 @@ def test_at_rest_a_torque_that_friction_can_hold_is_no_push():
 
 def test_rows_are_skipped_and_counted_where_the_tests_are_behind():
     class Slow(Monitor):
-        def add(self, rows: Rows) -> Seen:
+        def judge(self, rows: Rows, observed: Observed) -> Seen:
             started.append(len(rows))
             go.wait()
-            return super().add(rows)
+            return super().judge(rows, observed)
 
     from threading import Event
 
     started, go = [], Event()
     judge = Judge(Slow(MODEL))
-    for _ in range(14):
-        judge.ask(Rows.none(4))
-    assert judge.skipped == 0
     row = Rows(np.zeros(1), *np.zeros((3, 1, 4)))
-    judge.ask(row)
+    observed = judge.monitor.observe(row)
+    for _ in range(14):
+        judge.ask(Rows.none(4), observed)
+    assert judge.skipped == 0
+    judge.ask(row, observed)
     assert judge.skipped == 1
     go.set()
     judge.close()
@@ -204,7 +213,7 @@ def test_tests_that_fail_begin_anew_and_say_why(stream, monkeypatch):
     def fail(*_):
         raise FloatingPointError("made up")
 
-    monkeypatch.setattr(Monitor, "add", fail)
+    monkeypatch.setattr(Monitor, "judge", fail)
     stream.run(2.2)
     monkeypatch.undo()
     failures = stream.listener.failures

@@ -26,12 +26,9 @@ SECONDS = 40.0
 ONSET = 24.0
 
 
-def rows_of(recording, rate: float = RATE) -> Rows:
-    maker = RowMaker(rate)
-    samples = zip(
-        recording.time, recording.position, recording.velocity, recording.effort, strict=True
-    )
-    return Rows.joined([row for sample in samples if (row := maker.add(*sample)) is not None])
+def rows_of(recording) -> Rows:
+    samples = (recording.position, recording.velocity, recording.effort)
+    return Rows.of(RATE, recording.time, *samples)
 
 
 def test_rows_are_means_and_a_gap_stays_a_gap():

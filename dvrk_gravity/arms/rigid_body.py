@@ -178,20 +178,21 @@ def _momentum(tree: tuple[TreeBody, ...], links: Array, q: Array, qd: Array) -> 
             slopes[joint] -= factor * turned
         if body.parent < 0:
             continue
-        linear, angular = frame.out_of(linear), frame.out_of(angular)
-        if frame.offset is not None:
-            angular += _cross(frame.offset, linear)
-        before = carried[body.parent]
-        carried[body.parent] = before[0] + linear, before[1] + angular
+        before, own = carried[body.parent], frame.carried(linear, angular)
+        carried[body.parent] = before[0] + own[0], before[1] + own[1]
     return momenta, slopes
 
 
 def _momentum_of(link: Array, w: Array, v: Array) -> tuple[Array, Array]:
     """Return (3, samples) linear momentum of a body, and angular momentum about its origin."""
     mass, first = link[0], link[1:4, None]
+    return mass * v + _cross(w, first), _cross(first, v) + _inertia(link) @ w
+
+
+def _inertia(link: Array) -> Array:
+    """Return the (3, 3) inertia of (10,) parameters about the frame's origin."""
     xx, xy, yy, xz, yz, zz = link[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return mass * v + _cross(w, first), _cross(first, v) + inertia @ w
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 class _Coordinate(NamedTuple):
@@ -263,6 +264,16 @@ class _Frame(NamedTuple):
             vector = np.stack([c * x - s * y, s * x + c * y, z])
         return self.rotation @ vector
 
+    def carried(self, linear: Array, angular: Array) -> tuple[Array, Array]:
+        """Return a force and a moment about the body's origin as the parent's: about its own.
+
+        So it is with a linear and an angular momentum.
+        """
+        linear, angular = self.out_of(linear), self.out_of(angular)
+        if self.offset is not None:
+            angular = angular + _cross(self.offset, linear)
+        return linear, angular
+
 
 def _frame(body: TreeBody, position: Array) -> _Frame:
     if body.slides:
@@ -318,11 +329,8 @@ def _torque(
             out[joint] += factor * (force if body.slides else moment)[2]
         if body.parent < 0:
             continue
-        force, moment = frame.out_of(force), frame.out_of(moment)
-        if frame.offset is not None:
-            moment += _cross(frame.offset, force)
-        before = wrenches[body.parent]
-        wrenches[body.parent] = before[0] + force, before[1] + moment
+        before, own = wrenches[body.parent], frame.carried(force, moment)
+        wrenches[body.parent] = before[0] + own[0], before[1] + own[1]
     return out
 
 
@@ -335,8 +343,7 @@ def _wrench(link: Array, motion: _Motion) -> tuple[Array, Array]:
     if spin is None:
         return mass * a, _cross(first, a)
     w, dw = spin
-    xx, xy, yy, xz, yz, zz = link[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    inertia = _inertia(link)
     force = mass * a + _cross(dw, first) + _cross(w, _cross(w, first))
     return force, _cross(first, a) + inertia @ dw + _cross(w, inertia @ w)
 

@@ -75,4 +75,5 @@ from .run import arm_for as arm_for
 from .run import build as build
 from .run import diagnose as diagnose
 from .tracked import TrackedChange as TrackedChange
+from .tracked import parameter_slopes as parameter_slopes
 from .tracked import track as track

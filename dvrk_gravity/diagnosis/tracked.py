@@ -90,7 +90,7 @@ def _changes(
     theta, covariance = validation.fit([candidate])
     if not np.isfinite(covariance).all() or not (np.diag(covariance) > 0.0).all():
         return
-    values, slopes = hypothesis.parameters(theta), _slopes(hypothesis, theta, covariance)
+    values, slopes = hypothesis.parameters(theta), parameter_slopes(hypothesis, theta, covariance)
     joint = hypothesis.names[0] if hypothesis.of_joint else ""
     seen = list[Array]()
     for name, value in values.items():
@@ -109,8 +109,14 @@ def _changes(
         )
 
 
-def _slopes(hypothesis: Hypothesis, theta: Array, covariance: Array) -> dict[str, Array]:
-    """Return of each named parameter its (k,) derivatives by theta, over a standard error."""
+def parameter_slopes(hypothesis: Hypothesis, theta: Array, covariance: Array) -> dict[str, Array]:
+    """Return each named parameter's (k,) derivatives by (k,) theta, over a standard error.
+
+    Args:
+        hypothesis: The hypothesis.
+        theta: Its parameters.
+        covariance: (k, k) of these, the diagonal positive.
+    """
     steps = np.sqrt(np.diag(covariance))
     middle = hypothesis.parameters(theta)
     moved = [hypothesis.parameters(theta + row) for row in np.diag(steps)]

@@ -1,6 +1,7 @@
 from .evaluation import Evaluation as Evaluation
 from .evaluation import coordinates_of as coordinates_of
 from .evaluation import evaluate as evaluate
+from .expected_error import OTHER_MOTION as OTHER_MOTION
 from .expected_error import ExpectedError as ExpectedError
 from .expected_error import outside_range as outside_range
 from .poses.fit import fit_model as fit_model

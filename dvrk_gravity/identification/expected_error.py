@@ -24,7 +24,7 @@ _SAME_BAND = 0.01  # relative difference of cut-offs that count as one. Chosen: 
 # of 0.31, the square root of one over twice the degrees of freedom: what a model lacks depends on
 # where and how fast the arm moves. 91 joints of `benchmark/prediction_bands.py --arms
 # chain,ur5,psm --seeds 2 8`, without these two numbers.
-_OTHER_MOTION = 1.22
+OTHER_MOTION = 1.22
 _DOF = 5.0
 _SHIFT = 1e-3  # rad (Arm.scale), of a central difference quotient
 
@@ -80,7 +80,7 @@ def expected_errors(
     if cutoff is not None:
         independent = np.minimum(independent, seconds / known.correlation_time)
     found: list[ExpectedError | None] = []
-    for joint, square in enumerate(((_OTHER_MOTION * known.error) ** 2).tolist()):
+    for joint, square in enumerate(((OTHER_MOTION * known.error) ** 2).tolist()):
         if not np.isfinite([square, independent[joint]]).all() or not square > 0.0:
             found.append(None)
             continue

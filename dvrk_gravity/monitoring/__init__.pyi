@@ -9,6 +9,7 @@ from .listening import Listener as Listener
 from .listening import Reading as Reading
 from .observer import FASTEST as FASTEST
 from .observer import MomentumObserver as MomentumObserver
+from .observer import Observed as Observed
 from .observer import gain_for as gain_for
 from .offline import Monitored as Monitored
 from .offline import monitor as monitor

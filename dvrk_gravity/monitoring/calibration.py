@@ -7,7 +7,7 @@ import numpy as np
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.change_test import ChangeTest
 from dvrk_gravity.monitoring.observer import MomentumObserver
-from dvrk_gravity.monitoring.rows import RowMaker, Rows
+from dvrk_gravity.monitoring.rows import Rows
 from dvrk_gravity.monitoring.trials import Key, Limits, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
 
@@ -34,25 +34,17 @@ def calibration_limits(
     of_causes = dict[Key, float]()
     of_pushes = np.zeros(model.arm.n)
     for part in kept.parts:
-        maker = RowMaker(sampling.test_rate)
-        found = [
-            row
-            for index in range(part.start, part.stop)
-            if (
-                row := maker.add(
-                    index / kept.rate, kept.q[index], kept.qd[index], kept.effort[index]
-                )
-            )
-        ]
-        if len(found) < longest * sampling.test_rate:
+        time = np.arange(part.start, part.stop) / kept.rate
+        samples = (kept.q[part], kept.qd[part], kept.effort[part])
+        rows = Rows.of(sampling.test_rate, time, *samples)
+        if len(rows) < longest * sampling.test_rate:
             continue
-        rows = Rows.joined(found)
         unexpected = MomentumObserver(model, band.gain, 1.0).advance(rows).unexpected
         size, step = round(longest * sampling.test_rate), round(_STEP * sampling.test_rate)
         for last in range(size, len(rows) + 1, step):
             own = slice(last - size, last)
             window = Window.of(model, rows.at(own), unexpected[own], band, sampling)
-            test = ChangeTest(window.white(window.open), window.residual)
+            test = ChangeTest(window.uncertain, window.residual)
             firsts = np.arange(0, len(window.time) - 20, 25).tolist()
             for trial in trials(window, test, firsts, limits):
                 key = trial.hypothesis.key

@@ -20,15 +20,14 @@ from dvrk_gravity.compensate import DRY_SPEED, DroppedSampleError, InputGate, Sa
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel, stated_weight
 from dvrk_gravity.monitoring.events import Event
-from dvrk_gravity.monitoring.observer import FASTEST, MomentumObserver
+from dvrk_gravity.monitoring.observer import Observed
 from dvrk_gravity.monitoring.rows import RowMaker, Rows
 from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings, Seen
 from dvrk_gravity.monitoring.wrench import Tip, Wrench
 from dvrk_gravity.parameters import DEAD_BAND
 
-_WAITING = (
-    10  # s of rows that wait for the tests: a machine that stands still for longer skips some
-)
+# Looks that wait for the tests: a machine that stands still for longer skips some.
+_WAITING = 10
 _AT_ONCE = 10  # rows whose torques are worked out together: 0.2 s
 _TESTED_FOR = 2.0  # s of rows that are tested together
 _APART = 3.0  # standard deviations beyond which a state, which is no event, calls a torque external
@@ -81,12 +80,12 @@ class Judge:
         self._asked: deque[Future[Seen]] = deque()
         self.skipped = 0
 
-    def ask(self, rows: Rows) -> None:
-        """Have rows tested, or skip them where too many wait."""
+    def ask(self, rows: Rows, observed: Observed) -> None:
+        """Have rows tested that were observed, or skip them where too many wait."""
         if len(self._asked) >= _WAITING:
             self.skipped += len(rows)
             return
-        self._asked.append(self._pool.submit(self.monitor.add, rows))
+        self._asked.append(self._pool.submit(self.monitor.judge, rows, observed))
 
     def answers(self, wait: bool = False) -> list[Seen]:
         """Return what was found since the last call.
@@ -147,12 +146,9 @@ class Listener:
         self._timeout, sampling = timeout, self._settings.sampling
         self._gate = InputGate(arm)
         self._maker = RowMaker(sampling.row_rate)
-        gain = np.full(arm.n, FASTEST)
         self._gap = 5.0 / sampling.row_rate  # s, after which torques begin again
-        self._observer = MomentumObserver(model, gain, self._gap)
-        self._smooth: tuple[float, Array] | None = (
-            None  # time and low-passed torque of the last row
-        )
+        # Time and low-passed torque of the last row.
+        self._smooth: tuple[float, Array] | None = None
         self._judge = Judge(Monitor(model, self._settings))
         self._origin: int | None = None  # ns, of the rows' time
         self._stamp, self._now = 0, 0.0  # of the last sample
@@ -164,6 +160,7 @@ class Listener:
         self._deviation: Array | None = None
         self._rows: list[Rows] = []  # whose torques are not worked out yet
         self._untested: list[Rows] = []  # that are not yet given to the tests
+        self._observed: list[Observed] = []  # of these
         self._listened = 0.0  # s of rows
         self._changed: list[Event] = []
 
@@ -227,15 +224,18 @@ class Listener:
         unread = None if arm.gravity_in_reading else stated_weight(arm, rows.q)
         if unread is not None:
             rows = replace(rows, effort=rows.effort + unread)
-        residual = self._observer.advance(rows).residual
+        observed = self._judge.monitor.observe(rows)
         self._listened += len(rows) / rate
         self._untested.append(rows)
+        self._observed.append(observed)
         if sum(map(len, self._untested)) >= _TESTED_FOR * rate:
-            self._judge.ask(Rows.joined(self._untested))
-            self._untested = []
+            self._judge.ask(Rows.joined(self._untested), Observed.joined(self._observed))
+            self._untested, self._observed = [], []
         readings = [
             self._reading(*row)
-            for row in zip(rows.time.tolist(), rows.q, rows.qd, rows.effort, residual, strict=True)
+            for row in zip(
+                rows.time.tolist(), rows.q, rows.qd, rows.effort, observed.residual, strict=True
+            )
         ]
         self.last = readings[-1]
         return readings
@@ -244,7 +244,7 @@ class Listener:
         """Return what is known of a row, with (n,) positions, velocities, effort and residual."""
         assert self._origin is not None  # there was a sample
         if self._smooth is not None and time - self._smooth[0] <= self._gap:
-            keep = np.exp(-self._observer.gain * (time - self._smooth[0]))
+            keep = np.exp(-self._judge.monitor.gain * (time - self._smooth[0]))
             effort = keep * self._smooth[1] + (1.0 - keep) * effort
         self._smooth = time, effort
         wrench = None
@@ -271,7 +271,6 @@ class Listener:
             self._judge.close()
             self._judge = Judge(Monitor(self.model, self._settings))
             return []
-        self._observer.gain = self._judge.monitor.gain
         for seen in answers:
             if np.isfinite(seen.deviation).all():
                 self._deviation = np.sqrt(np.mean(seen.deviation**2, axis=0))

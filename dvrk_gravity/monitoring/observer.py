@@ -15,6 +15,7 @@ is theirs; the exponential is the exact solution for a constant integrand, and s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -25,7 +26,6 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.rows import Rows
 
 _NORMAL = 1.4826  # standard deviation over the median of magnitudes, of normal values
-
 
 SLOWEST, FASTEST = 2.0 * np.pi * 1.0, 2.0 * np.pi * 5.65
 """1/s, between which gains are chosen.
@@ -42,9 +42,8 @@ def white_noise(values: Array) -> Array:
     """
     if len(values) < 3:
         return np.zeros(values.shape[1])
-    return np.asarray(
-        _NORMAL * np.median(np.abs(np.diff(values, 2, axis=0)), axis=0) / np.sqrt(6.0)
-    )
+    sizes = np.median(np.abs(np.diff(values, 2, axis=0)), axis=0)
+    return np.asarray(_NORMAL * sizes / np.sqrt(6.0))
 
 
 def gain_for(step: float, torque_noise: Array, momentum_noise: Array) -> Array:
@@ -76,6 +75,12 @@ class Observed:
     residual: Array
     unexpected: Array
     momentum: Array
+
+    @classmethod
+    def joined(cls, each: Sequence[Observed]) -> Observed:
+        """Return what was made of some rows, one after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(one, name) for one in each]) for name in names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,17 +126,7 @@ class MomentumObserver:
 
     def advance(self, rows: Rows) -> Observed:
         """Return the residual of the next (K, n) rows."""
-        gaps = np.flatnonzero(np.diff(rows.time) > self._longest) + 1
-        pieces = [
-            self._continued(rows.at(slice(first, last)))
-            for first, last in zip((0, *gaps), (*gaps, len(rows)), strict=True)
-        ]
-        return Observed(
-            *(
-                np.concatenate([getattr(piece, each.name) for piece in pieces])
-                for each in fields(Observed)
-            )
-        )
+        return Observed.joined([self._continued(rows.at(p)) for p in rows.parts(self._longest)])
 
     def _continued(self, rows: Rows) -> Observed:
         last = self._last

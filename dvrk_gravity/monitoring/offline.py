@@ -13,7 +13,7 @@ from dvrk_gravity.effects import ReadingErrors
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.events import Event
-from dvrk_gravity.monitoring.rows import RowMaker, Rows
+from dvrk_gravity.monitoring.rows import Rows
 from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings
 from dvrk_gravity.observation import Bands, observe, stated_coordinates, without_known_errors
 from dvrk_gravity.recording import Coordinates, Given, opened
@@ -72,8 +72,8 @@ def monitor(
     model = TorqueModel.of(model)
     settings = settings or MonitorSettings()
     coordinates = coordinates or stated_coordinates(model)
-    opened_ = opened(recordings, coordinates or "joint", model.arm)
-    whole, _ = without_known_errors(opened_, model, coordinates)
+    whole = opened(recordings, coordinates or "joint", model.arm)
+    whole, _ = without_known_errors(whole, model, coordinates)
     model = replace(model, reading_errors=ReadingErrors.none(model.arm.n))
     bands = Bands(_BAND, _BAND, _FASTEST_BAND, _RATE, 1.5 * _BAND, for_fit=False)
     events, seconds, judged, pieces = list[Event](), 0.0, 0.0, list[tuple[Array, Array, Array]]()
@@ -82,19 +82,11 @@ def monitor(
             raise RecordingError(recording.source, "holds static poses, expected a motion")
     for observed in observe(whole, model.arm, bands):
         listener = Monitor(model, settings)
-        maker = RowMaker(settings.sampling.row_rate)
-        rows = [
-            row
-            for time, q, qd, effort in zip(
-                observed.time, observed.q, observed.qd, observed.effort, strict=True
-            )
-            if (row := maker.add(float(time), q, qd, effort)) is not None
-        ]
-        if not rows:
-            continue
+        samples = (observed.time, observed.q, observed.qd, observed.effort)
+        rows = Rows.of(settings.sampling.row_rate, *samples)
         size = round(_STEP * settings.sampling.row_rate)
         for first in range(0, len(rows), size):
-            step = Rows.joined(rows[first : first + size])
+            step = rows.at(slice(first, first + size))
             seen = listener.add(step)
             events += seen.events
             judged += listener.ready * len(step) / settings.sampling.row_rate

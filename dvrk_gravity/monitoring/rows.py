@@ -39,6 +39,27 @@ class Rows:
         """Return some of the rows."""
         return Rows(*(values[which] for values in self.arrays))
 
+    def parts(self, longest: float) -> tuple[slice, ...]:
+        """Return the rows between which at most so many seconds pass, part by part."""
+        gaps = (np.flatnonzero(np.diff(self.time) > longest) + 1).tolist()
+        return tuple(map(slice, [0, *gaps], [*gaps, len(self)]))
+
+    @classmethod
+    def of(cls, rate: float, time: Array, q: Array, qd: Array, effort: Array) -> Rows:
+        """Return the rows that samples make, but for the last, which may not be complete.
+
+        Args:
+            rate: Rows a second.
+            time: (N,) s.
+            q: (N, n) positions, as qd and effort.
+            qd: Velocities.
+            effort: Torques.
+        """
+        maker = RowMaker(rate)
+        samples = zip(time.tolist(), q, qd, effort, strict=True)
+        made = (maker.add(*sample) for sample in samples)
+        return cls.joined([cls.none(q.shape[1]), *(row for row in made if row is not None)])
+
     @classmethod
     def joined(cls, each: Sequence[Rows]) -> Rows:
         """Return some rows, one after the other."""

@@ -15,7 +15,13 @@ from dvrk_gravity.monitoring.calibration import calibration_limits
 from dvrk_gravity.monitoring.change_test import ChangeTest, Sums
 from dvrk_gravity.monitoring.drift import Rest
 from dvrk_gravity.monitoring.events import Event, Value
-from dvrk_gravity.monitoring.observer import FASTEST, MomentumObserver, gain_for, white_noise
+from dvrk_gravity.monitoring.observer import (
+    FASTEST,
+    MomentumObserver,
+    Observed,
+    gain_for,
+    white_noise,
+)
 from dvrk_gravity.monitoring.rows import Rows
 from dvrk_gravity.monitoring.trials import Limits, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
@@ -71,14 +77,12 @@ class Seen:
 
     Attributes:
         residual: (K, n) low-passed measured minus expected torque, N·m.
-        unexpected: (K, n) the same before the low-pass, N·m.
         deviation: (K, n) standard deviation that is expected of the residual, N·m; NaN as long as
             it is not known.
         events: What was found out by these rows.
     """
 
     residual: Array
-    unexpected: Array
     deviation: Array
     events: tuple[Event, ...]
 
@@ -157,7 +161,14 @@ class Monitor:
         The residual does not depend on how many come at a time; what is reported is looked for once
         for all of them.
         """
-        observed = self._observer.advance(rows)
+        return self.judge(rows, self.observe(rows))
+
+    def observe(self, rows: Rows) -> Observed:
+        """Return the residual of the next (K, n) rows, at once; they are judged later."""
+        return self._observer.advance(rows)
+
+    def judge(self, rows: Rows, observed: Observed) -> Seen:
+        """Look for what the next (K, n) rows, which were observed, show."""
         most = round(self.settings.longest * self.settings.sampling.row_rate)
         self._rows = Rows.joined([self._rows, rows]).at(slice(-most, None))
         self._unexpected = np.concatenate([self._unexpected, observed.unexpected])[-most:]
@@ -173,7 +184,7 @@ class Monitor:
         if self._listened >= self.settings.warm_up:
             deviation, events = self._judge(len(rows))
             events += self._drifted(None if moves else Rest.of(rows, observed.unexpected))
-        return Seen(observed.residual, observed.unexpected, deviation, tuple(events))
+        return Seen(observed.residual, deviation, tuple(events))
 
     def _drifted(self, rest: Rest | None) -> Iterator[Event]:
         """Yield the drift of a torque while the arm rests, once."""
@@ -217,12 +228,11 @@ class Monitor:
                 self._left_out,
             )
         )  # fmt: skip
-        uncertain = window.white(window.open)
-        test = ChangeTest(uncertain, window.residual, self._baseline)
+        test = ChangeTest(window.uncertain, window.residual, self._baseline)
         events = list(self._changed(window, test)) if self.ready else []
-        events = events or list(self._pushed(window, uncertain, new))
+        events = events or list(self._pushed(window, new))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
-            self._baseline = self._kept(window, uncertain, new)
+            self._baseline = self._kept(window, new)
         each = sampling.averaged * sampling.stride  # rows a sample
         last = slice(-max(1, new // each), None)
         deviation = np.repeat(window.deviation(test, last), each, axis=0)[-new:]
@@ -237,18 +247,17 @@ class Monitor:
             window = replace(
                 window,
                 torque=window.torque - torque,
-                residual=window.residual - window.white(torque),
                 open=np.concatenate(
                     [window.open, columns * np.abs(change.theta), window.rubbed(torque)], axis=2
                 ),
             )
         return window
 
-    def _kept(self, window: Window, uncertain: Array, new: int) -> Sums:
+    def _kept(self, window: Window, new: int) -> Sums:
         """Return what is known of the directions with what is about to leave the window."""
         settings, rate = self.settings, self.settings.sampling.row_rate
         leaving = window.time < window.time[0] + new / rate
-        rows = uncertain[leaving, :, : window.fixed].reshape(-1, window.fixed)
+        rows = window.uncertain[leaving, :, : window.fixed].reshape(-1, window.fixed)
         sums = Sums.of(rows, window.residual[leaving].reshape(-1))
         if self._baseline is None:
             return sums
@@ -321,7 +330,7 @@ class Monitor:
             return np.unique([0, *firsts]).tolist()
         return np.unique(firsts[firsts > 0]).tolist()
 
-    def _pushed(self, window: Window, uncertain: Array, new: int) -> Iterator[Event]:
+    def _pushed(self, window: Window, new: int) -> Iterator[Event]:
         """Yield pushes that are over, and are no change."""
         settings, now = self.settings, float(window.time[-1])
         rate = settings.sampling.row_rate
@@ -329,7 +338,8 @@ class Monitor:
         # What a push adds must not pass for what is uncertain anyway.
         until = since if self._push is None else min(since, self._push.begin - _OVERLAP)
         before = (window.time < until)[:, None]
-        known = ChangeTest(uncertain * before[:, :, None], window.residual * before, self._baseline)
+        uncertain = window.uncertain * before[:, :, None]
+        known = ChangeTest(uncertain, window.residual * before, self._baseline)
         found = moments(window, known, int(np.searchsorted(window.time, since)))
         limit = self._limits.push(found.gain.size)
         excluded = np.isin(self.model.arm.joint_names, list(self._unexplained))

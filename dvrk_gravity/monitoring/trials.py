@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
 
 from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.diagnosis import parameter_slopes
 from dvrk_gravity.effects import Hypothesis
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
@@ -17,15 +19,13 @@ from dvrk_gravity.monitoring.window import Window
 
 Key = tuple[str, tuple[int, ...], str]
 
-# Known errors are those of the calibration's motion; in another one within its range they are 1.22
-# times as large in the median (``identification.expected_error``), and so gains are its square.
-OTHER_MOTION = 1.5
+# By which gains grow in another motion than the calibration's: the square of what its known error
+# grows by, 1.22 (``identification.expected_error``).
+_GAIN = 1.5
 _CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
 _SHAPE = 0.05  # of a cause's power: a column that is off by a fifth of itself. Chosen
-_LENGTHS = (
-    4,
-    8,
-)  # samples, of moments at which any torque may act: a third and two thirds of a second
+# Samples, of moments at which any torque may act: a third and two thirds of a second.
+_LENGTHS = (4, 8)
 _APART = 3  # samples between two such moments
 
 
@@ -46,12 +46,12 @@ class Limits:
     def cause(self, hypothesis: Hypothesis, k: int, count: int) -> float:
         """Return the gain from which on one of so many causes of k parameters is there."""
         chance = float(chi2.isf(self.false_alarms / count, k))
-        return max(chance, OTHER_MOTION * self.of_causes.get(hypothesis.key, 0.0))
+        return max(chance, _GAIN * self.of_causes.get(hypothesis.key, 0.0))
 
     def push(self, count: int) -> Array:
         """Return (n,) or (1,) gains from which on one of so many moments is no chance."""
         chance = chi2.isf(self.false_alarms / max(count, 1), 1)
-        return np.maximum(chance, OTHER_MOTION * self.of_pushes)
+        return np.maximum(chance, _GAIN * self.of_pushes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +79,13 @@ class Trial:
         """Gain over the limit."""
         return self.evidence.gain - self.limit
 
-    @property
+    @cached_property
     def _begun(self) -> Array:
         columns = self.columns.copy()
         columns[: self.first] = 0.0
         return columns
 
-    @property
+    @cached_property
     def torque(self) -> Array:
         """(m, n) whitened torque of the estimate."""
         return np.asarray(self._begun @ self.evidence.theta)
@@ -141,13 +141,10 @@ class Trial:
     def values(self) -> dict[str, Value]:
         """Return its parameters with their intervals, to first order."""
         hypothesis, theta = self.hypothesis, self.evidence.theta
-        covariance = self.evidence.covariance
-        steps = np.maximum(np.sqrt(np.diag(covariance)), 1e-12)
-        middle = hypothesis.parameters(theta)
-        moved = [hypothesis.parameters(theta + row) for row in np.diag(steps)]
-        found = {}
-        for name, value in middle.items():
-            slope = np.array([each[name] - value for each in moved]) / steps
+        covariance, found = self.evidence.covariance, dict[str, Value]()
+        slopes = parameter_slopes(hypothesis, theta, covariance)
+        for name, value in hypothesis.parameters(theta).items():
+            slope = slopes[name]
             half = NORMAL_95 * float(np.sqrt(slope @ covariance @ slope))
             unit = hypothesis.unit(name)
             found[name] = Value(float(value), (float(value - half), float(value + half)), unit)
@@ -218,7 +215,7 @@ def moments(window: Window, known: ChangeTest, since: int) -> Moments:
         for length in _LENGTHS
         if start + length <= m
     ]
-    uncertain = window.white(window.open)
+    uncertain = window.uncertain
     unexpected = window.residual - uncertain @ known.directions
     gain, torque = np.zeros((2, len(parts), n))
     for index, part in enumerate(parts):

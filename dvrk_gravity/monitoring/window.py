@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.diagnosis import FRICTION_BY_LOAD, FRICTION_PART, MeasuredMotion, expect
+from dvrk_gravity.diagnosis import (
+    FRICTION_BY_LOAD,
+    FRICTION_PART,
+    FilterSettings,
+    MeasuredMotion,
+    expect,
+)
 from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.change_test import ChangeTest, whitened
 from dvrk_gravity.monitoring.observer import white_noise
 from dvrk_gravity.monitoring.rows import Rows
 
-_OTHER_MOTION = 1.22  # of the known error, in another motion; ``identification.expected_error``
 _SHAPES = 5  # of a joint's misfit: constant, position and its square, direction, speed
-_STUCK = 0.05  # part of a stuck row that the low-pass may leave in a sample, as of a diagnosis
+_STUCK = FilterSettings().stuck
 # Of the identified range and speed, by which a row may be beyond them and still count. Chosen: what
 # a motion of the same kind exceeds them by.
 _BESIDE = 0.03
@@ -54,7 +61,7 @@ class Band:
         error = np.full(n, np.nan) if known is None else known.error
         time = np.full(n, np.nan) if known is None else known.correlation_time
         return cls(
-            np.where(np.nan_to_num(error) > 0.0, _OTHER_MOTION * error, measured),
+            np.where(np.nan_to_num(error) > 0.0, OTHER_MOTION * error, measured),
             np.fmax(np.nan_to_num(time), _LEAST_CORRELATION),
             gain,
         )
@@ -68,8 +75,7 @@ class Window:
         motion: The rows beside the model.
         time: (m,) s.
         usable: (m, n) samples that say something.
-        residual: (m, n) whitened residual.
-        torque: (m, n) the same in N·m.
+        torque: (m, n) residual, N·m.
         open: (m, n, d + e) torque of what is uncertain, N·m per standard deviation: d directions
             that are the same in every window (the model's own parameters, friction of the day,
             smooth misfits), and e of this window alone (beyond what was identified, friction by
@@ -80,7 +86,6 @@ class Window:
     motion: MeasuredMotion
     time: Array
     usable: Mask
-    residual: Array
     torque: Array
     open: Array
     fixed: int
@@ -110,9 +115,8 @@ class Window:
         time = low.decimated(rows.time)
         usable = low(motion.silent.astype(float)) < _STUCK
         usable &= motion.present
-        usable[low(np.repeat(_beyond(motion)[:, None], model.arm.n, 1).astype(float)) >= _STUCK] = (
-            False
-        )
+        beyond = np.broadcast_to(_beyond(motion)[:, None], motion.q.shape)
+        usable &= low(beyond.astype(float)) < _STUCK
         for begin, end in without:
             usable[(time >= begin) & (time <= end)] = False
         step = low.stride / settings.test_rate
@@ -133,18 +137,26 @@ class Window:
         deviation = np.hypot(band.error, noise)
         # Of an error of first order and white noise, seen as one error of first order.
         correlation = np.exp(-step / band.correlation_time) * (band.error / deviation) ** 2
-        found = cls(
-            motion, time, usable, torque, torque, np.concatenate([fixed, columns[:, :, known:]], 2),
+        return cls(
+            motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
             fixed.shape[2], low, follows, deviation, correlation,
         )  # fmt: skip
-        return replace(found, residual=found.white(torque))
+
+    @cached_property
+    def residual(self) -> Array:
+        """(m, n) whitened residual."""
+        return self.white(self.torque)
+
+    @cached_property
+    def uncertain(self) -> Array:
+        """(m, n, d + e) whitened torque of what is uncertain."""
+        return self.white(self.open)
 
     def white(self, values: Array) -> Array:
         """Return (m, n, …) samples, whitened; zero where they say nothing."""
         white = whitened(values, self._follows, self._deviation, self._correlation)
-        return np.where(
-            self.usable.reshape(*self.usable.shape, *(1,) * (values.ndim - 2)), white, 0.0
-        )
+        usable = self.usable.reshape(*self.usable.shape, *(1,) * (values.ndim - 2))
+        return np.where(usable, white, 0.0)
 
     def deviation(self, test: ChangeTest, rows: slice) -> Array:
         """Return (r, n) standard deviation of the residual in some samples, N·m.
@@ -156,8 +168,7 @@ class Window:
 
     def rubbed(self, torque: Array) -> Array:
         """Return (m, n, n) torque by which friction grows with (m, n) transmitted torque."""
-        signs = np.column_stack([self.motion.sign(row) for row in np.eye(self.motion.arm.n)])
-        return _diagonal(FRICTION_BY_LOAD * np.abs(torque) * self._filter(signs))
+        return _diagonal(FRICTION_BY_LOAD * np.abs(torque) * self._filter(self.motion.signs))
 
     def columns(self, hypothesis: Hypothesis) -> Array:
         """Return (m, n, k) low-passed torque of a cause per unit of its parameters, N·m."""
@@ -234,10 +245,7 @@ class LowPassed:
 
 def measured_motion(model: TorqueModel, rows: Rows, rate: float) -> MeasuredMotion:
     """Return rows beside a model, as a diagnosis has a motion."""
-    gaps = np.flatnonzero(np.diff(rows.time) > 1.5 / rate) + 1
-    parts = tuple(
-        slice(first, last) for first, last in zip((0, *gaps), (*gaps, len(rows)), strict=True)
-    )
+    parts = rows.parts(1.5 / rate)
     qdd = np.zeros_like(rows.qd)
     for part in parts:
         if part.stop - part.start > 1:
@@ -275,7 +283,7 @@ def _misfits(motion: MeasuredMotion, deviation: Array) -> Array:
     What a model lacks recurs wherever the arm returns: as noise alone it would seem to vanish with
     time.
     """
-    known, n = motion.model.uncertainty, motion.arm.n
+    known = motion.model.uncertainty
     low, high = motion.q.min(axis=0), motion.q.max(axis=0)
     speed = motion.speed
     if known is not None:
@@ -283,7 +291,6 @@ def _misfits(motion: MeasuredMotion, deviation: Array) -> Array:
         speed = np.where(np.nan_to_num(known.speed) > 0.0, known.speed, speed)
     place = (motion.true_q - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-6)
     place = np.clip(place, -1.0, 1.0)
-    sign = np.column_stack([motion.sign(row) for row in np.eye(n)])
     fast = np.clip(motion.qd / np.maximum(speed, 1e-6), -1.0, 1.0)
-    shapes = (np.ones_like(place), place, place**2, sign, fast)
+    shapes = (np.ones_like(place), place, place**2, motion.signs, fast)
     return np.concatenate([_diagonal(deviation / np.sqrt(_SHAPES) * s) for s in shapes], axis=2)

@@ -96,8 +96,7 @@ def _normal_equations(
 
 
 def _sign_and_speed(motion: MeasuredMotion) -> tuple[Array, Array]:
-    sign = np.column_stack([motion.sign(row) for row in np.eye(motion.arm.n)])
-    return sign, motion.qd
+    return motion.signs, motion.qd
 
 
 def baseline_columns(motion: MeasuredMotion) -> Array:
@@ -122,7 +121,7 @@ def baseline_columns(motion: MeasuredMotion) -> Array:
     rubs = np.sqrt(np.mean(friction**2, axis=0))
     for index, joint in enumerate(joints):
         own = columns[:, joint, _EACH * index : _EACH * (index + 1)]
-        sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
+        sign, speed = motion.signs[:, joint], motion.qd[:, joint]
         own[:, 0] = FRICTION_BY_LOAD * grown[:, joint] * sign
         own[:, 1] = _BY_INERTIA * inertia[:, joint]
         own[:, 2] = _BY_CLOCK * late[:, joint]

@@ -108,7 +108,7 @@ def friction_by_load(motion: MeasuredMotion) -> Array:
     now = np.abs(motion.modelled - motion.friction)
     for index, joint in enumerate(joints):
         heavier = now[:, joint] - then[:, joint].mean()
-        sign = motion.sign(np.eye(motion.arm.n)[joint])
+        sign = motion.signs[:, joint]
         columns[:, joint, index] = FRICTION_BY_LOAD * heavier * sign
     return columns
 
@@ -139,7 +139,7 @@ def load_columns(motion: MeasuredMotion, load: Array) -> Array:
         own[:, 0] = size[joint]
         if not by_model:
             continue
-        sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
+        sign, speed = motion.signs[:, joint], motion.qd[:, joint]
         own[:, 1] = size[joint] * (motion.q[:, joint] - middle[joint]) / half[joint]
         own[:, 2] = FRICTION_BY_LOAD * grown[:, joint] * sign
         rms = float(np.sqrt(np.mean(speed**2)))

@@ -248,6 +248,11 @@ class MeasuredMotion(Observation):
         slow = self.slowest(row) if transition is None else transition
         return np.clip(self.qd @ row / slow, -1.0, 1.0)
 
+    @cached_property
+    def signs(self) -> Array:
+        """(N, n) directions in which the joints move, see :meth:`sign`."""
+        return np.column_stack([self.sign(row) for row in np.eye(self.arm.n)])
+
     def link_torque(self, link: int, directions: Array) -> Array:
         """Return (N, n, k) torques of changes of a link's inertial parameters, gravity included.
 
