@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dvrk_gravity.arms import rigid_body
-from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.model_error import BY_CABLE, FRICTION_BY_LOAD
-from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import mean_slope_by_delay
-from dvrk_gravity.estimation import solve
+from dvrk_gravity.estimation import NORMAL_95, solve
 
 _EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction
 # Beside a reference, standard deviations. All are chosen.
@@ -23,9 +23,8 @@ _BY_CLOCK = 0.0005  # s, between the sampling of positions and efforts: half the
 _BY_SITTING = 0.1  # of all friction, which falls with warmth, between two recordings of one
 # sitting; a third of what it changes by from day to day: with that, doubled friction would go
 # unreported
-_BEYOND = 2.0  # standard deviations from which on changed friction is reported; a convention
-_BEYOND_SPRING = 1.64  # ... a changed spring: 95 % of a normal one. Chosen: at two, a spring of 1.9
-# was reported as the constant that its rest position leaves (benchmark/reference_trials.py, seed 3)
+_BEYOND = 2.0  # standard deviations from which on a change of friction is reported; a convention
+_EXCHANGED = 0.9  # correlation with a reported cause from which on a spring's change is that cause
 # Of normal equations of unit diagonal, where the motion does not identify a link's parameters: ten
 # times the square root of a double's precision.
 _RIDGE = 1e-7
@@ -52,14 +51,16 @@ class NearbyTorque:
         target = motion.effort if target is None else target
         weight = 1.0 / np.maximum(target.std(axis=0), 1e-9) * motion.present
         links, n = rigid_body.PER_LINK * len(motion.arm.bodies), motion.arm.n
+        gram, right = np.zeros((links + 2 * n,) * 2), np.zeros(links + 2 * n)
         sign_and_speed = _sign_and_speed(motion)
-
-        def design(rows: slice) -> Array:
+        for rows in motion.pieces():
+            inertial = motion.regressor(rows, motion.gravity)
             friction = [values[rows, :, None] * np.eye(n) for values in sign_and_speed]
-            return np.concatenate([motion.regressor(rows, motion.gravity), *friction], axis=2)
-
-        weight = np.broadcast_to(weight, target.shape)
-        found = solve(*_normal_equations(motion, target, weight, design), _RIDGE)
+            columns = np.concatenate([inertial, *friction], axis=2) * weight[:, None]
+            columns = columns.reshape(-1, len(right))
+            gram += columns.T @ columns
+            right += columns.T @ (target[rows] * weight).ravel()
+        found = solve(gram, right, _RIDGE)
         return cls(found[:links], found[links:].reshape(2, n))
 
     def friction_torque(self, motion: MeasuredMotion) -> Array:
@@ -75,26 +76,6 @@ class NearbyTorque:
         )  # fmt: skip
 
 
-def _normal_equations(
-    motion: MeasuredMotion, target: Array, weight: Array, design: Callable[[slice], Array]
-) -> tuple[Array, Array]:
-    """Return (k, k) and (k,) of the (rows, n, k) columns of a design, fitted to (N, n) torques.
-
-    Args:
-        motion: N samples.
-        target: (N, n) torques, N·m.
-        weight: (N, n) one over their error, 1/(N·m); zero where they do not count.
-        design: Returns the columns of some samples; all of them would not fit into memory.
-    """
-    gram, right = np.zeros(()), np.zeros(())
-    for rows in motion.pieces():
-        columns = design(rows) * weight[rows, :, None]
-        columns = columns.reshape(-1, columns.shape[2])
-        gram = gram + columns.T @ columns
-        right = right + columns.T @ (target[rows] * weight[rows]).ravel()
-    return gram, right
-
-
 def _sign_and_speed(motion: MeasuredMotion) -> tuple[Array, Array]:
     return motion.signs, motion.qd
 
@@ -104,8 +85,6 @@ def baseline_columns(motion: MeasuredMotion) -> Array:
 
     For each joint that moves: friction that grows with the transmitted torque, the inertia of what
     changed, the delay of efforts, springs, and two of the friction that changes from day to day.
-    Springs and friction are zero at joints where they changed by more: all of the difference is
-    reported there.
     """
     joints = np.flatnonzero(motion.moves).tolist()
     # Fitted, not the measured difference: noise in a column would explain itself.
@@ -116,7 +95,7 @@ def baseline_columns(motion: MeasuredMotion) -> Array:
     late = mean_slope_by_delay(motion)
     columns = np.zeros((*motion.q.shape, _EACH * len(joints)))
     middle, half = motion.travel
-    spring = BY_CABLE * np.sqrt(np.mean(motion.expected**2, axis=0))
+    size = np.sqrt(np.mean(motion.expected**2, axis=0))
     friction = NearbyTorque.fit(motion, motion.expected).friction_torque(motion)
     rubs = np.sqrt(np.mean(friction**2, axis=0))
     for index, joint in enumerate(joints):
@@ -125,64 +104,51 @@ def baseline_columns(motion: MeasuredMotion) -> Array:
         own[:, 0] = FRICTION_BY_LOAD * grown[:, joint] * sign
         own[:, 1] = _BY_INERTIA * inertia[:, joint]
         own[:, 2] = _BY_CLOCK * late[:, joint]
-        own[:, _OF_SPRING] = spring[joint] * (motion.q[:, joint] - middle[joint]) / half[joint]
+        if joint not in motion.changed_springs:
+            along = (motion.q[:, joint] - middle[joint]) / half[joint]
+            own[:, _OF_SPRING] = BY_CABLE * size[joint] * along
+        if joint in motion.changed_friction:
+            continue
         for column, shape in enumerate((sign, speed), start=_OF_FRICTION):
             scale = rubs[joint] / max(float(np.sqrt(np.mean(shape**2))), 1e-12)
             own[:, column] = _BY_SITTING * scale * shape
-    left = motion.residual - load - changed.friction_torque(motion)
-    return columns * ~_changed(motion, columns, left, late, spring)
+    return columns
 
 
-def _changed(
-    motion: MeasuredMotion, columns: Array, left: Array, late: Array, spring: Array
-) -> Mask:
-    """Return (d,) columns of springs and friction that changed by more than from day to day.
-
-    The difference is fitted by all columns beside what else may have changed: a load at the end of
-    the arm, the delay and the scale of efforts, and a constant at each joint. A spring whose rest
-    position is not the middle of the travel is a constant plus a spring: where the constant
-    changed, the spring did. The scale is one for all joints, since friction is most of what some
-    feel; a spring must have changed also beside a scale of each joint, which clipped efforts
-    resemble.
+def changed_friction(motion: MeasuredMotion, moved: Array) -> tuple[int, ...]:
+    """Return joints whose friction differs by more than from day to day.
 
     Args:
         motion: The motion.
-        columns: (N, n, d) torques, one standard deviation each, N·m.
-        left: (N, n) difference that no load and no friction explains, N·m.
-        late: (N, n) change of the efforts with their delay, N·m/s.
-        spring: (n,) standard deviation of a constant, N·m.
+        moved: (d,) fitted coefficients of :func:`baseline_columns`, in standard deviations.
     """
-    usable, n, count = ~motion.silent & motion.present, motion.arm.n, columns.shape[2]
-    rms = np.sqrt((left**2 * usable).sum(axis=0) / np.maximum(usable.sum(axis=0), 1))
-    assert motion.rate is not None
-    common = np.stack([late, motion.expected], axis=2)
+    friction = np.abs(moved.reshape(-1, _EACH)[:, _OF_FRICTION:]).max(axis=1, initial=0.0)
+    return tuple(np.flatnonzero(motion.moves)[friction > _BEYOND].tolist())
 
-    def design(rows: slice) -> Array:
-        load = motion.regressor(rows, motion.gravity)[:, :, -rigid_body.PER_LINK :]
-        scales = motion.expected[rows, :, None] * np.eye(n)
-        constants = np.broadcast_to(np.diag(spring), (len(load), n, n))
-        return np.concatenate([load, common[rows], scales, constants, columns[rows]], axis=2)
 
-    weight = usable / np.maximum(rms, 1e-9)
-    gram, right = _normal_equations(motion, motion.residual, weight, design)
-    free = len(right) - count
-    # Of torques below the band two samples per hertz and second are independent.
-    gram.flat[free * (len(right) + 1) :: len(right) + 1] += motion.rate / (2.0 * BAND)
-    scale = rigid_body.PER_LINK + 1
-    scales = slice(scale + 1, scale + 1 + n)
+def changed_springs(
+    motion: MeasuredMotion, mean: Array, covariance: Array, causes: Mapping[int, Sequence[int]]
+) -> tuple[int, ...]:
+    """Return joints where a reported constant or spring is partly absorbed by day-to-day springs.
 
-    def deviations(without: int | slice) -> Array:
-        kept = np.delete(np.arange(len(right)), without)
-        found = np.zeros(len(right))
-        found[kept] = np.abs(solve(gram[np.ix_(kept, kept)], right[kept], _RIDGE))
-        return found
+    A spring whose rest position is not the middle of the travel is a constant plus a spring: both
+    are reported, or neither.
 
-    beside_one = deviations(without=scales)
-    friction = beside_one[free:].reshape(-1, _EACH)[:, _OF_FRICTION:]
-    least = np.minimum(beside_one, deviations(without=scale))
-    springs = least[free:].reshape(-1, _EACH)[:, _OF_SPRING]
-    constants = least[free - n : free][motion.moves]
-    result = np.zeros((len(springs), _EACH), dtype=bool)
-    result[:, _OF_SPRING] = np.maximum(springs, constants) > _BEYOND_SPRING
-    result[:, _OF_FRICTION:] = (friction > _BEYOND).any(axis=1, keepdims=True)
-    return result.ravel()
+    Args:
+        motion: The motion.
+        mean: (d + k,) coefficients of :func:`baseline_columns`, in standard deviations, and the
+            parameters of the causes found.
+        covariance: (d + k, d + k) of them.
+        causes: By joint, which of the parameters are of causes at that joint alone.
+    """
+    deviation = np.sqrt(np.diag(covariance))
+    found = []
+    for index, joint in enumerate(np.flatnonzero(motion.moves).tolist()):
+        spring, own = _EACH * index + _OF_SPRING, list(causes.get(joint, ()))
+        if not own or deviation[spring] == 0.0:
+            continue
+        significant = abs(mean[spring]) > NORMAL_95 * deviation[spring]
+        correlation = covariance[spring, own] / (deviation[spring] * deviation[own])
+        if significant or np.abs(correlation).max() > _EXCHANGED:
+            found.append(joint)
+    return tuple(found)

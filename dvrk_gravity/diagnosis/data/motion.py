@@ -43,12 +43,17 @@ class MeasuredMotion(Observation):
         model: The model under test.
         reference: (N, n) torques of a baseline recording at the same phase, N·m, expected in place
             of the model's; ``None``: the model's are expected.
+        changed_friction: Joints whose friction differs from the reference's by more than from day
+            to day: all of the difference is reported.
+        changed_springs: Joints whose springs do.
         known_torque: (N, n) torque of known causes that the model lacks, N·m.
         payload_at: Body that is known to carry a load, and (3,) its place in the link frame, m.
     """
 
     model: TorqueModel
     reference: Array | None = None
+    changed_friction: tuple[int, ...] = ()
+    changed_springs: tuple[int, ...] = ()
     known_torque: Array | None = None
     payload_at: tuple[int, Array] | None = None
 

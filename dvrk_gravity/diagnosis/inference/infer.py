@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.baseline_error import changed_friction, changed_springs
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
@@ -84,10 +85,67 @@ def silent(line: str) -> None:
 def infer(hypotheses: Hypotheses, say: Callable[[str], None] = silent) -> Posterior:
     """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
 
+    Beside a reference, friction and springs are first taken to vary from day to day. Where the fit
+    needs more than that, they are hypotheses like any other. Before causes are known that cannot be
+    judged: a weight looks like a spring of the joint that lifts it.
+
     Args:
         hypotheses: About the motion, beside what is expected of it.
         say: Called with one line at every step.
     """
+    search = _select(hypotheses, say)
+    friction, springs = search.changed_joints()
+    while friction or springs:
+        hypotheses.context.validation.data.release()
+        say("comparing hypotheses with changed friction and springs")
+        changed = replace(hypotheses.motion, changed_friction=friction, changed_springs=springs)
+        posterior = _posterior(_select(Hypotheses.about(changed), say))
+        found = {
+            joint
+            for effect in posterior.selected
+            for joint in effect.trial.candidate.hypothesis.joints
+        }
+        if found.issuperset((*friction, *springs)):
+            return posterior
+        # At joints where no effect fits, the change counts as day-to-day variation.
+        friction = tuple(joint for joint in friction if joint in found)
+        springs = tuple(joint for joint in springs if joint in found)
+    return _posterior(search)
+
+
+@dataclass(frozen=True, eq=False)
+class _Selected:
+    """What was selected, before it is linearised at the fit."""
+
+    hypotheses: Hypotheses
+    selected: list[SelectedEffect]
+    unexplained: list[EffectTrial]
+    unconfirmed: list[Unconfirmed]
+    at_calibration: AtCalibration | None
+    multiplicity: Multiplicity
+
+    def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Return joints whose friction, and whose springs, changed by more than from day to day."""
+        motion = self.hypotheses.motion
+        if not motion.measured_twice:
+            return (), ()
+        named = [effect.trial.candidate for effect in self.selected]
+        validation = self.hypotheses.context.validation.weighted(named)
+        mean, covariance = validation.posterior(named)
+        causes: dict[int, list[int]] = {}
+        first = validation.model_size
+        for candidate in named:
+            hypothesis, last = candidate.hypothesis, first + candidate.size
+            if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
+                for joint in hypothesis.joints:
+                    causes.setdefault(joint, []).extend(range(first, last))
+            first = last
+        friction = changed_friction(motion, mean[: validation.model_size])
+        return friction, changed_springs(motion, mean, covariance, causes)
+
+
+def _select(hypotheses: Hypotheses, say: Callable[[str], None]) -> _Selected:
+    """Return effects and unexplained structure that the samples of selection show."""
     validation, pool = hypotheses.context.validation, hypotheses.pool
     data, motion = validation.data, hypotheses.motion
     # Single links first: what the masses of all links explain is not yet a cause.
@@ -119,7 +177,7 @@ def infer(hypotheses: Hypotheses, say: Callable[[str], None] = silent) -> Poster
     floor = noise(selection.at(kept))
     motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
-    return _posterior(
+    return _Selected(
         hypotheses, selected, unexplained, unconfirmed, at_calibration, selection.multiplicity
     )
 
@@ -134,7 +192,7 @@ def empty_posterior(hypotheses: Hypotheses) -> Posterior:
     motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
     validation = replace(validation, data=replace(validation.data, motion=motion))
     nothing = Hypotheses(replace(hypotheses.context, validation=validation), [])
-    return _posterior(nothing, [], [], [], None, Multiplicity.of(hypotheses.pool))
+    return _posterior(_Selected(nothing, [], [], [], None, Multiplicity.of(hypotheses.pool)))
 
 
 def with_load_elsewhere(
@@ -156,7 +214,11 @@ def with_load_elsewhere(
     if motion.payload_at is None or (not posterior.stated and len(posterior.selected) == 1):
         return None
     say("comparing with a load at another place")
-    anywhere = infer(Hypotheses.about(replace(motion, payload_at=None)), say)
+    # What changed beside a load at that place need not have.
+    anywhere = infer(
+        Hypotheses.about(replace(motion, payload_at=None, changed_friction=(), changed_springs=())),
+        say,
+    )
     named = [effect.trial.candidate for effect in anywhere.selected]
     if not any(isinstance(each.hypothesis, effects.PayloadHypothesis) for each in named):
         return None
@@ -166,17 +228,14 @@ def with_load_elsewhere(
     return anywhere if gain > _FREE_GAIN else None
 
 
-def _posterior(
-    hypotheses: Hypotheses, selected: Sequence[SelectedEffect], unexplained: Sequence[EffectTrial],
-    unconfirmed: Sequence[Unconfirmed], at_calibration: AtCalibration | None,
-    multiplicity: Multiplicity,
-) -> Posterior:  # fmt: skip
+def _posterior(search: _Selected) -> Posterior:
     """Return what was found, linearised at the fit, and what is known to be there."""
-    pool, named = hypotheses.pool, [effect.trial.candidate for effect in selected]
+    hypotheses, unexplained = search.hypotheses, search.unexplained
+    pool, named = hypotheses.pool, [effect.trial.candidate for effect in search.selected]
     validation, there = relinearised(hypotheses.context.validation.weighted(named), named)
     selected = [
         replace(effect, trial=replace(effect.trial, move=candidate))
-        for effect, candidate in zip(selected, there, strict=True)
+        for effect, candidate in zip(search.selected, there, strict=True)
     ]
     stated = _stated(pool, validation, there)
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
@@ -186,12 +245,12 @@ def _posterior(
     floor = data.noise_rms(data.motion.noise, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], unexplained, floor)
     sparse = [each for each in pool if not (each.hypothesis.refits_model or each.hypothesis.STATED)]
-    minor = minor_effects(validation, sparse, selected, unexplained, at_calibration)
-    seen = detectable(FitContext(validation, tuple(named)), pool, multiplicity)
+    minor = minor_effects(validation, sparse, selected, unexplained, search.at_calibration)
+    seen = detectable(FitContext(validation, tuple(named)), pool, search.multiplicity)
     data.release()
     return Posterior(
-        validation, tuple(selected), tuple(unexplained), joints, tuple(unconfirmed),
-        tuple(minor), tuple(day_to_day), stated, tuple(pool), at_calibration, floor, seen,
+        validation, tuple(selected), tuple(unexplained), joints, tuple(search.unconfirmed),
+        tuple(minor), tuple(day_to_day), stated, tuple(pool), search.at_calibration, floor, seen,
     )  # fmt: skip
 
 
