@@ -1,0 +1,52 @@
+"""The monitor as a node, past its first ten seconds: states, wrench, a new start, a save."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from monitored import SIMULATOR, Listening
+from released import ARM, MODEL, NAMESPACE
+from std_srvs.srv import Trigger
+
+from dvrk_gravity import Recording
+from dvrk_gravity.ros import Client, NodeProcess
+
+
+def test_states_and_wrench_of_an_arm_that_begins_anew_and_the_diagnosis_of_a_bag(domain, tmp_path):
+    MODEL.save(tmp_path / "model.yaml")
+    words = ("--params-file", f"{tmp_path / 'model.yaml'}", "-p", f"save_folder:={tmp_path}")
+    with (
+        Client(NAMESPACE) as client,
+        NodeProcess("monitor", *words, namespace=NAMESPACE) as monitor,
+    ):
+        heard = Listening(client)
+        heard.until("state", "silent")
+        with NodeProcess("simulator", *SIMULATOR, namespace=NAMESPACE):
+            heard.until("state", "as expected", "held by friction")
+            client.wait(lambda: bool(heard.wrenches), "a wrench")
+            for name, messages in heard.torques.items():
+                assert tuple(messages[-1].name) == ARM.joint_names, name
+                assert len(messages[-1].effort) == ARM.n
+            assert heard.wrenches[-1].header.frame_id == "link4"
+            assert "force" in heard.said["wrench unobservable"]
+        heard.until("state", "silent")
+        # The arm's publisher begins anew.
+        with NodeProcess("simulator", *SIMULATOR, namespace=NAMESPACE):
+            heard.until("state", "as expected", "held by friction")
+        answer = client.call(Trigger, "monitor/save")
+        assert answer.success
+        bag, diagnosis = answer.message.split("; its diagnosis, when ready: ")
+        assert Path(diagnosis).parent == Path(bag).parent
+        client.wait(
+            lambda: (
+                heard.said["saved"].startswith(str(tmp_path))
+                and not heard.said["saved"].endswith(("being written", "on its way"))
+            ),
+            "the diagnosis",
+            120.0,
+        )
+        recording = Recording.load(bag)
+        assert recording.joints == ARM.joint_names
+        assert len(recording) > 100
+        assert monitor.stop() == 0
+        assert "Traceback" not in monitor.output
