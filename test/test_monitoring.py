@@ -8,6 +8,7 @@ import known_ecm as ecm
 import numpy as np
 import pytest
 
+from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.monitoring import (
     FASTEST,
     ChangeTest,
@@ -24,6 +25,7 @@ from dvrk_gravity.monitoring import (
 RATE = 50.0
 SECONDS = 40.0
 ONSET = 24.0
+LOAD = 1.5  # kg
 
 
 def rows_of(recording) -> Rows:
@@ -90,9 +92,8 @@ def test_whitening_leaves_independent_errors_of_unit_variance():
     follows = np.ones((m, 1), dtype=bool)
     follows[[0, 12]] = False
     covariance[:12, 12:] = covariance[12:, :12] = 0.0  # a gap: another series
-    transform = whitened(np.eye(m)[:, None, :], follows, np.array([deviation]), np.array([kept]))[
-        :, 0, :
-    ]
+    errors = np.array([deviation]), np.array([kept])
+    transform = whitened(np.eye(m)[:, None, :], follows, *errors)[:, 0, :]
     np.testing.assert_allclose(transform @ covariance @ transform.T, np.eye(m), atol=1e-12)
 
 
@@ -107,20 +108,18 @@ def test_the_evidence_of_a_change_is_that_of_least_squares():
 
     prior = np.vstack([earlier, np.eye(d)])
     right = np.concatenate([known, np.zeros(d), residual.ravel()])
-    for cause, part in zip(found, (slice(0, 1), slice(1, 3)), strict=True):
-        for evidence, first in zip(cause, (0, 13, 30), strict=True):
+    for own, part in zip(found, (slice(0, 1), slice(1, 3)), strict=True):
+        for evidence, first in zip(own, (0, 13, 30), strict=True):
             begun = columns[:, :, part].copy()
             begun[:first] = 0.0
             k = begun.shape[2]
             without = np.vstack([prior, uncertain.reshape(-1, d)])
-            beside = np.hstack(
-                [without, np.vstack([np.zeros((len(prior), k)), begun.reshape(-1, k)])]
-            )
-            costs = [
-                np.sum((right - x @ np.linalg.lstsq(x, right)[0]) ** 2) for x in (without, beside)
-            ]
+            cause = np.vstack([np.zeros((len(prior), k)), begun.reshape(-1, k)])
+            beside = np.hstack([without, cause])
+            fits = [(x, np.linalg.lstsq(x, right)[0]) for x in (without, beside)]
+            costs = [np.sum((right - x @ fit) ** 2) for x, fit in fits]
             assert evidence.gain == pytest.approx(costs[0] - costs[1])
-            np.testing.assert_allclose(evidence.theta, np.linalg.lstsq(beside, right)[0][d:])
+            np.testing.assert_allclose(evidence.theta, fits[1][1][d:])
 
 
 def later(torque):
@@ -146,6 +145,11 @@ def hand(q, qd, qdd):
     return torque
 
 
+def load(q, qd, qdd):
+    moment, gravity = np.array([0.1 * LOAD, 0.0, 0.0]), ecm.model().gravity
+    return Payload(ecm.ARM, "link3", LOAD, moment, gravity).torque(State(q, qd, qdd))
+
+
 def heard(more=None):
     return monitor(ecm.recorded(2, SECONDS, more=more), ecm.model()).events
 
@@ -159,8 +163,14 @@ def test_friction_that_grows_while_the_arm_moves_is_named_and_dated():
     assert (event.kind, event.effect, event.joints) == ("change", "coulomb_friction", ("pitch",))
     assert event.onset == pytest.approx(ONSET, abs=2.0)
     assert event.reported - ONSET < 10.0
-    low, high = event.values["positive"].ci95
-    assert low < 0.03 * ecm.ARM.effort_limit[ecm.PITCH] < high
+    positive = event.values["positive"]
+    assert positive.low < 0.03 * ecm.ARM.effort_limit[ecm.PITCH] < positive.high
+
+
+def test_a_load_is_named_with_an_interval_over_all_bodies_and_places():
+    (event,) = heard(later(load))
+    assert (event.kind, event.effect) == ("change", "payload")
+    assert event.values["mass"].low < LOAD < event.values["mass"].high
 
 
 def test_the_push_of_a_hand_is_a_push():

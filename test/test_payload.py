@@ -104,7 +104,7 @@ def test_places_are_drawn_from_their_posterior_with_its_evidence():
     random, extent = np.random.default_rng(2), 0.4
     columns = np.diag([0.0, 5.0, 5.0, 0.0, 20.0, *[0.0] * 5])
     seen = 0.2 * columns @ place_terms(np.array([[0.3, -0.2, 0.1]]))[0]
-    form = load_posterior._Form(columns.T @ columns, columns.T @ seen, 1.0)
+    form = load_posterior.LoadLikelihood(columns.T @ columns, columns.T @ seen, 1.0)
     # Half normal in any direction, but within a tenth of the extent any point is as likely.
     ways, distance = random.normal(size=(40_000, 3)), extent * random.normal(size=40_000)
     prior = ways * (distance / np.linalg.norm(ways, axis=1))[:, None]

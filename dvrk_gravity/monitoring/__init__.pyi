@@ -3,7 +3,6 @@ from .change_test import Evidence as Evidence
 from .change_test import Sums as Sums
 from .change_test import whitened as whitened
 from .events import Event as Event
-from .events import Value as Value
 from .listening import Judge as Judge
 from .listening import Listener as Listener
 from .listening import Reading as Reading

@@ -36,11 +36,11 @@ def calibration_limits(
     for part in kept.parts:
         time = np.arange(part.start, part.stop) / kept.rate
         samples = (kept.q[part], kept.qd[part], kept.effort[part])
-        rows = Rows.of(sampling.test_rate, time, *samples)
-        if len(rows) < longest * sampling.test_rate:
+        rows = Rows.of(sampling.row_rate, time, *samples)
+        if len(rows) < longest * sampling.row_rate:
             continue
         unexpected = MomentumObserver(model, band.gain, 1.0).advance(rows).unexpected
-        size, step = round(longest * sampling.test_rate), round(_STEP * sampling.test_rate)
+        size, step = round(longest * sampling.row_rate), round(_STEP * sampling.row_rate)
         for last in range(size, len(rows) + 1, step):
             own = slice(last - size, last)
             window = Window.of(model, rows.at(own), unexpected[own], band, sampling)
@@ -48,6 +48,9 @@ def calibration_limits(
             firsts = np.arange(0, len(window.time) - 20, 25).tolist()
             for trial in trials(window, test, firsts, limits):
                 key = trial.hypothesis.key
-                of_causes[key] = max(of_causes.get(key, 0.0), trial.evidence.gain)
+                if trial.evidence.gain > of_causes.get(key, 0.0):
+                    found = trial.possible(window)
+                    gain = 0.0 if found is None else found.evidence.gain
+                    of_causes[key] = max(of_causes.get(key, 0.0), gain)
             of_pushes = np.maximum(of_pushes, moments(window, test, 0).gain.max(axis=0))
     return Limits(limits.false_alarms, of_causes, of_pushes)

@@ -17,6 +17,7 @@ from dvrk_gravity.arrays import Array, Mask
 
 # Part of a cause's information that what is uncertain leaves, below which its size is rounding.
 _UNTOLD = 1e-6
+_NOTHING = 1e-100  # whitened size of columns that are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,18 @@ class ChangeTest:
         found = solve_triangular(self._factor, directions.T, lower=True, check_finite=False)
         return np.asarray(np.sqrt(np.sum(found**2, axis=0)))
 
+    def likelihood(self, columns: Array) -> tuple[Array, Array]:
+        """Return (k, k) A and (k,) b of the log-likelihood b' theta - theta' A theta / 2.
+
+        Args:
+            columns: (m, n, k) whitened torque of a cause.
+        """
+        own = columns.reshape(-1, columns.shape[2])
+        uncertain = self._uncertain.reshape(len(own), -1)
+        shared = uncertain.T @ own
+        left = self._residual.reshape(-1) - uncertain @ self.directions
+        return own.T @ own - shared.T @ self._solve(shared), own.T @ left
+
     def evidence(self, columns: Array, prior: Array) -> Evidence:
         """Return what the samples say of a cause with (m, n, k) whitened torque."""
         return next(self.of_spans(columns, [prior], [0]))[0]
@@ -133,29 +146,38 @@ class ChangeTest:
         edges = np.cumsum([0, *map(len, priors)])
         for begin, prior in zip(edges.tolist(), priors, strict=False):
             part = slice(begin, begin + len(prior))
-            yield [
-                self._evidence(
-                    square[s, part, part] + np.diag(prior),
-                    shared[s, :, part],
-                    solved[:, s, part],
-                    score[s, part],
-                )
-                for s in range(len(firsts))
-            ]
+            yield self._evidence(
+                square[:, part, part] + np.diag(prior), shared[:, :, part],
+                solved[:, :, part].transpose(1, 0, 2), score[:, part],
+            )  # fmt: skip
 
-    def _evidence(self, square: Array, shared: Array, solved: Array, score: Array) -> Evidence:
-        k = len(score)
-        nothing = Evidence(0.0, np.zeros(k), np.full((k, k), np.nan), self.directions)
-        size = np.sqrt(np.diag(square))
-        if not size.all():
-            return nothing
-        precision = (square - shared.T @ solved) / np.outer(size, size)
-        values, vectors = np.linalg.eigh(precision)
-        if values[0] < _UNTOLD:
-            return nothing
-        covariance = (vectors / values) @ vectors.T / np.outer(size, size)
-        theta = covariance @ score
-        return Evidence(float(score @ theta), theta, covariance, self.directions - solved @ theta)
+    def _evidence(
+        self, square: Array, shared: Array, solved: Array, score: Array
+    ) -> list[Evidence]:
+        """Return what s spans say of one cause.
+
+        Args:
+            square: (s, k, k) products of its columns, with the prior's precision.
+            shared: (s, d, k) products with the uncertain directions.
+            solved: (s, d, k) the directions that its columns are mistaken for.
+            score: (s, k) products with the residual beside the directions.
+        """
+        size = np.sqrt(np.einsum("skk->sk", square))
+        scale = np.where(size > _NOTHING, size, 1.0)
+        scale = scale[:, :, None] * scale[:, None, :]
+        values, vectors = np.linalg.eigh((square - shared.transpose(0, 2, 1) @ solved) / scale)
+        known = (values[:, 0] >= _UNTOLD) & (size > _NOTHING).all(axis=1)
+        values = np.where(known[:, None], values, np.nan)
+        covariance = (vectors / values[:, None]) @ vectors.transpose(0, 2, 1) / scale
+        theta = np.einsum("skl,sl->sk", covariance, score)
+        gain = np.sum(score * theta, axis=1)
+        directions = self.directions - np.einsum("sdk,sk->sd", solved, theta)
+        nothing = np.zeros(score.shape[1])
+        return [
+            Evidence(float(gain[i]), theta[i], covariance[i], directions[i])
+            if known[i] else Evidence(0.0, nothing, covariance[i], self.directions)
+            for i in range(len(known))
+        ]  # fmt: skip
 
     def left(self, found: Evidence, columns: Array) -> Array:
         """Return (m, n) whitened residual beside a cause with (m, n, k) columns."""

@@ -6,22 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from dvrk_gravity.effects import Estimate
+
 Kind = Literal["push", "change", "drift", "unexplained"]
-
-
-@dataclass(frozen=True)
-class Value:
-    """One parameter of a change.
-
-    Attributes:
-        value: Its size.
-        ci95: Its 95 % interval, if it is an estimate.
-        unit: SI unit.
-    """
-
-    value: float
-    ci95: tuple[float, float] | None
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -37,7 +24,8 @@ class Event:
         effect: Name of the cause in the vocabulary; ``""``: none.
         place: Form or site of the cause.
         end: When it was over, s; ``None``: it lasts.
-        values: Parameters of the cause; of a push its largest torque at each joint, N·m.
+        values: Parameters of the cause; of a push its largest torque at each joint, N·m, whose
+            interval is not known.
         certainty: ``perhaps`` where other causes explain it as well.
         alternatives: Effect and joints of these.
         impulse: Of a push: integral of the torque's norm, N·m·s.
@@ -50,7 +38,7 @@ class Event:
     effect: str = ""
     place: str = ""
     end: float | None = None
-    values: Mapping[str, Value] = field(default_factory=dict)
+    values: Mapping[str, Estimate] = field(default_factory=dict)
     certainty: Literal["certain", "perhaps"] = "certain"
     alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()
     impulse: float | None = None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -73,17 +74,6 @@ class Rows:
         return cls(np.zeros(0), empty, empty, empty)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sum:
-    """Sums over the samples of a row that is not complete."""
-
-    number: int
-    count: int
-    q: Array
-    qd: Array
-    effort: Array
-
-
 class RowMaker:
     """Averages samples over the intervals of a clock.
 
@@ -94,7 +84,8 @@ class RowMaker:
     def __init__(self, rate: float) -> None:
         """Make rows at a rate, Hz."""
         self.rate = rate
-        self._sum: _Sum | None = None
+        self._number = 0  # of the row that is not complete
+        self._samples: list[Array] = []  # (3, n) positions, velocities, efforts of it
         self._before: tuple[int, Array] | None = None  # number and positions of the last row
 
     def add(self, time: float, q: Array, qd: Array | None, effort: Array) -> Rows | None:
@@ -102,25 +93,22 @@ class RowMaker:
 
         A sample whose row is complete already, since stamps went backwards, is ignored.
         """
-        number = int(np.floor(time * self.rate))
-        velocity = np.full(len(q), np.nan) if qd is None else qd
-        known = self._sum
-        if known is not None and number < known.number:
+        number = math.floor(time * self.rate)
+        if self._samples and number < self._number:
             return None
-        if known is not None and number == known.number:
-            self._sum = replace(
-                known, count=known.count + 1, q=known.q + q, qd=known.qd + velocity,
-                effort=known.effort + effort,
-            )  # fmt: skip
+        sample = np.array((q, np.full(len(q), np.nan) if qd is None else qd, effort))
+        if self._samples and number == self._number:
+            self._samples.append(sample)
             return None
-        self._sum = _Sum(number, 1, q.copy(), velocity.copy(), effort.copy())
-        return None if known is None else self._row(known)
+        row = self._row() if self._samples else None
+        self._number, self._samples = number, [sample]
+        return row
 
-    def _row(self, of: _Sum) -> Rows:
-        q, qd, effort = (each / of.count for each in (of.q, of.qd, of.effort))
+    def _row(self) -> Rows:
+        q, qd, effort = np.mean(self._samples, axis=0)
         if np.isnan(qd).any():
-            number, before = self._before or (of.number, q)
-            qd = (q - before) * self.rate / max(of.number - number, 1)
-        self._before = (of.number, q)
-        time = (of.number + 0.5) / self.rate
+            number, before = self._before or (self._number, q)
+            qd = (q - before) * self.rate / max(self._number - number, 1)
+        self._before = (self._number, q)
+        time = (self._number + 0.5) / self.rate
         return Rows(np.array([time]), q[None], qd[None], effort[None])

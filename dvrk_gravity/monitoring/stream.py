@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.effects import Estimate, Hypothesis
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.calibration import calibration_limits
 from dvrk_gravity.monitoring.change_test import ChangeTest, Sums
 from dvrk_gravity.monitoring.drift import Rest
-from dvrk_gravity.monitoring.events import Event, Value
+from dvrk_gravity.monitoring.events import Event
 from dvrk_gravity.monitoring.observer import (
     FASTEST,
     MomentumObserver,
@@ -41,6 +41,7 @@ class MonitorSettings:
         longest_span: s, likewise.
         longest: s, of the rows that are kept: the longest span, and what serves to know the
             uncertain directions before it.
+        seen: s that a cause has lasted when it is named: in less, others look like it. Chosen.
         forget: s, after which a part 1/e of what is known of the directions is left: friction warms
             up in minutes.
         warm_up: s of motion, before which the directions are not known, and nothing is reported.
@@ -60,6 +61,7 @@ class MonitorSettings:
     shortest_span: float = 2.0
     longest_span: float = 12.0
     longest: float = 20.0
+    seen: float = 4.0
     forget: float = 600.0
     warm_up: float = 10.0
     size: float = 1.0
@@ -198,9 +200,8 @@ class Monitor:
             return
         self._drifting = True
         arm, half = self.model.arm, NORMAL_95 * trend.error
-        value = Value(
-            trend.change, (trend.change - half, trend.change + half), arm.effort_units[trend.joint]
-        )
+        unit = arm.effort_units[trend.joint]
+        value = Estimate(trend.change, trend.change - half, trend.change + half, unit)
         name = arm.joint_names[trend.joint]
         yield Event("drift", trend.since, float(rest.time[0]), (name,), values={"change": value})
 
@@ -221,19 +222,17 @@ class Monitor:
             self._limits = calibration_limits(
                 self.model, self._band, sampling, self.settings.longest, self._limits
             )
-        rows = Rows(*map(sampling.average, self._rows.arrays))
         window = self._beside_changes(
             Window.of(
-                self.model, rows, sampling.average(self._unexpected), self._band, sampling,
-                self._left_out,
+                self.model, self._rows, self._unexpected, self._band, sampling, self._left_out
             )
-        )  # fmt: skip
+        )
         test = ChangeTest(window.uncertain, window.residual, self._baseline)
         events = list(self._changed(window, test)) if self.ready else []
         events = events or list(self._pushed(window, new))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
             self._baseline = self._kept(window, new)
-        each = sampling.averaged * sampling.stride  # rows a sample
+        each = sampling.averaged
         last = slice(-max(1, new // each), None)
         deviation = np.repeat(window.deviation(test, last), each, axis=0)[-new:]
         return np.pad(deviation, ((new - len(deviation), 0), (0, 0)), mode="edge"), events
@@ -266,11 +265,13 @@ class Monitor:
     def _changed(self, window: Window, test: ChangeTest) -> Iterator[Event]:
         """Yield the change that the last seconds show, if it has lasted and has a cause."""
         settings, now = self.settings, float(window.time[-1])
+        found = trials(window, test, self._onsets(window), self._limits)
+        possible = [trial.possible(window) for trial in found if trial.excess > 0.0]
         passing = [
             trial
-            for trial in trials(window, test, self._onsets(window), self._limits)
-            if trial.excess > 0.0 and trial.joints()[0] not in self._unexplained
-            and trial.significant()
+            for trial in possible
+            if trial is not None and trial.excess > 0.0
+            and trial.joints()[0] not in self._unexplained and trial.significant()
         ]  # fmt: skip
         if not passing:
             self._pending = None
@@ -279,9 +280,10 @@ class Monitor:
             self._pending = now
         best = max(passing, key=lambda trial: trial.excess)
         onset, waited = float(window.time[best.first]), now - self._pending >= settings.patience
-        if not best.lasts() or best.rms() < settings.size:
+        if not best.lasts() or best.size(window) < settings.size:
             return
-        if best.like_push() and now - onset <= settings.push + 1.0:
+        least = settings.push + 1.0 if best.like_push() else settings.seen
+        if now - onset < least:
             return
         close = best.excess - max(settings.margin, settings.part * best.evidence.gain)
         rivals = [
@@ -316,7 +318,7 @@ class Monitor:
         self._unexpected, self._momentum = self._unexpected[since:], self._momentum[since:]
         yield Event(
             "change", onset, now, joints, best.hypothesis.effect, best.hypothesis.place, None,
-            best.values(), "perhaps" if rivals else "certain",
+            best.reported(window), "perhaps" if rivals else "certain",
             tuple((each.hypothesis.effect, each.joints()) for each in rivals),
         )  # fmt: skip
 
@@ -326,8 +328,11 @@ class Monitor:
         spans = np.arange(settings.longest_span, settings.shortest_span - 0.5, -1.0)
         firsts = np.searchsorted(window.time, now - spans)
         if self._baseline is None:
-            # Nothing is known from before the window: then it may have been there before.
-            return np.unique([0, *firsts]).tolist()
+            # Nothing is known from before the window. A cause may have been there before; one that
+            # begins later needs a time without it: half of what the directions take to be known.
+            least = window.time[0] + 0.5 * settings.warm_up
+            firsts = firsts[window.time[firsts] >= least]
+            return [0, *np.unique(firsts).tolist()]
         return np.unique(firsts[firsts > 0]).tolist()
 
     def _pushed(self, window: Window, new: int) -> Iterator[Event]:
@@ -349,7 +354,7 @@ class Monitor:
             peak = np.max(np.abs(np.where(acts, found.torque, 0.0)), axis=0)
             old = self._push or _Push(begin, peak)
             inside = window.time >= max(begin, now - new / rate)
-            step = settings.sampling.stride / settings.sampling.test_rate
+            step = 1.0 / settings.sampling.sample_rate
             torque = np.linalg.norm(window.torque[inside], axis=1)
             self._push = replace(
                 old, peak=np.maximum(old.peak, peak), impulse=old.impulse + step * torque.sum()
@@ -370,7 +375,9 @@ class Monitor:
             names, order = self.model.arm.joint_names, np.argsort(-push.peak)
             joints = tuple(names[j] for j in order if push.peak[j] > 0.2 * push.peak.max())
             values = {
-                names[j]: Value(float(push.peak[j]), None, self.model.arm.effort_units[j])
+                names[j]: Estimate(
+                    float(push.peak[j]), np.nan, np.nan, self.model.arm.effort_units[j]
+                )
                 for j in order
                 if push.peak[j] > 0.0
             }

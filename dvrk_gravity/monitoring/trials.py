@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
 
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.diagnosis import parameter_slopes
-from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.diagnosis import LoadLikelihood, LoadPosterior, parameter_slopes
+from dvrk_gravity.effects import Estimate, Hypothesis, PayloadHypothesis, heaviest
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
-from dvrk_gravity.monitoring.events import Value
 from dvrk_gravity.monitoring.window import Window
 
 Key = tuple[str, tuple[int, ...], str]
@@ -79,22 +78,39 @@ class Trial:
         """Gain over the limit."""
         return self.evidence.gain - self.limit
 
+    def _since(self, columns: Array) -> Array:
+        """Return (m, n, k) columns from its first sample on, zero before."""
+        acts = np.arange(len(columns)) >= self.first
+        return np.where(acts[:, None, None], columns, 0.0)
+
     @cached_property
     def _begun(self) -> Array:
-        columns = self.columns.copy()
-        columns[: self.first] = 0.0
-        return columns
+        return self._since(self.columns)
 
     @cached_property
     def torque(self) -> Array:
         """(m, n) whitened torque of the estimate."""
         return np.asarray(self._begun @ self.evidence.theta)
 
-    def rms(self) -> float:
-        """Return the whitened RMS torque at the joint where it is largest, while it acts."""
-        torque = self.torque[self.first :]
+    def possible(self, window: Window) -> Trial | None:
+        """Return it, or as it is at the nearest likely setting; ``None``: neither is possible."""
+        theta = self.evidence.theta
+        if self.hypothesis.plausible(theta):
+            return self
+        hypothesis = self.hypothesis.clamped(theta)
+        if hypothesis is None:
+            return None
+        columns = window.white(window.columns(hypothesis))
+        likely = replace(self, hypothesis=hypothesis, columns=columns)
+        prior = prior_precision(hypothesis, columns.shape[2])
+        likely = replace(likely, evidence=self.test.evidence(likely._begun, prior))
+        return likely if hypothesis.plausible(likely.evidence.theta) else None
+
+    def size(self, window: Window) -> float:
+        """Return its RMS torque while it acts, over the errors', at the joint where it is most."""
+        torque = (window.columns(self.hypothesis) @ self.evidence.theta)[self.first :]
         acts = np.any(torque != 0.0, axis=1)
-        return float(np.sqrt(np.mean(torque[acts] ** 2, axis=0)).max())
+        return float((np.sqrt(np.mean(torque[acts] ** 2, axis=0)) / window.error).max())
 
     def lasts(self) -> bool:
         """Return whether either half of its information shows it, in one size."""
@@ -138,25 +154,35 @@ class Trial:
         names = self.hypothesis.arm.joint_names
         return tuple(names[j] for j in np.argsort(-size) if size[j] > 0.1 * size.max())
 
-    def values(self) -> dict[str, Value]:
+    def values(self) -> dict[str, Estimate]:
         """Return its parameters with their intervals, to first order."""
         hypothesis, theta = self.hypothesis, self.evidence.theta
-        covariance, found = self.evidence.covariance, dict[str, Value]()
+        covariance, found = self.evidence.covariance, dict[str, Estimate]()
         slopes = parameter_slopes(hypothesis, theta, covariance)
         for name, value in hypothesis.parameters(theta).items():
-            slope = slopes[name]
-            half = NORMAL_95 * float(np.sqrt(slope @ covariance @ slope))
+            half = NORMAL_95 * float(np.sqrt(slopes[name] @ covariance @ slopes[name]))
             unit = hypothesis.unit(name)
-            found[name] = Value(float(value), (float(value - half), float(value + half)), unit)
+            found[name] = Estimate(float(value), float(value - half), float(value + half), unit)
         return found
+
+    def reported(self, window: Window) -> dict[str, Estimate]:
+        """Return its parameters with their intervals; of a load those of all bodies and places."""
+        hypothesis = self.hypothesis
+        if not isinstance(hypothesis, PayloadHypothesis):
+            return self.values()
+        arm = hypothesis.arm
+        loads = [self._since(window.load(body)) for body in range(len(arm.bodies))]
+        forms = [LoadLikelihood(*self.test.likelihood(load), heaviest(arm)) for load in loads]
+        clamped = hypothesis.unclamped is not hypothesis
+        best = None if clamped else hypothesis.parameters(self.evidence.theta)
+        return LoadPosterior.drawn(forms, arm, best).estimates(hypothesis)
 
     def significant(self) -> bool:
         """Return whether any of the parameters that are reported differs from none."""
         effect, values = self.hypothesis.EFFECT, self.values()
         for name in effect.listed(values):
             neutral = effect.meaning(name).neutral
-            low, high = values[name].ci95 or (-np.inf, np.inf)
-            if neutral is not None and not low <= neutral <= high:
+            if neutral is not None and not values[name].doubtful(neutral):
                 return True
         return False
 
@@ -169,7 +195,7 @@ def prior_precision(hypothesis: Hypothesis, k: int) -> Array:
 def trials(
     window: Window, test: ChangeTest, firsts: Sequence[int], limits: Limits
 ) -> Iterator[Trial]:
-    """Yield every cause as it may have begun with each of some samples."""
+    """Yield every cause as it may have begun with each of some samples, plausible or not."""
     causes = list(window.causes())
     columns = [window.white(window.columns(cause)) for cause in causes]
     if not firsts or not causes:
@@ -181,7 +207,7 @@ def trials(
     for cause, own, evidences in zip(causes, columns, found, strict=True):
         limit = limits.cause(cause, own.shape[2], len(causes) * len(firsts))
         for first, evidence in zip(firsts, evidences, strict=True):
-            if evidence.gain > 0.0 and cause.plausible(evidence.theta):
+            if evidence.gain > 0.0:
                 yield Trial(cause, evidence, first, limit, own, test)
 
 

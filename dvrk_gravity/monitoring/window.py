@@ -17,7 +17,7 @@ from dvrk_gravity.diagnosis import (
     MeasuredMotion,
     expect,
 )
-from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.effects import Hypothesis, point_mass_directions
 from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.change_test import ChangeTest, whitened
@@ -72,7 +72,7 @@ class Window:
     """m samples of the last seconds, a few times a second, in whitened units.
 
     Attributes:
-        motion: The rows beside the model.
+        motion: The samples beside the model.
         time: (m,) s.
         usable: (m, n) samples that say something.
         torque: (m, n) residual, N·m.
@@ -81,6 +81,7 @@ class Window:
             smooth misfits), and e of this window alone (beyond what was identified, friction by
             load).
         fixed: d.
+        error: (n,) standard deviation of errors that the directions do not describe, N·m.
     """
 
     motion: MeasuredMotion
@@ -89,9 +90,9 @@ class Window:
     torque: Array
     open: Array
     fixed: int
+    error: Array
     _filter: LowPassed
     _follows: Mask
-    _deviation: Array
     _correlation: Array
 
     @classmethod
@@ -109,17 +110,17 @@ class Window:
             settings: Of observer and samples.
             without: Spans of time that are left out, s.
         """
-        motion = measured_motion(model, rows, settings.test_rate)
-        low = LowPassed.of(motion, band.gain, settings)
+        motion = measured_motion(model, rows, settings)
+        low = LowPassed.of(motion, band.gain)
         expected = expect(motion)
-        time = low.decimated(rows.time)
+        time = motion.time
         usable = low(motion.silent.astype(float)) < _STUCK
         usable &= motion.present
         beyond = np.broadcast_to(_beyond(motion)[:, None], motion.q.shape)
         usable &= low(beyond.astype(float)) < _STUCK
         for begin, end in without:
             usable[(time >= begin) & (time <= end)] = False
-        step = low.stride / settings.test_rate
+        step = 1.0 / settings.sample_rate
         follows = np.zeros_like(usable)
         follows[1:] = usable[1:] & usable[:-1] & (np.diff(time) < 1.5 * step)[:, None]
         known = 0 if model.uncertainty is None else model.uncertainty.size
@@ -132,14 +133,14 @@ class Window:
             ],
             axis=2,
         )
-        torque = low(unexpected)
+        torque = low(settings.average(unexpected))
         noise = white_noise(torque)
-        deviation = np.hypot(band.error, noise)
+        error = np.hypot(band.error, noise)
         # Of an error of first order and white noise, seen as one error of first order.
-        correlation = np.exp(-step / band.correlation_time) * (band.error / deviation) ** 2
+        correlation = np.exp(-step / band.correlation_time) * (band.error / error) ** 2
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
-            fixed.shape[2], low, follows, deviation, correlation,
+            fixed.shape[2], error, low, follows, correlation,
         )  # fmt: skip
 
     @cached_property
@@ -154,7 +155,7 @@ class Window:
 
     def white(self, values: Array) -> Array:
         """Return (m, n, …) samples, whitened; zero where they say nothing."""
-        white = whitened(values, self._follows, self._deviation, self._correlation)
+        white = whitened(values, self._follows, self.error, self._correlation)
         usable = self.usable.reshape(*self.usable.shape, *(1,) * (values.ndim - 2))
         return np.where(usable, white, 0.0)
 
@@ -164,7 +165,7 @@ class Window:
         Errors, and what is uncertain about the model as the samples leave it.
         """
         left = test.deviation_of(self.open[rows].reshape(-1, self.open.shape[2]))
-        return np.hypot(self._deviation, left.reshape(-1, self.motion.arm.n))
+        return np.hypot(self.error, left.reshape(-1, self.motion.arm.n))
 
     def rubbed(self, torque: Array) -> Array:
         """Return (m, n, n) torque by which friction grows with (m, n) transmitted torque."""
@@ -173,6 +174,11 @@ class Window:
     def columns(self, hypothesis: Hypothesis) -> Array:
         """Return (m, n, k) low-passed torque of a cause per unit of its parameters, N·m."""
         return self._filter(hypothesis.regressor(self.motion))
+
+    def load(self, body: int) -> Array:
+        """Return (m, n, 10) whitened torque of a load by :func:`effects.place_terms`, per kg."""
+        directions = point_mass_directions(self.motion.arm, body)
+        return self.white(self._filter(self.motion.link_torque(body, directions)))
 
     def causes(self) -> Iterator[Hypothesis]:
         """Yield what may have changed, of the same form in every window."""
@@ -186,22 +192,21 @@ class Sampling:
 
     Attributes:
         row_rate: Rows a second: the observer's steps. Chosen: nine times its band.
-        averaged: Rows that tests average: their cost is that of the columns of all rows.
-        stride: Averaged rows a sample: noise behind the fastest observer then has a correlation of
-            0.06.
+        averaged: Rows that a sample of the tests is the average of: noise behind the fastest
+            observer then has a correlation of 0.06, and tests cost what the columns of all samples
+            cost.
     """
 
     row_rate: float = 50.0
-    averaged: int = 2
-    stride: int = 2
+    averaged: int = 4
 
     @property
-    def test_rate(self) -> float:
-        """Averaged rows a second."""
+    def sample_rate(self) -> float:
+        """Samples a second."""
         return self.row_rate / self.averaged
 
     def average(self, values: Array) -> Array:
-        """Return (K / 2, …) averages of (K, …) rows, the last one among them."""
+        """Return averages of (K, …) rows, the last one among them."""
         count = len(values) // self.averaged
         grouped = values[len(values) - count * self.averaged :]
         return grouped.reshape(count, self.averaged, *values.shape[1:]).mean(axis=1)
@@ -209,25 +214,24 @@ class Sampling:
 
 @dataclass(frozen=True, eq=False)
 class LowPassed:
-    """The observer's low-pass on signals of rows, and every so-maniest row.
+    """The observer's low-pass on signals of samples.
 
     Attributes:
-        parts: Rows that follow one another.
+        parts: Samples that follow one another.
         kept: (n,) what a step keeps, e^(-K T).
-        stride: Rows a sample.
     """
 
     parts: tuple[slice, ...]
     kept: Array
-    stride: int
 
     @classmethod
-    def of(cls, motion: MeasuredMotion, gain: Array, settings: Sampling) -> LowPassed:
-        """Return that of the rows of a motion, with (n,) gains in 1/s."""
-        return cls(motion.parts, np.exp(-gain / settings.test_rate), settings.stride)
+    def of(cls, motion: MeasuredMotion, gain: Array) -> LowPassed:
+        """Return that of the samples of a motion, with (n,) gains in 1/s."""
+        assert motion.rate is not None  # no static poses
+        return cls(motion.parts, np.exp(-gain / motion.rate))
 
     def __call__(self, values: Array) -> Array:
-        """Return (m, n, …) samples of (K, n, …) signals."""
+        """Return (m, n, …) low-passed signals."""
         from scipy.signal import lfilter
 
         result = np.empty_like(values)
@@ -236,24 +240,25 @@ class LowPassed:
                 own = values[part, joint]
                 start = kept * own[:1]
                 result[part, joint], _ = lfilter([1.0 - kept], [1.0, -kept], own, axis=0, zi=start)
-        return self.decimated(result)
-
-    def decimated(self, values: Array) -> Array:
-        """Return every so-maniest of (K, …) rows, the last one among them."""
-        return values[(len(values) - 1) % self.stride :: self.stride]
+        return result
 
 
-def measured_motion(model: TorqueModel, rows: Rows, rate: float) -> MeasuredMotion:
-    """Return rows beside a model, as a diagnosis has a motion."""
-    parts = rows.parts(1.5 / rate)
+def measured_motion(model: TorqueModel, rows: Rows, settings: Sampling) -> MeasuredMotion:
+    """Return the samples of rows beside a model, as a diagnosis has a motion.
+
+    Accelerations are averages over the rows of a sample, as the momentum's changes are.
+    """
     qdd = np.zeros_like(rows.qd)
-    for part in parts:
+    for part in rows.parts(1.5 / settings.row_rate):
         if part.stop - part.start > 1:
-            qdd[part] = np.gradient(rows.qd[part], 1.0 / rate, axis=0)
-    n = model.arm.n
+            qdd[part] = np.gradient(rows.qd[part], 1.0 / settings.row_rate, axis=0)
+    means = Rows(*map(settings.average, rows.arrays))
+    parts = means.parts(1.5 / settings.sample_rate)
     return MeasuredMotion(
-        model=model, q=rows.q, qd=rows.qd, qdd=qdd, effort=rows.effort, time=rows.time, parts=parts,
-        rate=rate, present=np.ones(n, dtype=bool), step=np.zeros(n), clock=(0,) * len(parts),
+        model=model, q=means.q, qd=means.qd, qdd=settings.average(qdd), effort=means.effort,
+        time=means.time, parts=parts, rate=settings.sample_rate,
+        present=np.ones(model.arm.n, dtype=bool), step=np.zeros(model.arm.n),
+        clock=(0,) * len(parts),
     )  # fmt: skip
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import Estimate
 from dvrk_gravity.monitoring import Event, Monitored, MonitorSettings
 from dvrk_gravity.report.findings import effect_title
 from dvrk_gravity.report.terminal import wrap
@@ -36,14 +35,10 @@ def event_text(event: Event, arm: Arm) -> str:
         grown = [quantity(each.value, each.unit) for each in event.values.values()]
         return ": ".join([f"{what} at {', '.join(event.joints)}", *grown])
     effect = effects.named(event.effect)
-    estimates = {
-        name: Estimate(each.value, *(each.ci95 or (each.value,) * 2), each.unit)
-        for name, each in event.values.items()
-    }
-    size = effect.summary(estimates) or ", ".join(
+    size = effect.summary(event.values) or ", ".join(
         f"{effect.meaning(name).label or name.replace('_', ' ')} "
-        f"{effect.meaning(name).in_words(estimates[name])}"
-        for name in effect.listed(estimates)
+        f"{effect.meaning(name).in_words(event.values[name])}"
+        for name in effect.listed(event.values)
     )
     others = dict.fromkeys(f"{name} at {', '.join(at) or 'the arm'}" for name, at in _others(event))
     perhaps = "perhaps " if event.certainty == "perhaps" else ""
@@ -53,7 +48,15 @@ def event_text(event: Event, arm: Arm) -> str:
 
 def event_json(event: Event, arm: Arm) -> dict[str, Any]:
     """Return an event as a program reads it, in SI units, with its sentence."""
-    return {"sentence": event_text(event, arm), **asdict(event)}
+    values = {
+        name: {
+            "value": each.value,
+            "ci95": [each.low, each.high] if np.isfinite(each.low) else None,
+            "unit": each.unit,
+        }
+        for name, each in event.values.items()
+    }
+    return {"sentence": event_text(event, arm), **asdict(event), "values": values}
 
 
 def monitored_json(seen: Monitored) -> dict[str, Any]:

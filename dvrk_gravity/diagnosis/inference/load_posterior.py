@@ -16,11 +16,12 @@ hardly a load would be near the frame, and the same moment farther out is a ligh
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.model_error import load_columns
@@ -69,13 +70,13 @@ class LoadPosterior:
         mass: (bodies, S) kg; negative where a load was taken off.
         place: (bodies, S, 3) m, in the body's link frame.
         share: (bodies,) probability that this body carries it.
-        best: Its parameters by the best fit.
+        best: Its parameters by the best fit; ``None``: that is at no likely place.
     """
 
     mass: Array
     place: Array
     share: Array
-    best: Mapping[str, float]
+    best: Mapping[str, float] | None
 
     @classmethod
     def of(
@@ -88,27 +89,43 @@ class LoadPosterior:
             chosen: All causes that were found.
             fitted: The payload among them.
         """
-        random, load = np.random.default_rng(0), fitted.load
+        arm = fitted.load.hypothesis.arm
         problem = _Problem.of(validation, chosen, fitted, changed=True)
         stated = validation.data.motion.payload_at
         if stated is not None:
+            random = np.random.default_rng(0)
             return cls._at(validation, chosen, fitted, problem, *stated, random)
+        best = fitted.load.hypothesis.parameters(fitted.theta)
+        return cls.drawn(map(problem.form, range(len(arm.bodies))), arm, best, problem.sign)
+
+    @classmethod
+    def drawn(
+        cls, forms: Iterable[LoadLikelihood], arm: Arm, best: Mapping[str, float] | None,
+        sign: float = 1.0,
+    ) -> LoadPosterior:  # fmt: skip
+        """Return the posterior of a load that was found, on whatever body.
+
+        Args:
+            forms: Likelihood on each of the arm's bodies.
+            arm: The arm.
+            best: Parameters by the best fit; ``None``: that is at no likely place.
+            sign: Whether it was put on or taken off.
+        """
+        random = np.random.default_rng(0)
         places, masses, evidence, explained = [], [], [], []
-        for body, (_, extent) in enumerate(link_sizes(load.hypothesis.arm)):
-            form = problem.form(body)
+        for form, (_, extent) in zip(forms, link_sizes(arm), strict=True):
             place, likelihood = _tempered(form, extent, random)
             mass = form.draw(place, random)
             weight = 1.0 / np.maximum(mass, form.resolved(place))
             rows = random.choice(_DRAWS, _DRAWS, p=weight / weight.sum())
             places.append(place[rows])
-            masses.append(problem.sign * mass[rows])
+            masses.append(sign * mass[rows])
             # As likely at any place of any body: a small one has fewer.
             evidence.append(likelihood + np.log(weight.mean() * extent**3))
             explained.append(float(form.explained(place).max()))
         share = np.exp(np.array(evidence) - max(evidence))
         # A load was found: on a body where it has no torque it would be none, of any mass.
         share[np.array(explained) < _EXPLAINED * max(explained)] = 0.0
-        best = load.hypothesis.parameters(fitted.theta)
         return cls(np.array(masses), np.array(places), share / share.sum(), best)
 
     @classmethod
@@ -158,9 +175,10 @@ class LoadPosterior:
             name: Estimate(*_quantiles(*weighted), hypothesis.unit(name))
             for name, weighted in draws.items()
         }
-        if not drawn["mass"].low <= self.best["mass"] <= drawn["mass"].high:
+        best = self.best
+        if best is None or not drawn["mass"].low <= best["mass"] <= drawn["mass"].high:
             return drawn
-        return {name: _at_fit(each, self.best[name]) for name, each in drawn.items()}
+        return {name: _at_fit(each, best[name]) for name, each in drawn.items()}
 
 
 def _at_fit(drawn: Estimate, value: float) -> Estimate:
@@ -226,7 +244,7 @@ class _Problem:
         sign = -1.0 if theta[0] < 0.0 and load.hypothesis.against_reference else 1.0
         return cls(validation, load, sign, weight, base, gram, target)
 
-    def form(self, body: int) -> _Form:
+    def form(self, body: int) -> LoadLikelihood:
         """Return the likelihood of a mass at a place of a body."""
         hypothesis, data = self.load.hypothesis, self.validation.data
         columns = data.motion.link_torque(body, point_mass_directions(hypothesis.arm, body))
@@ -235,7 +253,7 @@ class _Problem:
         own *= self.weight[:, None]
         products = own.T @ self.base
         precision = own.T @ own - products @ solve(self.gram, products.T, _TRACE)
-        return _Form(precision, self.sign * own.T @ self.target, heaviest(hypothesis.arm))
+        return LoadLikelihood(precision, self.sign * own.T @ self.target, heaviest(hypothesis.arm))
 
 
 def _root(covariance: Array) -> Array:
@@ -245,7 +263,7 @@ def _root(covariance: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Form:
+class LoadLikelihood:
     """Log-likelihood of a mass at a place: ``b' m z - m^2 z' A z / 2``, z the place's ten terms.
 
     The mass is half normal before any data.
@@ -295,7 +313,9 @@ class _Form:
         return np.maximum((score / root + ndtri(np.clip(chance, 1e-12, 1.0 - 1e-12))) / root, 0.0)
 
 
-def _tempered(form: _Form, extent: float, random: np.random.Generator) -> tuple[Array, float]:
+def _tempered(
+    form: LoadLikelihood, extent: float, random: np.random.Generator
+) -> tuple[Array, float]:
     """Return (S, 3) places drawn from their posterior, and the log marginal likelihood.
 
     Args:
