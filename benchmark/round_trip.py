@@ -12,8 +12,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.ros import Client
 
+SWING = 0.1  # rad, at 1 rad/s
+_STEPS = 1000  # of a swing, for which efforts are known
 MIDDLE = np.array([-0.2, 0.2, -0.1, 0.8, 0.8, 0.0, 0.0])
 _STAMP = struct.Struct("<iI")  # sec, nanosec: the first fields after the encapsulation
 
@@ -26,9 +29,14 @@ class RoundTrip:
         answered: Time of the answer by the stamp that it carries.
     """
 
-    def __init__(self, client: Client, namespace: str) -> None:
-        """Connect to the topics in a namespace."""
+    def __init__(self, client: Client, namespace: str, model: TorqueModel | None = None) -> None:
+        """Connect to the topics in a namespace; the arm has the efforts of a model, or none."""
         node = client.node
+        self._efforts = np.zeros((_STEPS, N_JOINTS))
+        if model is not None:
+            phase = 2.0 * np.pi / _STEPS * np.arange(_STEPS)[:, None] + np.arange(N_JOINTS)
+            swing = SWING * np.sin(phase)
+            self._efforts = model.torque(MIDDLE + swing, SWING * np.cos(phase), -swing)
         self.client = client
         self.sent: dict[int, float] = {}
         self.answered: dict[int, float] = {}
@@ -39,7 +47,7 @@ class RoundTrip:
         )
         # No compensator commands an arm that could not be held.
         node.create_subscription(Empty, f"{namespace}/hold", lambda _: None, 10)
-        self._message = JointState(name=JOINT_NAMES, effort=array("d", bytes(8 * N_JOINTS)))
+        self._message = JointState(name=JOINT_NAMES)
 
     def _on_answer(self, data: bytes) -> None:
         now = time.monotonic()
@@ -63,8 +71,10 @@ class RoundTrip:
         now = time.monotonic()
         phase = now + np.arange(N_JOINTS)
         message = self._message
-        message.position = array("d", (MIDDLE + 0.1 * np.sin(phase)).tobytes())
-        message.velocity = array("d", (0.1 * np.cos(phase)).tobytes())
+        message.position = array("d", (MIDDLE + SWING * np.sin(phase)).tobytes())
+        message.velocity = array("d", (SWING * np.cos(phase)).tobytes())
+        step = int(now / (2.0 * np.pi) * _STEPS) % _STEPS
+        message.effort = array("d", self._efforts[step].tobytes())
         stamp = time.time_ns()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         self.sent[stamp] = time.monotonic()

@@ -13,14 +13,14 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis import LoadLikelihood, LoadPosterior, parameter_slopes
 from dvrk_gravity.effects import Estimate, Hypothesis, PayloadHypothesis, heaviest
 from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
 from dvrk_gravity.monitoring.window import Window
 
 Key = tuple[str, tuple[int, ...], str]
 
-# By which gains grow in another motion than the calibration's: the square of what its known error
-# grows by, 1.22 (``identification.expected_error``).
-_GAIN = 1.5
+# By which gains grow in another motion than the calibration's, as the square of its known error.
+_GAIN = OTHER_MOTION**2
 _CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
 _SHAPE = 0.05  # of a cause's power: a column that is off by a fifth of itself. Chosen
 # Samples, of moments at which any torque may act: a third and two thirds of a second.

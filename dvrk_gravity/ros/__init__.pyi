@@ -34,6 +34,7 @@ from .simulator_node import SIMULATOR_PARAMETERS as SIMULATOR_PARAMETERS
 from .stage import BEARABLE as BEARABLE
 from .stage import MODEL as MODEL
 from .stage import Stage as Stage
+from .stage import identified as identified
 from .trajectory_mover import TrajectoryMover as TrajectoryMover
 from .verbs import MonitorVerb as MonitorVerb
 from .verbs import parameter_file as parameter_file
