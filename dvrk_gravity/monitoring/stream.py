@@ -311,6 +311,8 @@ class Monitor:
             self._unexplained |= {joints[0]}
             yield Event("unexplained", onset, now, joints)
             return
+        # What begins with a change that was reported may be the error of that one's torque.
+        beside = bool(self.changes) and self._baseline is None
         change = Change(best.hypothesis, best.evidence.theta, onset, joints[0])
         self.changes, self._baseline = (*self.changes, change), None
         since = int(np.argmax(self._rows.time >= onset))
@@ -318,7 +320,7 @@ class Monitor:
         self._unexpected, self._momentum = self._unexpected[since:], self._momentum[since:]
         yield Event(
             "change", onset, now, joints, best.hypothesis.effect, best.hypothesis.place, None,
-            best.reported(window), "perhaps" if rivals else "certain",
+            best.reported(window), "perhaps" if rivals or beside else "certain",
             tuple((each.hypothesis.effect, each.joints()) for each in rivals),
         )  # fmt: skip
 
@@ -328,11 +330,8 @@ class Monitor:
         spans = np.arange(settings.longest_span, settings.shortest_span - 0.5, -1.0)
         firsts = np.searchsorted(window.time, now - spans)
         if self._baseline is None:
-            # Nothing is known from before the window. A cause may have been there before; one that
-            # begins later needs a time without it: half of what the directions take to be known.
-            least = window.time[0] + 0.5 * settings.warm_up
-            firsts = firsts[window.time[firsts] >= least]
-            return [0, *np.unique(firsts).tolist()]
+            # Nothing is known from before the window: all of it has the cause, or nothing has.
+            return [0]
         return np.unique(firsts[firsts > 0]).tolist()
 
     def _pushed(self, window: Window, new: int) -> Iterator[Event]:
