@@ -50,9 +50,6 @@ def finished() -> Finished:
     return finished_calibration()
 
 
-# --- interrupted ---------------------------------------------------------------------------
-
-
 def test_what_is_killed_after_every_step_goes_on_from_the_last_one(finished):
     names = [step.name for step in all_steps(BRIEF)]
     assert [entry.step for entry in Logbook.open(finished.folder, ASKED).entries] == names
@@ -119,9 +116,6 @@ def test_commands_and_seconds_of_all_goes_are_counted(tmp_path):
     last.add("collect second", "", (), motion)
     total = Logbook.open(tmp_path, ASKED).total
     assert total == MotionTally(3.0 + 1.0 + 18.0, 5.0, 150 + 50 + 7 + 7, 0.9, "velocity of yaw")
-
-
-# --- its logbook ---------------------------------------------------------------------------
 
 
 def test_another_arm_seed_or_limit_is_named_once_a_step_is_done(finished, tmp_path):
@@ -311,9 +305,6 @@ def test_of_a_path_that_is_stopped_the_time_up_to_there_counts(rehearsing):
     assert seconds(notes[0]) == way.duration  # were it killed: all of it
     assert seconds(notes[-1]) == pytest.approx(half, abs=0.02)
     assert kept.motion() == notes[-1]
-
-
-# --- versions ------------------------------------------------------------------------------
 
 
 def test_steps_of_another_version_and_hashes_of_all_files_are_on_the_certificate(

@@ -45,9 +45,6 @@ def test_a_stated_order_has_each_joint_once():
             stated_order(JOINTS, wrong)
 
 
-# --- a controller, which is asked ------------------------------------------------------------
-
-
 class Asked:
     """Takers with a clock of the test's own."""
 

@@ -27,9 +27,6 @@ def model_of(document) -> TorqueModel:
     return ConsoleFile.from_document(document).model()
 
 
-# --- torques --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_torques_equal_the_consoles_formula(version, tmp_path):
     document = synthetic(version)
@@ -56,9 +53,6 @@ def test_version_1_stays_full_above_its_amplitude():
     at, twice = (model.torque(q, np.full(7, speed)) for speed in (10.0, 20.0))
     np.testing.assert_array_equal(at, twice)
     assert np.abs(twice - model.torque(q)).max() > 1e-3
-
-
-# --- round trips ----------------------------------------------------------------------------
 
 
 def test_json_to_yaml_to_json_is_exact(tmp_path):

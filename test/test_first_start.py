@@ -100,8 +100,10 @@ def test_a_model_without_that_parameter_starts_as_before():
     assert HANDS_OFF not in loop.supervisor.reason
 
 
-def read(check: ConstantCheck, position: np.ndarray, now: float, whole: bool = True) -> str:
-    sample = Sample(round(now * 1e9), position, None, None)
+def read(
+    check: ConstantCheck, position: np.ndarray, now: float, whole: bool = True, pace: float = 1.0
+) -> str:
+    sample = Sample(round(pace * now * 1e9), position, None, None)
     return check.check(sample, np.zeros(7), now, np.full(7, whole))
 
 
@@ -125,3 +127,10 @@ def test_a_ramp_and_a_slew_limit_do_not_count():
     for now in np.arange(20.0, 21.5, 0.1):
         assert not read(check, at, now)
     assert check.over
+
+
+def test_stamps_that_run_fast_do_not_end_the_watch():
+    check = ConstantCheck(SHIPPED.arm, 0.3 * np.eye(7)[1], POSE)
+    for now in np.arange(0.0, 0.9, 0.1):
+        assert not read(check, POSE, now, pace=10.0)
+    assert not check.over

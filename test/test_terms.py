@@ -242,6 +242,12 @@ def test_presliding_builds_up_over_its_displacement():
     # Dahl 1968, solved: from +level towards -level.
     expected = level * (2.0 * np.exp(-back / displacement) - 1.0)
     np.testing.assert_allclose(friction[399:], expected, atol=1e-9)
+    # A simulator's stiffness is the slope of the torque: steepest where the way turns back.
+    elements, back = presliding(displacement, level).plant().memory, -1e-7 * only(PLATFORM, 1.0)
+    elements.go(0.02 * only(PLATFORM, 1.0))
+    begin, stiffness = elements.torque(back)
+    elements.go(back)
+    np.testing.assert_allclose(elements.torque(back)[0] - begin, stiffness @ back, rtol=1e-5)
 
 
 def test_presliding_is_full_where_a_pose_was_approached_and_relaxed_at_rest():
