@@ -123,6 +123,7 @@ class Monitor(PromptNode):
             self.create_publisher(WrenchStamped, "~/external_wrench", 10),
             self.create_publisher(WrenchStamped, "~/external_wrench_std", 10),
         )
+        self._heard: set[Any] = set()  # publishers with subscribers
         self._events = self.create_publisher(String, "~/events", _EVENTS)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -170,12 +171,13 @@ class Monitor(PromptNode):
         stamp = divmod(reading.stamp, 1_000_000_000)
         values = (reading.expected, reading.external, reading.deviation)
         for publisher, torque in zip(self._torques, values, strict=True):
-            if torque is not None:
+            if torque is not None and publisher in self._heard:
                 publisher.publish(self._write(stamp, torque))
         if reading.wrench is not None:
             of_wrench = (reading.wrench.value, reading.wrench.deviation)
             for wrenches, vector in zip(self._wrenches, of_wrench, strict=True):
-                wrenches.publish(self._wrench(stamp, vector))
+                if wrenches in self._heard:
+                    wrenches.publish(self._wrench(stamp, vector))
 
     def _wrench(self, stamp: tuple[int, int], vector: Array) -> WrenchStamped:
         message = WrenchStamped()
@@ -188,6 +190,9 @@ class Monitor(PromptNode):
         return message
 
     def _on_look(self) -> None:
+        # What nobody hears costs half of the rest to publish.
+        publishers = (*self._torques, *self._wrenches)
+        self._heard = {each for each in publishers if each.get_subscription_count()}
         for event in self._listener.judged():
             said = event_json(event, self._listener.model.arm)
             self._events.publish(String(data=json.dumps(said)))
