@@ -46,7 +46,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.compensate.settings import Settings
 whole = Settings.parts
 def parts(self, q, qd):
-    if qd is not None and qd[6] > 1.0:
+    if q[6] > 0.21:
         raise RuntimeError('a defect')
     return whole(self, q, qd)
 Settings.parts = parts
@@ -60,7 +60,9 @@ def test_a_compensator_that_breaks_holds_the_arm_and_ends_with_status_1(arm):
         arm.await_compensator()
         commanding(arm)
         assert not arm.holds
-        arm.run_until(lambda: bool(arm.holds), "the hold", velocity=[0.0] * 6 + [2.0])
+        # By its place: a speed is not believed at once where this machine stood still.
+        arm.position[6] += 0.02
+        arm.run_until(lambda: bool(arm.holds), "the hold")
         assert node.wait(20.0) == 1
         assert "a defect" in node.output
 
