@@ -126,7 +126,7 @@ def main() -> int:
         rate, rows = measure(arguments.blocks, arguments.seconds, Path(folder))
     columns = (*PERCENTILES, "processor")
     median = {
-        name: {key: float(np.nanmedian([row[key] for row in found])) for key in found[0]}
+        name: {key: float(np.nanmedian([row[key] for row in found])) for key in (*columns, "lost")}
         for name, found in rows.items()
     }
     ratio, beside = (

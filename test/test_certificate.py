@@ -27,9 +27,6 @@ def finished() -> Finished:
     return finished_calibration()
 
 
-# --- what it requires ----------------------------------------------------------------------
-
-
 def certified(finished: Finished, diagnosis=None, motion=RELEASED, settings=BRIEF, **changed):
     """Return the certificate with other values in some of the files."""
     fit, check, release = (
@@ -128,9 +125,6 @@ def test_the_certificate_of_a_calibration_has_what_its_files_say(finished):
     assert "Simulated: a path" in (finished.folder / "model.yaml").read_text()
 
 
-# --- whether friction holds the arm --------------------------------------------------------
-
-
 def test_the_band_of_what_holds_a_joint_counts_what_the_model_lacks(finished):
     """A cable that the fit may not have: its own columns do not show it, omitted ones do."""
     arm = finished.arm
@@ -152,9 +146,6 @@ def test_the_band_of_what_holds_a_joint_counts_what_the_model_lacks(finished):
         offset = 0.0 if lower is limits.lower else fit.model.joint_offset
         assert ((own >= lower + offset - 1e-12) & (own <= upper + offset + 1e-12)).all()
     assert held["part"] <= min(held["joints"].values()) == held["joints"][held["least"]]
-
-
-# --- further motions -----------------------------------------------------------------------
 
 
 @pytest.fixture

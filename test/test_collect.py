@@ -196,9 +196,6 @@ def test_a_bag_that_could_not_be_written_in_the_end_moves_nothing_again(tmp_path
     assert list(tmp_path.iterdir()) == [out]
 
 
-# --- what was begun ------------------------------------------------------------------------
-
-
 @pytest.fixture
 def stopped(tmp_path: Path) -> tuple[PathDriver, Callable[..., Any], Path]:
     """Return an arm, what goes on with its motion that was stopped, and the state of that."""

@@ -92,9 +92,6 @@ def test_a_weight_that_no_masses_or_not_all_joints_give_is_refused(tmp_path):
         identify([whole, some], arm, effects=FEW, still=dict.fromkeys(whole.joints, 0.0))
 
 
-# --- the compensator ---------------------------------------------------------------------
-
-
 def test_what_the_arm_holds_itself_is_not_commanded_but_a_payload_is(tmp_path):
     for read in (True, False):
         model = TorqueModel.stated(stating(tmp_path, {"read": read, "command": False}))

@@ -50,7 +50,7 @@ def calibration_limits(
                 key = trial.hypothesis.key
                 if trial.evidence.gain > of_causes.get(key, 0.0):
                     found = trial.possible(window)
-                    gain = 0.0 if found is None else found.evidence.gain
-                    of_causes[key] = max(of_causes.get(key, 0.0), gain)
+                    if found is not None:
+                        of_causes[key] = max(of_causes.get(key, 0.0), found.evidence.gain)
             of_pushes = np.maximum(of_pushes, moments(window, test, 0).gain.max(axis=0))
     return Limits(limits.false_alarms, of_causes, of_pushes)

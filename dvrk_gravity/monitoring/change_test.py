@@ -107,11 +107,8 @@ class ChangeTest:
         Args:
             columns: (m, n, k) whitened torque of a cause.
         """
-        own = columns.reshape(-1, columns.shape[2])
-        uncertain = self._uncertain.reshape(len(own), -1)
-        shared = uncertain.T @ own
-        left = self._residual.reshape(-1) - uncertain @ self.directions
-        return own.T @ own - shared.T @ self._solve(shared), own.T @ left
+        square, shared, solved, score = (each[0] for each in self._products(columns, [0]))
+        return square - shared.T @ solved, score
 
     def evidence(self, columns: Array, prior: Array) -> Evidence:
         """Return what the samples say of a cause with (m, n, k) whitened torque."""
@@ -126,6 +123,22 @@ class ChangeTest:
             columns: (m, n, k) whitened torque of all causes, one beside the other.
             priors: (k,) prior precision of each one's parameters, mostly zero.
             firsts: Indices of the samples with which it may begin, rising.
+        """
+        square, shared, solved, score = self._products(columns, firsts)
+        edges = np.cumsum([0, *map(len, priors)])
+        for begin, prior in zip(edges.tolist(), priors, strict=False):
+            part = slice(begin, begin + len(prior))
+            yield self._evidence(
+                square[:, part, part] + np.diag(prior), shared[:, :, part], solved[:, :, part],
+                score[:, part],
+            )  # fmt: skip
+
+    def _products(self, columns: Array, firsts: Sequence[int]) -> tuple[Array, Array, Array, Array]:
+        """Return products of (m, n, k) columns over all samples from each of s firsts on.
+
+        Returns:
+            (s, k, k) with themselves; (s, d, k) with the uncertain directions; (s, d, k) the
+            directions that they are mistaken for; (s, k) with the residual beside the directions.
         """
         m, d, k = len(columns), self._uncertain.shape[2], columns.shape[2]
         stops = (*firsts[1:], m)
@@ -143,25 +156,12 @@ class ChangeTest:
         )
         solved = self._solve(shared.transpose(1, 0, 2).reshape(d, -1)).reshape(d, len(firsts), k)
         score = score - np.einsum("sdk,d->sk", shared, self.directions)
-        edges = np.cumsum([0, *map(len, priors)])
-        for begin, prior in zip(edges.tolist(), priors, strict=False):
-            part = slice(begin, begin + len(prior))
-            yield self._evidence(
-                square[:, part, part] + np.diag(prior), shared[:, :, part],
-                solved[:, :, part].transpose(1, 0, 2), score[:, part],
-            )  # fmt: skip
+        return square, shared, solved.transpose(1, 0, 2), score
 
     def _evidence(
         self, square: Array, shared: Array, solved: Array, score: Array
     ) -> list[Evidence]:
-        """Return what s spans say of one cause.
-
-        Args:
-            square: (s, k, k) products of its columns, with the prior's precision.
-            shared: (s, d, k) products with the uncertain directions.
-            solved: (s, d, k) the directions that its columns are mistaken for.
-            score: (s, k) products with the residual beside the directions.
-        """
+        """Return what s spans say of one cause, whose prior's precision is in its squares."""
         size = np.sqrt(np.einsum("skk->sk", square))
         scale = np.where(size > _NOTHING, size, 1.0)
         scale = scale[:, :, None] * scale[:, None, :]

@@ -326,12 +326,12 @@ class Monitor:
 
     def _onsets(self, window: Window) -> list[int]:
         """Return the samples with which a cause may have begun, rising."""
-        settings, now = self.settings, float(window.time[-1])
-        spans = np.arange(settings.longest_span, settings.shortest_span - 0.5, -1.0)
-        firsts = np.searchsorted(window.time, now - spans)
         if self._baseline is None:
             # Nothing is known from before the window: all of it has the cause, or nothing has.
             return [0]
+        settings, now = self.settings, float(window.time[-1])
+        spans = np.arange(settings.longest_span, settings.shortest_span - 0.5, -1.0)
+        firsts = np.searchsorted(window.time, now - spans)
         return np.unique(firsts[firsts > 0]).tolist()
 
     def _pushed(self, window: Window, new: int) -> Iterator[Event]:
@@ -371,12 +371,11 @@ class Monitor:
         for push in ready:
             end = push.end or now
             self._left_out = (*self._left_out, (push.begin - 0.5, end + 0.5))
-            names, order = self.model.arm.joint_names, np.argsort(-push.peak)
+            arm, order = self.model.arm, np.argsort(-push.peak)
+            names = arm.joint_names
             joints = tuple(names[j] for j in order if push.peak[j] > 0.2 * push.peak.max())
             values = {
-                names[j]: Estimate(
-                    float(push.peak[j]), np.nan, np.nan, self.model.arm.effort_units[j]
-                )
+                names[j]: Estimate(float(push.peak[j]), np.nan, np.nan, arm.effort_units[j])
                 for j in order
                 if push.peak[j] > 0.0
             }

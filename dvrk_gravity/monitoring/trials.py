@@ -101,10 +101,11 @@ class Trial:
         if hypothesis is None:
             return None
         columns = window.white(window.columns(hypothesis))
-        likely = replace(self, hypothesis=hypothesis, columns=columns)
         prior = prior_precision(hypothesis, columns.shape[2])
-        likely = replace(likely, evidence=self.test.evidence(likely._begun, prior))
-        return likely if hypothesis.plausible(likely.evidence.theta) else None
+        evidence = self.test.evidence(self._since(columns), prior)
+        if not hypothesis.plausible(evidence.theta):
+            return None
+        return replace(self, hypothesis=hypothesis, columns=columns, evidence=evidence)
 
     def size(self, window: Window) -> float:
         """Return its RMS torque while it acts, over the errors', at the joint where it is most."""

@@ -48,14 +48,7 @@ def event_text(event: Event, arm: Arm) -> str:
 
 def event_json(event: Event, arm: Arm) -> dict[str, Any]:
     """Return an event as a program reads it, in SI units, with its sentence."""
-    values = {
-        name: {
-            "value": each.value,
-            "ci95": [each.low, each.high] if np.isfinite(each.low) else None,
-            "unit": each.unit,
-        }
-        for name, each in event.values.items()
-    }
+    values = {name: each.as_json() for name, each in event.values.items()}
     return {"sentence": event_text(event, arm), **asdict(event), "values": values}
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from released import MODEL, NAMESPACE
 from sensor_msgs.msg import JointState
 
-from dvrk_gravity.ros import Client
+from dvrk_gravity.ros import Client, NodeProcess
 
 SIMULATOR = ("-p", "arm:=ecm", "-p", "rate:=100.0")
 
@@ -38,7 +43,21 @@ class Listening:
             lambda: any(value in self.said.get(key, "") for value in values), words, timeout
         )
 
-    def wait_for_bag(self) -> None:
-        """Wait until a bag that was asked for is written, diagnosed or not."""
-        busy = ("nothing", "being written")
-        self.client.wait(lambda: not self.said.get("saved", "nothing").endswith(busy), "a bag")
+    def until_saved(self, *still: str) -> None:
+        """Wait for a bag that was asked for, and while what is said of it ends with some words."""
+        busy = ("nothing", "being written", *still)
+        self.client.wait(
+            lambda: not self.said.get("saved", "nothing").endswith(busy), "a bag", 120.0
+        )
+
+
+@contextmanager
+def monitored(folder: Path) -> Iterator[tuple[Listening, NodeProcess]]:
+    """Start a monitor that saves to a folder; yield what is heard of it, and its process."""
+    MODEL.save(folder / "model.yaml")
+    words = ("--params-file", f"{folder / 'model.yaml'}", "-p", f"save_folder:={folder}")
+    with (
+        Client(NAMESPACE) as client,
+        NodeProcess("monitor", *words, namespace=NAMESPACE) as monitor,
+    ):
+        yield Listening(client), monitor

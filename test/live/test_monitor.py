@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from monitored import SIMULATOR, Listening
-from released import ARM, MODEL, NAMESPACE
+from monitored import SIMULATOR, monitored
+from released import ARM, NAMESPACE
 from std_srvs.srv import Trigger
 
 from dvrk_gravity import Recording
-from dvrk_gravity.ros import COMMANDS, UNHEARD, Client, NodeProcess
+from dvrk_gravity.ros import COMMANDS, UNHEARD, NodeProcess
 
 
 def test_torques_at_once_a_bag_on_demand_and_never_a_command(domain, tmp_path):
-    MODEL.save(tmp_path / "model.yaml")
-    words = ("--params-file", f"{tmp_path / 'model.yaml'}", "-p", f"save_folder:={tmp_path}")
     with (
-        Client(NAMESPACE) as client,
-        NodeProcess("monitor", *words, namespace=NAMESPACE) as monitor,
+        monitored(tmp_path) as (heard, monitor),
         NodeProcess("simulator", *SIMULATOR, namespace=NAMESPACE),
     ):
-        heard = Listening(client)
+        client = heard.client
         client.wait(lambda: len(heard.torques["external_js"]) >= 50, "a second of torques")
         for name in ("expected_js", "external_js"):
             assert tuple(heard.torques[name][-1].name) == ARM.joint_names
@@ -31,7 +28,7 @@ def test_torques_at_once_a_bag_on_demand_and_never_a_command(domain, tmp_path):
         assert not published & (commands | {"hold", "servo_jf", "use_gravity_compensation"})
         answer = client.call(Trigger, "monitor/save")
         assert answer.success
-        heard.wait_for_bag()
+        heard.until_saved()
         recording = Recording.load(answer.message.split(";")[0])
         assert recording.joints == ARM.joint_names
         assert len(recording) > 50

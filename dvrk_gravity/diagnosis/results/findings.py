@@ -367,7 +367,4 @@ def ordered(findings: Iterable[Finding], expected: Collection[str] = ()) -> list
 
 
 def _parameters(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {
-        name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
-        for name, e in estimates.items()
-    }
+    return {name: estimate.as_json() for name, estimate in estimates.items()}

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 from dvrk_gravity.units import interval, quantity
 
@@ -24,7 +25,7 @@ class Estimate:
 
     Attributes:
         value: Estimate.
-        low: Lower end of the interval.
+        low: Lower end of the interval; NaN: not known.
         high: Upper end.
         unit: SI unit, ``""`` if it has none.
     """
@@ -52,6 +53,12 @@ class Estimate:
         if self.value >= 0.0:
             return self
         return Estimate(-self.value, -self.high, -self.low, self.unit)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as findings.json and the monitor's events have it."""
+        known = not math.isnan(self.low)
+        ci95 = [self.low, self.high] if known else None
+        return {"value": self.value, "ci95": ci95, "unit": self.unit}
 
     def percent(self, neutral: float = 0.0) -> Estimate:
         """Return by how much it is off a neutral value, in percent."""

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from monitored import SIMULATOR, Listening
-from released import ARM, MODEL, NAMESPACE
+from monitored import SIMULATOR, monitored
+from released import ARM, NAMESPACE
 from std_srvs.srv import Trigger
 
 from dvrk_gravity import Recording
-from dvrk_gravity.ros import Client, NodeProcess
+from dvrk_gravity.ros import NodeProcess
 
 
 def test_states_and_wrench_of_an_arm_that_begins_anew_and_the_diagnosis_of_a_bag(domain, tmp_path):
-    MODEL.save(tmp_path / "model.yaml")
-    words = ("--params-file", f"{tmp_path / 'model.yaml'}", "-p", f"save_folder:={tmp_path}")
-    with (
-        Client(NAMESPACE) as client,
-        NodeProcess("monitor", *words, namespace=NAMESPACE) as monitor,
-    ):
-        heard = Listening(client)
+    with monitored(tmp_path) as (heard, monitor):
+        client = heard.client
         heard.until("state", "silent")
         with NodeProcess("simulator", *SIMULATOR, namespace=NAMESPACE):
             heard.until("state", "as expected", "held by friction")
@@ -37,14 +32,8 @@ def test_states_and_wrench_of_an_arm_that_begins_anew_and_the_diagnosis_of_a_bag
         assert answer.success
         bag, diagnosis = answer.message.split("; its diagnosis, when ready: ")
         assert Path(diagnosis).parent == Path(bag).parent
-        client.wait(
-            lambda: (
-                heard.said["saved"].startswith(str(tmp_path))
-                and not heard.said["saved"].endswith(("being written", "on its way"))
-            ),
-            "the diagnosis",
-            120.0,
-        )
+        heard.until_saved("on its way")
+        assert heard.said["saved"].startswith(str(tmp_path))
         recording = Recording.load(bag)
         assert recording.joints == ARM.joint_names
         assert len(recording) > 100
