@@ -12,6 +12,7 @@ from dvrk_gravity.monitoring.trials import Key, Limits, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
 
 _STEP = 4.0  # s, between two looks at the calibration
+_SHORTEST = 10.0  # s, of a part that shows what recurs: as long as a monitor learns
 
 
 def calibration_limits(
@@ -37,10 +38,11 @@ def calibration_limits(
         time = np.arange(part.start, part.stop) / kept.rate
         samples = (kept.q[part], kept.qd[part], kept.effort[part])
         rows = Rows.of(sampling.row_rate, time, *samples)
-        if len(rows) < longest * sampling.row_rate:
+        size, step = (round(each * sampling.row_rate) for each in (longest, _STEP))
+        size = min(size, len(rows))
+        if size < _SHORTEST * sampling.row_rate:
             continue
         unexpected = MomentumObserver(model, band.gain, 1.0).advance(rows).unexpected
-        size, step = round(longest * sampling.row_rate), round(_STEP * sampling.row_rate)
         for last in range(size, len(rows) + 1, step):
             own = slice(last - size, last)
             window = Window.of(model, rows.at(own), unexpected[own], band, sampling)

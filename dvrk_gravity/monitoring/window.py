@@ -30,6 +30,9 @@ _STUCK = FilterSettings().stuck
 # a motion of the same kind exceeds them by.
 _BESIDE = 0.03
 _FASTER = 1.2
+# Of the greatest identified speed, below which friction is no function of speed that recurs: it
+# builds up, sticks and slips. As the identification has it (`SLOW`).
+_CREEPS = 0.1
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
 
 
@@ -82,6 +85,7 @@ class Window:
             load).
         fixed: d.
         error: (n,) standard deviation of errors that the directions do not describe, N·m.
+        creeping: (m, n) by which it is larger where a joint creeps, 1 or more.
     """
 
     motion: MeasuredMotion
@@ -91,6 +95,7 @@ class Window:
     open: Array
     fixed: int
     error: Array
+    creeping: Array
     _filter: LowPassed
     _follows: Mask
     _correlation: Array
@@ -138,9 +143,10 @@ class Window:
         error = np.hypot(band.error, noise)
         # Of an error of first order and white noise, seen as one error of first order.
         correlation = np.exp(-step / band.correlation_time) * (band.error / error) ** 2
+        slow = low(FRICTION_PART * np.abs(expected.friction) * _creeping(motion))
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
-            fixed.shape[2], error, low, follows, correlation,
+            fixed.shape[2], error, np.hypot(1.0, slow / error), low, follows, correlation,
         )  # fmt: skip
 
     @cached_property
@@ -155,8 +161,11 @@ class Window:
 
     def white(self, values: Array) -> Array:
         """Return (m, n, …) samples, whitened; zero where they say nothing."""
-        white = whitened(values, self._follows, self.error, self._correlation)
-        usable = self.usable.reshape(*self.usable.shape, *(1,) * (values.ndim - 2))
+        usable, creeping = (
+            each.reshape(*each.shape, *(1,) * (values.ndim - 2))
+            for each in (self.usable, self.creeping)
+        )
+        white = whitened(values / creeping, self._follows, self.error, self._correlation)
         return np.where(usable, white, 0.0)
 
     def deviation(self, test: ChangeTest, rows: slice) -> Array:
@@ -165,7 +174,7 @@ class Window:
         Errors, and what is uncertain about the model as the samples leave it.
         """
         left = test.deviation_of(self.open[rows].reshape(-1, self.open.shape[2]))
-        return np.hypot(self.error, left.reshape(-1, self.motion.arm.n))
+        return np.hypot(self.error * self.creeping[rows], left.reshape(-1, self.motion.arm.n))
 
     def rubbed(self, torque: Array) -> Array:
         """Return (m, n, n) torque by which friction grows with (m, n) transmitted torque."""
@@ -277,6 +286,18 @@ def _beyond(motion: MeasuredMotion) -> Mask:
     return np.asarray(np.any(outside | (np.abs(motion.qd) > _FASTER * fastest), axis=1))
 
 
+def _creeping(motion: MeasuredMotion) -> Array:
+    """Return (K, n) how much a joint creeps: one at rest, nothing in fast motion."""
+    return np.asarray(np.exp(-np.square(motion.qd / (_CREEPS * _greatest_speed(motion)))))
+
+
+def _greatest_speed(motion: MeasuredMotion) -> Array:
+    """Return (n,) greatest speed that the model was identified at, else the motion's RMS."""
+    known = motion.model.uncertainty
+    speed = np.zeros(motion.arm.n) if known is None else np.nan_to_num(known.speed)
+    return np.maximum(np.where(speed > 0.0, speed, motion.speed), 1e-6)
+
+
 def _diagonal(values: Array) -> Array:
     """Return (K, n, n) columns that act on one joint each from (K, n) torques."""
     return values[:, :, None] * np.eye(values.shape[1])
@@ -290,12 +311,10 @@ def _misfits(motion: MeasuredMotion, deviation: Array) -> Array:
     """
     known = motion.model.uncertainty
     low, high = motion.q.min(axis=0), motion.q.max(axis=0)
-    speed = motion.speed
     if known is not None:
         low, high = known.lower, known.upper
-        speed = np.where(np.nan_to_num(known.speed) > 0.0, known.speed, speed)
     place = (motion.true_q - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-6)
     place = np.clip(place, -1.0, 1.0)
-    fast = np.clip(motion.qd / np.maximum(speed, 1e-6), -1.0, 1.0)
+    fast = np.clip(motion.qd / _greatest_speed(motion), -1.0, 1.0)
     shapes = (np.ones_like(place), place, place**2, motion.signs, fast)
     return np.concatenate([_diagonal(deviation / np.sqrt(_SHAPES) * s) for s in shapes], axis=2)

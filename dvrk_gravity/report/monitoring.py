@@ -42,7 +42,9 @@ def event_text(event: Event, arm: Arm) -> str:
     )
     others = dict.fromkeys(f"{name} at {', '.join(at) or 'the arm'}" for name, at in _others(event))
     perhaps = "perhaps " if event.certainty == "perhaps" else ""
-    text = f"{perhaps}{effect_title(event.effect)} at {event.place or ', '.join(event.joints)}"
+    named = event.place and event.place not in ("joint", "motor")  # else only a kind of site
+    where = event.place if named else ", ".join(event.joints)
+    text = f"{perhaps}{effect_title(event.effect)} at {where}"
     return f"{text}: {size}{f' (or {next(iter(others))})' if others else ''}"
 
 
