@@ -57,9 +57,10 @@ def sampling(recording: Recording) -> list[Note]:
         )
         findings.append(Note("stale_samples", None, numbers, text))
     # Over a gap nothing is smooth.
-    jitter = read_jitter(max(split_at_gaps(recording), key=len))
+    part = max(split_at_gaps(recording), key=len)
+    jitter = read_jitter(part)
     rate = recording.rate
-    fresh = max(split_at_gaps(recording.rows(~old)), key=len)
+    fresh = part.rows(~stale(part))  # as they are prepared: interpolated over, no gap
     corrected = rate is not None and retimed(fresh) is not fresh
     if jitter is None or rate is None:
         return findings
