@@ -45,6 +45,7 @@ _KINDS: tuple[tuple[bytes, Callable[[Path, int], BagFile]], ...] = (
 # own drivers (and, for all arms together, of whatever draws them).
 _READINGS = ("measured_js", "state_joint_current", "joint_states")
 _NUMBER = re.compile(r"_(\d+)$")  # of a part of a bag that was split
+_LATEST = 2**63 - 1  # ns, of ROS's times
 _DISK_SHARE = 0.5  # of the free space, that unpacking a file may take
 
 
@@ -301,6 +302,9 @@ class BagReader:
                         f"a message of {channel.topic} holds {type(data).__name__} received at "
                         f"{received!r:.40}, expected bytes received at a whole number of ns",
                     )
+                if received > _LATEST:
+                    file.leave_out("message received at a time beyond the year 2262")
+                    continue
                 try:
                     data = unpacked_message(data, file.allowance)
                 except UnpackError as error:
