@@ -27,12 +27,8 @@ CLEAN = ("clean", "elsewhere")
 PLACES = ("named", "alternative", "late", "unnamed", "push", "wrong", "missed")
 
 
-class Event(Protocol):
-    """What a monitor reports."""
-
-    @property
-    def kind(self) -> str:
-        """``push``, ``change``, ``drift`` or ``unexplained``."""
+class Cause(Protocol):
+    """A cause that a monitor names."""
 
     @property
     def effect(self) -> str:
@@ -41,6 +37,14 @@ class Event(Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of joints."""
+
+
+class Event(Cause, Protocol):
+    """What a monitor reports."""
+
+    @property
+    def kind(self) -> str:
+        """``push``, ``change``, ``drift`` or ``unexplained``."""
 
     @property
     def onset(self) -> float:
@@ -59,8 +63,8 @@ class Event(Protocol):
         """``certain`` or ``perhaps``."""
 
     @property
-    def alternatives(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Effect and joints of what explains it as well."""
+    def alternatives(self) -> Sequence[Cause]:
+        """What explains it as well."""
 
 
 class Monitored(Protocol):
@@ -244,7 +248,7 @@ def _listed(hidden: Hidden, event: Event, arm: Arm) -> bool:
     """Whether it is among an event's alternatives, or the event's effect has the same torque."""
     if event.effect and fits(hidden, event.effect, event.joints, arm):
         return True
-    return any(right(hidden, effect, joints) for effect, joints in event.alternatives)
+    return any(right(hidden, each.effect, each.joints) for each in event.alternatives)
 
 
 def _certain(event: Event) -> bool:

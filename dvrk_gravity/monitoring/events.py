@@ -12,6 +12,21 @@ Kind = Literal["push", "change", "drift", "unexplained"]
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """A cause that explains an event as well as the one that it names.
+
+    Attributes:
+        effect: Its name in the vocabulary.
+        joints: Names of its joints, the most affected one first.
+        where: Its site in words.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    where: str
+
+
+@dataclass(frozen=True)
 class Event:
     """Something that the model does not expect.
 
@@ -22,12 +37,12 @@ class Event:
         reported: When that was known, s.
         joints: Names of the joints, the most affected one first.
         effect: Name of the cause in the vocabulary; ``""``: none.
-        place: Form or site of the cause.
+        where: Site of the cause in words; ``""``: none.
         end: When it was over, s; ``None``: it lasts.
         values: Parameters of the cause; of a push its largest torque at each joint, N·m, whose
             interval is not known.
         certainty: ``perhaps`` where other causes explain it as well.
-        alternatives: Effect and joints of these.
+        alternatives: These.
         impulse: Of a push: integral of the torque's norm, N·m·s.
     """
 
@@ -36,9 +51,9 @@ class Event:
     reported: float
     joints: tuple[str, ...]
     effect: str = ""
-    place: str = ""
+    where: str = ""
     end: float | None = None
     values: Mapping[str, Estimate] = field(default_factory=dict)
     certainty: Literal["certain", "perhaps"] = "certain"
-    alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
     impulse: float | None = None

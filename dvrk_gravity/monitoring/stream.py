@@ -319,9 +319,9 @@ class Monitor:
         self._rows = self._rows.at(slice(since, None))
         self._unexpected, self._momentum = self._unexpected[since:], self._momentum[since:]
         yield Event(
-            "change", onset, now, joints, best.hypothesis.effect, best.hypothesis.place, None,
+            "change", onset, now, joints, best.hypothesis.effect, best.hypothesis.where, None,
             best.reported(window), "perhaps" if rivals or beside else "certain",
-            tuple((each.hypothesis.effect, each.joints()) for each in rivals),
+            tuple(each.alternative() for each in rivals),
         )  # fmt: skip
 
     def _onsets(self, window: Window) -> list[int]:

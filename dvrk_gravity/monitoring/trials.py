@@ -15,6 +15,7 @@ from dvrk_gravity.effects import Estimate, Hypothesis, PayloadHypothesis, heavie
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
+from dvrk_gravity.monitoring.events import Alternative
 from dvrk_gravity.monitoring.window import Window
 
 Key = tuple[str, tuple[int, ...], str]
@@ -154,6 +155,10 @@ class Trial:
         size = np.sum(self.torque**2, axis=0)
         names = self.hypothesis.arm.joint_names
         return tuple(names[j] for j in np.argsort(-size) if size[j] > 0.1 * size.max())
+
+    def alternative(self) -> Alternative:
+        """Return it as the alternative to another cause."""
+        return Alternative(self.hypothesis.effect, self.joints(), self.hypothesis.where)
 
     def values(self) -> dict[str, Estimate]:
         """Return its parameters with their intervals, to first order."""

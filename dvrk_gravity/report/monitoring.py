@@ -40,12 +40,9 @@ def event_text(event: Event, arm: Arm) -> str:
         f"{effect.meaning(name).in_words(event.values[name])}"
         for name in effect.listed(event.values)
     )
-    others = dict.fromkeys(f"{name} at {', '.join(at) or 'the arm'}" for name, at in _others(event))
     perhaps = "perhaps " if event.certainty == "perhaps" else ""
-    named = event.place and event.place not in ("joint", "motor")  # else only a kind of site
-    where = event.place if named else ", ".join(event.joints)
-    text = f"{perhaps}{effect_title(event.effect)} at {where}"
-    return f"{text}: {size}{f' (or {next(iter(others))})' if others else ''}"
+    other = [f" (or {effect_title(each.effect)} at {each.where})" for each in event.alternatives]
+    return f"{perhaps}{effect_title(event.effect)} at {event.where}: {size}{''.join(other[:1])}"
 
 
 def event_json(event: Event, arm: Arm) -> dict[str, Any]:
@@ -96,10 +93,6 @@ def monitored_text(seen: Monitored, width: int | None = None) -> Iterator[str]:
     for event in seen.events:
         head = f"{event.onset:7.1f} {event.reported:9.1f}  "
         yield wrap(event_text(event, arm), width, head)
-
-
-def _others(event: Event) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    return tuple((effect_title(name), joints) for name, joints in event.alternatives)
 
 
 def _sizes(seen: Monitored) -> tuple[Any, Any]:

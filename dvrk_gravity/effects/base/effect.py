@@ -386,6 +386,11 @@ class Hypothesis(ABC):
         return tuple(self.arm.joint_names[joint] for joint in self.joints)
 
     @property
+    def where(self) -> str:
+        """Its site in words, or its joints if it spans several."""
+        return " and ".join(self.names) if self.names[1:] else self.site.words(self.arm)
+
+    @property
     def subject(self) -> str:
         """What it would change, in words."""
         return f"{self.EFFECT.title()} of {self.site.words(self.arm)}"
