@@ -191,12 +191,35 @@ def truth_of(recording: Recording, arm: Arm) -> Truth:
 
 
 def with_hidden(recording: Recording, before: Truth, after: Truth) -> Recording:
-    """Return a recording with what was hidden in its truth, in its own coordinates."""
+    """Return a recording with what was hidden in its truth, in its own coordinates.
+
+    A sample that repeats the one before repeats that with what was hidden.
+    """
     assert recording.effort is not None
-    moved, added = after.q - before.q, after.effort - before.effort
+    arm, velocity = before.arm, recording.velocity
+    read = _repeated(recording)
+    moved, faster, added = (
+        (of(after) - of(before))[read]
+        for of in (lambda t: t.q, lambda t: t.qd, lambda t: t.effort)
+    )
     if recording.coordinates == "actuator":
-        moved, added = before.arm.actuator_position(moved), before.arm.actuator_effort(added)
-    return replace(recording, position=recording.position + moved, effort=recording.effort + added)
+        moved, faster = arm.actuator_position(moved), arm.actuator_position(faster)
+        added = arm.actuator_effort(added)
+    return replace(
+        recording,
+        position=recording.position + moved,
+        velocity=None if velocity is None else velocity + faster,
+        effort=recording.effort + added,
+    )
+
+
+def _repeated(recording: Recording) -> Array:
+    """Return (N,) the sample that each one is, or repeats."""
+    assert recording.effort is not None
+    read = (recording.position, recording.velocity, recording.effort)
+    arrays = np.hstack([each for each in read if each is not None])
+    new = np.append(True, np.any(arrays[1:] != arrays[:-1], axis=1))
+    return np.asarray(np.maximum.accumulate(np.where(new, np.arange(len(new)), 0)))
 
 
 def trials(case: Case, effects: Sequence[str], places: int, model: TorqueModel) -> Iterator[Trial]:

@@ -47,9 +47,9 @@ def test_a_place_is_named_by_link_or_joint():
 
 
 def test_without_coordinates_it_is_where_the_next_link_is_attached():
-    for arm in map(Arm.load, ("psm", "mtmr", "ecm")):
-        body, end = place_of(arm, arm.joint_names[0])
-        following = arm.bodies[place_of(arm, arm.joint_names[1])[0]]
+    for arm in map(Arm.load, ("psm", "mtmr", "ecm", UR5)):
+        body, end = place_of(arm, arm.joint_names[1])
+        following = arm.bodies[place_of(arm, arm.joint_names[2])[0]]
         frame = arm.bodies[body].frame
         np.testing.assert_allclose(frame.act(end), following.placement.translation, atol=1e-12)
         np.testing.assert_allclose(place_of(arm, arm.joint_names[-1])[1], 0.0)
