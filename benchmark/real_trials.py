@@ -199,8 +199,7 @@ def with_hidden(recording: Recording, before: Truth, after: Truth) -> Recording:
     arm, velocity = before.arm, recording.velocity
     read = _repeated(recording)
     moved, faster, added = (
-        (of(after) - of(before))[read]
-        for of in (lambda t: t.q, lambda t: t.qd, lambda t: t.effort)
+        (of(after) - of(before))[read] for of in (lambda t: t.q, lambda t: t.qd, lambda t: t.effort)
     )
     if recording.coordinates == "actuator":
         moved, faster = arm.actuator_position(moved), arm.actuator_position(faster)

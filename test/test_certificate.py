@@ -11,13 +11,7 @@ import numpy as np
 import pytest
 from finished_calibration import BRIEF, RELEASED, Finished, finished_calibration
 
-from dvrk_gravity.calibration import (
-    certify,
-    holding,
-    largest_drift,
-    random_poses,
-    shown_drift,
-)
+from dvrk_gravity.calibration import certify, holding, largest_drift, random_poses, shown_drift
 from dvrk_gravity.identification import POOR, identify
 from dvrk_gravity.planning import Plan, PlanLimits
 

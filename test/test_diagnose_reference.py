@@ -9,18 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from compared import DURATION, again, bare, changed, motion
-from diagnosed import (
-    ARM,
-    COULOMB,
-    PITCH,
-    ROLL,
-    YAW,
-    eye,
-    holds,
-    loaded,
-    moving,
-    only,
-)
+from diagnosed import ARM, COULOMB, PITCH, ROLL, YAW, eye, holds, loaded, moving, only
 from support import REPOSITORY
 
 from dvrk_gravity.__main__ import main

@@ -11,14 +11,7 @@ import pytest
 
 from dvrk_gravity import effects
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.diagnosis import (
-    NO_TERM,
-    NOT_AS_FOUND,
-    MeasuredMotion,
-    extended,
-    hypotheses,
-    load,
-)
+from dvrk_gravity.diagnosis import NO_TERM, NOT_AS_FOUND, MeasuredMotion, extended, hypotheses, load
 from dvrk_gravity.effects import (
     CableHypothesis,
     Hypothesis,

@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 from first_starts import FARTHEST, FASTEST, NAMES, POSE, SHIPPED, Loop, check_held
 
-from dvrk_gravity.compensate import (
-    HANDS_OFF,
-    ConstantCheck,
-    Sample,
-    Status,
-)
+from dvrk_gravity.compensate import HANDS_OFF, ConstantCheck, Sample, Status
 
 LIMIT = SHIPPED.arm.effort_limit.tolist()
 
