@@ -198,9 +198,8 @@ def with_hidden(recording: Recording, before: Truth, after: Truth) -> Recording:
     assert recording.effort is not None
     arm, velocity = before.arm, recording.velocity
     read = _repeated(recording)
-    moved, faster, added = (
-        (of(after) - of(before))[read] for of in (lambda t: t.q, lambda t: t.qd, lambda t: t.effort)
-    )
+    moved, faster = (after.q - before.q)[read], (after.qd - before.qd)[read]
+    added = (after.effort - before.effort)[read]
     if recording.coordinates == "actuator":
         moved, faster = arm.actuator_position(moved), arm.actuator_position(faster)
         added = arm.actuator_effort(added)

@@ -340,16 +340,3 @@ def test_a_motor_that_saturates_loses_with_the_cube_of_its_torque():
     acting, largest = motion().acting[:, weak.joints[0]], weak.setting["torque"]
     lost = added(weak, np.array([0.1]))[:, weak.joints[0]]
     np.testing.assert_allclose(lost, 0.1 * acting**3 / largest**2, atol=1e-12)
-
-
-@pytest.mark.parametrize("later", [20, 5, -20])
-def test_recordings_are_read_in_one_time_in_which_none_overlaps(later):
-    world = World.draw(5, step=COARSE)
-    first, second = (world.record(1, motion, duration=10.0) for motion in (2, 3))
-    second = replace(second, start_ns=first.start_ns + later * 10**9)
-    time = load([first, second], world.model()).time
-    half = int(np.argmax(np.abs(np.diff(time)))) + 1
-    if later == 5:
-        assert time[half] > time[half - 1]
-    else:
-        assert time[half] - time[0] == pytest.approx(later)

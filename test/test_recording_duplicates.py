@@ -1,4 +1,4 @@
-"""The same data given twice counts once: duplicate samples are recognised and left out."""
+"""Several recordings: the same data counts once, and no two overlap in time."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from dvrk_gravity import TorqueModel
 from dvrk_gravity.diagnosis import load
 from dvrk_gravity.observation import observe
 from dvrk_gravity.recording import Recording, duplicate_samples, without_duplicates
+
+MODEL = TorqueModel.from_parameters({"arm": "mtmr", "beta": (0.1,) * 10})
 
 
 @pytest.fixture(scope="module")
@@ -133,9 +135,19 @@ def test_a_motion_given_twice_or_appended_to_itself_is_observed_once(measured, o
 
 
 def test_a_diagnosis_reads_a_recording_once(measured):
-    model = TorqueModel.from_parameters({"arm": "mtmr", "beta": (0.1,) * 10})
-    once = load([measured], model)
+    once = load([measured], MODEL)
     for given in ([measured, measured], [appended(measured, measured)]):
-        again = load(given, model)
+        again = load(given, MODEL)
         assert len(again) == len(once)
         assert [warning.kind for warning in again.warnings].count("duplicate_samples") == 1
+
+
+@pytest.mark.parametrize("later", [20, 5, -20])
+def test_recordings_are_read_in_one_time_in_which_none_overlaps(measured, other, later):
+    second = replace(other, start_ns=measured.start_ns + later * 10**9)
+    motion = load([measured, second], MODEL)
+    first, begin = motion.time[0], motion.time[motion.parts[1].start]
+    if later == 5:
+        assert begin > motion.time[motion.parts[0].stop - 1]
+    else:
+        assert begin - first == pytest.approx(later)
