@@ -2,6 +2,7 @@ from .change_test import ChangeTest as ChangeTest
 from .change_test import Evidence as Evidence
 from .change_test import Sums as Sums
 from .change_test import whitened as whitened
+from .events import Alternative as Alternative
 from .events import Event as Event
 from .listening import Judge as Judge
 from .listening import Listener as Listener

@@ -1,11 +1,12 @@
 """Flights for judging a monitor: their physics by other means, and the judge."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
+from dvrk_gravity.monitoring import Alternative, Event
 from testing.flight_motion import PausedMotion
 from testing.flight_mtm import MtmBench
 from testing.flight_mujoco import MujocoBench
@@ -106,48 +107,28 @@ def test_a_payload_of_a_master_arm_weighs_what_its_height_says_from_its_moment_o
     assert (steps <= 1.5 * np.abs(np.diff(without.position, axis=0)).max(axis=0) + 1e-4).all()
 
 
-@dataclass
-class Said:
-    """An event of a monitor that only says it."""
-
-    kind: str
-    effect: str
-    joints: tuple[str, ...]
-    onset: float
-    reported: float
-    certainty: str = "certain"
-    alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    end: float | None = None
-
-
-NAMED = Said("change", "coulomb_friction", ("elbow_pitch",), 31.0, 36.0)
-PUSHED = Said("push", "", ("elbow_pitch",), 31.0, 32.0)
+NAMED = Event("change", 31.0, 36.0, ("elbow_pitch",), "coulomb_friction")
+PERHAPS = Event("change", 31.0, 36.0, ("wrist_yaw",), "payload", certainty="perhaps")
+OTHER = Alternative("coulomb_friction", ("elbow_pitch",), "elbow_pitch")
+PUSHED = Event("push", 31.0, 32.0, ("elbow_pitch",))
 
 
 @pytest.mark.parametrize(
     ("events", "place"),
     [
         ([NAMED], "named"),
-        ([Said("change", "coulomb_friction", ("elbow_pitch",), 31.0, 45.0)], "late"),
-        ([Said("change", "coulomb_friction", ("wrist_yaw",), 31.0, 36.0)], "wrong"),
-        ([NAMED, Said("change", "payload", ("wrist_yaw",), 31.0, 40.0)], "wrong"),
-        ([NAMED, Said("change", "payload", ("wrist_yaw",), 31.0, 40.0, "perhaps")], "named"),
-        (
-            [
-                Said(
-                    "change", "payload", ("wrist_yaw",), 31.0, 36.0, "perhaps",
-                    (("coulomb_friction", ("elbow_pitch",)),),
-                )
-            ],
-            "alternative",
-        ),
+        ([Event("change", 31.0, 45.0, ("elbow_pitch",), "coulomb_friction")], "late"),
+        ([Event("change", 31.0, 36.0, ("wrist_yaw",), "coulomb_friction")], "wrong"),
+        ([NAMED, Event("change", 31.0, 40.0, ("wrist_yaw",), "payload")], "wrong"),
+        ([NAMED, PERHAPS], "named"),
+        ([replace(PERHAPS, alternatives=(OTHER,))], "alternative"),
         ([PUSHED], "push"),
-        ([Said("unexplained", "", ("elbow_pitch",), 31.0, 36.0)], "unnamed"),
+        ([Event("unexplained", 31.0, 36.0, ("elbow_pitch",))], "unnamed"),
         ([], "missed"),
     ],
-)  # fmt: skip
+)
 def test_a_change_is_named_by_effect_and_joint_in_time_and_nothing_else(
-    events: list[Said], place: str
+    events: list[Event], place: str
 ) -> None:
     assert verdict_on(Hidden("coulomb_friction", ("elbow_pitch",), {}), events) == place
 
@@ -157,11 +138,11 @@ def test_a_change_is_named_by_effect_and_joint_in_time_and_nothing_else(
     [
         ([PUSHED], "named"),
         ([NAMED], "wrong"),
-        ([PUSHED, Said("change", "payload", ("wrist_yaw",), 31.0, 40.0, "perhaps")], "wrong"),
+        ([PUSHED, PERHAPS], "wrong"),
         ([], "missed"),
     ],
 )
-def test_a_push_is_a_push_and_never_a_payload(events: list[Said], place: str) -> None:
+def test_a_push_is_a_push_and_never_a_payload(events: list[Event], place: str) -> None:
     assert verdict_on(Hidden("push", (), {}), events, end=32.0) == place
 
 
@@ -169,7 +150,7 @@ def test_hours_without_an_alarm_bound_its_rate() -> None:
     assert most_an_hour(0, 30.0) == pytest.approx(-np.log(0.05) / 30.0)
 
 
-def verdict_on(hidden: Hidden, events: list[Said], end: float = np.inf) -> str:
+def verdict_on(hidden: Hidden, events: list[Event], end: float = np.inf) -> str:
     bench = MtmBench.draw(0)
     model, none = bench.world.model(), np.zeros(7)
     flight = Flight("mtm", 0, "coulomb_friction", None, model, hidden, 30.5, end, None, none, none)
