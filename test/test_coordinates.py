@@ -50,6 +50,7 @@ def test_every_verb_reads_a_recording_in_the_same_coordinates(recording, truth):
     assert [finding.effect for finding in right.faults] == (
         [] if truth == "joint" else ["wrong_coordinates"]
     )
+    assert all(finding.p_value < 1e-3 for finding in right.faults)
     # What `identify` has found and corrected before is no news to a diagnosis.
     as_before = correct_recordings([recording()], replace(WEIGHT, found_in="actuator"), None, {})
     assert (as_before.faults, as_before.warnings) == ((), ())

@@ -44,11 +44,19 @@ def carrying(seed: int, mass: float, name: str) -> Recording:
     return motion.read(motion.torque(loaded(mass, COM)), seed, source=f"/somewhere/{name}")
 
 
-def test_a_load_in_both_is_one_load():
-    found = only(diagnose([carrying(0, MASS, "a"), carrying(1, MASS, "b")], model()))
+def test_a_load_that_is_hardly_another_one_in_both_is_one_load():
+    found = only(diagnose([carrying(0, MASS, "a"), carrying(1, 1.01 * MASS, "b")], model()))
 
     assert found.parameters["mass"].value == pytest.approx(MASS, rel=0.02)
     assert found.left_out == ""
+
+
+def test_an_average_of_two_loads_is_in_no_model():
+    two = diagnose([carrying(0, MASS, "a"), carrying(1, 0.5 * MASS, "b")], model())
+
+    (load,) = (each for each in two.findings if each.effect == "payload")
+    assert load.left_out == "the recordings differ about it"
+    assert two.model.parameters() == model().parameters()
 
 
 def test_a_slow_recording_beside_a_fast_one_is_diagnosed_at_its_rate():

@@ -11,7 +11,7 @@ from made_up_arm import made_up_arm
 
 from dvrk_gravity import TorqueModel, effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinearTerm, Range, State, Term
+from dvrk_gravity.effects import LinearTerm, Range, Site, State, Term
 
 ARM = Arm.load("mtmr")
 LEVELS = [0.01 * (j + 1) for j in range(ARM.n)]
@@ -230,6 +230,12 @@ def test_its_friction_scales_with_the_part_and_never_drives(cases):
         same(case, case.term.scaled(part).torque(case.state), 0.3 * whole)
         if case.effect.COMPENSATED:  # what remembers the past may give back what it has stored
             assert ((whole * case.state.qd).sum(axis=1) >= -1e-12).all(), case.effect.NAME
+
+
+def test_a_joint_rubs_as_its_larger_level_and_its_motor_s_do(cases):
+    (friction,) = (case.term for case in cases if case.effect.NAME == "coulomb_friction")
+    assert friction.at(Site.joint(0)) == pytest.approx(0.07 + 0.02)
+    assert friction.at(Site.motor(6)) == pytest.approx(0.07)
 
 
 def test_what_a_fit_finds_of_it_is_what_its_columns_make(cases):

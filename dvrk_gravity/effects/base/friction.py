@@ -232,13 +232,12 @@ class AllFriction(Hypothesis):
         return pieces.reshape(*kinds.shape[:2], -1)
 
     def parameters(self, theta: Array) -> dict[str, float]:
+        if self.divided == "joints":
+            return {}  # it is compared with one factor, and never found
         factors = (1.0 + theta).tolist()
         if not self.divided:
             return {FACTOR: factors[0]}
-        if self.divided == "kinds":
-            named = zip(self.kinds, factors, strict=True)
-            return {f"{kind}_{FACTOR}": factor for kind, factor in named}
-        return {f"{FACTOR}_{index}": factor for index, factor in enumerate(factors)}
+        return {f"{kind}_{FACTOR}": each for kind, each in zip(self.kinds, factors, strict=True)}
 
     def plausible(self, theta: Array) -> bool:
         """Friction may vanish, but not drive the arm."""
