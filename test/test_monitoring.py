@@ -24,7 +24,7 @@ from dvrk_gravity.monitoring import (
 
 RATE = 50.0
 SECONDS = 40.0
-ONSET = 24.0
+ONSET = 24.5
 LOAD = 1.5  # kg
 
 
@@ -161,7 +161,7 @@ def test_nothing_is_reported_of_an_arm_as_its_model():
 def test_friction_that_grows_while_the_arm_moves_is_named_and_dated():
     (event,) = heard(later(friction))
     assert (event.kind, event.effect, event.joints) == ("change", "coulomb_friction", ("pitch",))
-    assert event.onset == pytest.approx(ONSET, abs=2.0)
+    assert event.onset == pytest.approx(ONSET, abs=0.2)
     assert event.reported - ONSET < 10.0
     positive = event.values["positive"]
     assert positive.low < 0.03 * ecm.ARM.effort_limit[ecm.PITCH] < positive.high
@@ -170,6 +170,7 @@ def test_friction_that_grows_while_the_arm_moves_is_named_and_dated():
 def test_a_load_is_named_with_an_interval_over_all_bodies_and_places():
     (event,) = heard(later(load))
     assert (event.kind, event.effect) == ("change", "payload")
+    assert event.onset == pytest.approx(ONSET, abs=0.2)
     assert event.values["mass"].low < LOAD < event.values["mass"].high
 
 

@@ -23,7 +23,7 @@ from dvrk_gravity.monitoring.observer import (
     white_noise,
 )
 from dvrk_gravity.monitoring.rows import Rows
-from dvrk_gravity.monitoring.trials import Limits, moments, trials
+from dvrk_gravity.monitoring.trials import Limits, likeliest, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
 
 _MOVES = 0.01  # rad (Arm.scale), in a second or two, of an arm that moves. Chosen
@@ -240,8 +240,7 @@ class Monitor:
     def _beside_changes(self, window: Window) -> Window:
         """Return the window without the torque of reported changes, whose sizes stay uncertain."""
         for change in self.changes:
-            columns = window.columns(change.hypothesis)
-            columns = columns * (window.time >= change.since)[:, None, None]
+            columns = window.columns(change.hypothesis, change.since)
             torque = columns @ change.theta
             window = replace(
                 window,
@@ -278,23 +277,25 @@ class Monitor:
             return
         if self._pending is None:
             self._pending = now
-        best = max(passing, key=lambda trial: trial.excess)
-        onset, waited = float(window.time[best.first]), now - self._pending >= settings.patience
-        if not best.lasts() or best.size(window) < settings.size:
+        first = likeliest(passing)
+        if not first.lasts() or first.size(window) < settings.size:
             return
-        least = settings.push + 1.0 if best.like_push() else settings.seen
-        if now - onset < least:
+        least = settings.push + 1.0 if first.like_push() else settings.seen
+        if now - first.since < least:
             return
+        # Samples before the onset, taken for some with a cause, speak for one of another shape.
+        onset = first.onset(window)
+        causes = {trial.hypothesis.key: trial for trial in passing}
+        begun = (trial.begun(onset, window) for trial in causes.values())
+        likely = [trial for trial in begun if trial is not None and trial.excess > 0.0]
+        if not likely:
+            return
+        best = likeliest(likely)
         close = best.excess - max(settings.margin, settings.part * best.evidence.gain)
-        rivals = [
-            trial
-            for trial in passing
-            if trial.first == best.first and trial.hypothesis.key != best.hypothesis.key
-            and trial.excess > close
-        ]  # fmt: skip
-        explains = best.left(window.usable) < settings.remains
-        if rivals and not waited:
+        rivals = [trial for trial in likely if trial is not best and trial.excess > close]
+        if rivals and now - self._pending < settings.patience:
             return
+        explains = best.left(window.usable) < settings.remains
         if not explains and now - self._pending < settings.give_up:
             return
         self._pending, self._push = None, None

@@ -61,7 +61,8 @@ class Trial:
     Attributes:
         hypothesis: The cause.
         evidence: What they say of it.
-        first: Index of the sample with which it begins.
+        since: When it begins, s.
+        first: Index of the first sample that has something of it.
         limit: Gain from which on it is there.
         columns: (m, n, k) whitened torque in all samples.
         test: That gave the evidence.
@@ -69,6 +70,7 @@ class Trial:
 
     hypothesis: Hypothesis
     evidence: Evidence
+    since: float
     first: int
     limit: float
     columns: Array
@@ -107,6 +109,26 @@ class Trial:
         if not hypothesis.plausible(evidence.theta):
             return None
         return replace(self, hypothesis=hypothesis, columns=columns, evidence=evidence)
+
+    def onset(self, window: Window) -> float:
+        """Return the likeliest time of its beginning, s, within about a second around its own."""
+        found = self
+        if self.first == 0:  # all samples have the cause
+            return self.since
+        for reach, step in ((1.0, window.step), (window.step, 0.25 * window.step)):
+            around = found.since + np.arange(-reach, reach, step)
+            begun = [self.begun(since, window) for since in around.tolist()]
+            found = likeliest([found, *(each for each in begun if each is not None)])
+        return found.since
+
+    def begun(self, since: float, window: Window) -> Trial | None:
+        """Return it as it begins at a time, s; ``None``: what it then would be is impossible."""
+        columns = window.white(window.columns(self.hypothesis, since))
+        evidence = self.test.evidence(columns, prior_precision(self.hypothesis, columns.shape[2]))
+        if not self.hypothesis.plausible(evidence.theta):
+            return None
+        first = int(np.searchsorted(window.ends, since, "right"))
+        return replace(self, since=since, first=first, columns=columns, evidence=evidence)
 
     def size(self, window: Window) -> float:
         """Return its RMS torque while it acts, over the errors', at the joint where it is most."""
@@ -177,7 +199,7 @@ class Trial:
         if not isinstance(hypothesis, PayloadHypothesis):
             return self.values()
         arm = hypothesis.arm
-        loads = [self._since(window.load(body)) for body in range(len(arm.bodies))]
+        loads = [window.load(body, self.since) for body in range(len(arm.bodies))]
         forms = [LoadLikelihood(*self.test.likelihood(load), heaviest(arm)) for load in loads]
         clamped = hypothesis.unclamped is not hypothesis
         best = None if clamped else hypothesis.parameters(self.evidence.theta)
@@ -191,6 +213,15 @@ class Trial:
             if neutral is not None and not values[name].doubtful(neutral):
                 return True
         return False
+
+
+def likeliest(found: Sequence[Trial]) -> Trial:
+    """Return the one with the largest excess; of samples that say nothing it begins with the last.
+
+    Raises:
+        ValueError: There is none.
+    """
+    return max(found, key=lambda trial: (trial.excess, trial.first))
 
 
 def prior_precision(hypothesis: Hypothesis, k: int) -> Array:
@@ -214,7 +245,8 @@ def trials(
         limit = limits.cause(cause, own.shape[2], len(causes) * len(firsts))
         for first, evidence in zip(firsts, evidences, strict=True):
             if evidence.gain > 0.0:
-                yield Trial(cause, evidence, first, limit, own, test)
+                since = float(window.ends[first]) - window.step
+                yield Trial(cause, evidence, since, first, limit, own, test)
 
 
 @dataclass(frozen=True, eq=False)

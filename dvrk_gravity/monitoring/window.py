@@ -149,6 +149,17 @@ class Window:
             fixed.shape[2], error, np.hypot(1.0, slow / error), low, follows, correlation,
         )  # fmt: skip
 
+    @property
+    def step(self) -> float:
+        """What a sample lasts, s."""
+        assert self.motion.rate is not None  # no static poses
+        return 1.0 / self.motion.rate
+
+    @property
+    def ends(self) -> Array:
+        """(m,) s: each is the mean of what was measured in the step before."""
+        return self.time + 0.5 * self.step
+
     @cached_property
     def residual(self) -> Array:
         """(m, n) whitened residual."""
@@ -180,14 +191,24 @@ class Window:
         """Return (m, n, n) torque by which friction grows with (m, n) transmitted torque."""
         return _diagonal(FRICTION_BY_LOAD * np.abs(torque) * self._filter(self.motion.signs))
 
-    def columns(self, hypothesis: Hypothesis) -> Array:
-        """Return (m, n, k) low-passed torque of a cause per unit of its parameters, N·m."""
-        return self._filter(hypothesis.regressor(self.motion))
+    def columns(self, hypothesis: Hypothesis, since: float = -np.inf) -> Array:
+        """Return (m, n, k) low-passed torque of a cause per unit of its parameters, N·m.
 
-    def load(self, body: int) -> Array:
+        Args:
+            hypothesis: The cause.
+            since: When it began, s.
+        """
+        return self._begun(hypothesis.regressor(self.motion), since)
+
+    def load(self, body: int, since: float) -> Array:
         """Return (m, n, 10) whitened torque of a load by :func:`effects.place_terms`, per kg."""
         directions = point_mass_directions(self.motion.arm, body)
-        return self.white(self._filter(self.motion.link_torque(body, directions)))
+        return self.white(self._begun(self.motion.link_torque(body, directions), since))
+
+    def _begun(self, columns: Array, since: float) -> Array:
+        """Return the low-passed (m, n, k) torque of what began at a time, s."""
+        part = np.clip((self.ends - since) / self.step, 0.0, 1.0)
+        return self._filter(part[:, None, None] * columns)
 
     def causes(self) -> Iterator[Hypothesis]:
         """Yield what may have changed, of the same form in every window."""
