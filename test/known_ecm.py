@@ -15,6 +15,7 @@ from dvrk_gravity.arms import Arm, build_tree
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
+from testing.flight_motion import PausedMotion
 from testing.lab_motion import draw_calibration
 
 ARM = Arm.load("ecm")
@@ -42,11 +43,14 @@ def model() -> TorqueModel:
     return TorqueModel.from_parameters(values)
 
 
-def motion(seed: int, seconds: float, speed: float = 1.0) -> tuple[np.ndarray, ...]:
+def motion(
+    seed: int, seconds: float, speed: float = 1.0, rest: float = np.inf
+) -> tuple[np.ndarray, ...]:
     """Return times, positions, velocities and accelerations of an exciting motion at 100 Hz."""
     sines = draw_calibration(ARM, seed)
     time = np.arange(0.0, seconds, 0.01)
-    return time, *replace(sines, frequency=speed * sines.frequency).at(time)
+    paused = replace(sines, frequency=speed * sines.frequency)
+    return time, *PausedMotion(paused, ((rest, 1e5),) if rest < seconds else ()).at(time)
 
 
 def recorded(
@@ -55,6 +59,7 @@ def recorded(
     more: Torque | None = None,
     gravity: np.ndarray = ARM.gravity,
     speed: float = 1.0,
+    rest: float = np.inf,
 ) -> Recording:
     """Return a motion with efforts by Pinocchio, friction written out here, and ``more``.
 
@@ -64,8 +69,9 @@ def recorded(
         more: A further torque of (N, n) positions, velocities and accelerations.
         gravity: (3,) in the base frame, m/s^2.
         speed: Times the usual one.
+        rest: From when on the arm stands still, s.
     """
-    time, q, qd, qdd = motion(seed, seconds, speed)
+    time, q, qd, qdd = motion(seed, seconds, speed, rest)
     tree = build_tree(ARM, BODIES, gravity)
     effort = np.array([tree.inverse_dynamics(*each) for each in zip(q, qd, qdd, strict=True)])
     effort += COULOMB * np.clip(qd / (0.01 * ARM.scale), -1.0, 1.0) + VISCOUS * qd

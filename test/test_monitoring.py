@@ -181,6 +181,17 @@ def test_the_push_of_a_hand_is_a_push():
     assert event.end == pytest.approx(ONSET + 1.0, abs=2.5)
 
 
+@pytest.mark.parametrize(("part", "kinds"), [(1.0, []), (8.0, ["push"])])
+def test_an_arm_at_rest_is_pushed_by_more_than_its_friction_holds(part, kinds):
+    def push(q, qd, qdd):
+        torque = np.zeros_like(q)
+        torque[2700:2800, ecm.PITCH] = -part * ecm.COULOMB[ecm.PITCH]
+        return torque
+
+    pushed = ecm.recorded(2, 36.0, push, rest=24.0)
+    assert [event.kind for event in monitor(pushed, ecm.model()).events] == kinds
+
+
 def test_a_torque_that_grows_while_the_arm_rests_is_a_drift_and_noise_is_none():
     model, n = ecm.model(), ecm.ARM.n
     random = np.random.default_rng(4)

@@ -51,8 +51,9 @@ def calibration_limits(
             for trial in trials(window, test, firsts, limits):
                 key = trial.hypothesis.key
                 if trial.evidence.gain > of_causes.get(key, 0.0):
-                    found = trial.possible(window)
-                    if found is not None:
-                        of_causes[key] = max(of_causes.get(key, 0.0), found.evidence.gain)
-            of_pushes = np.maximum(of_pushes, moments(window, test, 0).gain.max(axis=0))
+                    possible = trial.possible(window)
+                    if possible is not None:
+                        of_causes[key] = max(of_causes.get(key, 0.0), possible.evidence.gain)
+            found = moments(window.with_rests(), test, 0)
+            of_pushes = np.maximum(of_pushes, found.gain.max(axis=0))
     return Limits(limits.false_alarms, of_causes, of_pushes)

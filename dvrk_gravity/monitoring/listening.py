@@ -16,13 +16,14 @@ from typing import Literal
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.compensate import DRY_SPEED, DroppedSampleError, InputGate, Sample, SampleReader
+from dvrk_gravity.compensate import DroppedSampleError, InputGate, Sample, SampleReader
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel, stated_weight
 from dvrk_gravity.monitoring.events import Event
 from dvrk_gravity.monitoring.observer import Observed
 from dvrk_gravity.monitoring.rows import RowMaker, Rows
 from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings, Seen
+from dvrk_gravity.monitoring.window import held_by_friction
 from dvrk_gravity.monitoring.wrench import Tip, Wrench
 from dvrk_gravity.parameters import DEAD_BAND
 
@@ -302,15 +303,9 @@ class Listener:
         if not (size > _APART).any():
             return "as expected", ""
         at_rest = (np.abs(last.qd) < DEAD_BAND * arm.scale).all()
-        held = np.abs(last.external) < self._held(last.q) + _APART * last.deviation
+        most = held_by_friction(self.model, last.q) + _APART * last.deviation
+        held = np.abs(last.external) < most
         return ("held by friction" if at_rest and held.all() else "external"), words
-
-    def _held(self, q: Array) -> Array:
-        """Return the (n,) torque that friction can hold at rest at (n,) positions."""
-        model, speed = self.model.physical(), DRY_SPEED * self.model.arm.scale
-        still = model.torque(q)
-        either = [np.abs(model.torque(q, way * speed) - still) for way in (-1.0, 1.0)]
-        return np.asarray(np.min(either, axis=0))
 
     @property
     def changes(self) -> tuple[Event, ...]:

@@ -345,7 +345,7 @@ class Monitor:
         before = (window.time < until)[:, None]
         uncertain = window.uncertain * before[:, :, None]
         known = ChangeTest(uncertain, window.residual * before, self._baseline)
-        found = moments(window, known, int(np.searchsorted(window.time, since)))
+        found = moments(window.with_rests(), known, int(np.searchsorted(window.time, since)))
         limit = self._limits.push(found.gain.size)
         excluded = np.isin(self.model.arm.joint_names, list(self._unexplained))
         acts = (found.gain > limit) & ~excluded

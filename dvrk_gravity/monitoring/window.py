@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.compensate import DRY_SPEED
 from dvrk_gravity.diagnosis import (
     FRICTION_BY_LOAD,
     FRICTION_PART,
@@ -85,7 +86,8 @@ class Window:
             load).
         fixed: d.
         error: (n,) standard deviation of errors that the directions do not describe, N·m.
-        creeping: (m, n) by which it is larger where a joint creeps, 1 or more.
+        larger: (m, n) by which it is larger where a joint creeps, 1 or more.
+        heard: (m, n) samples that are there, whether they say something or friction holds a joint.
     """
 
     motion: MeasuredMotion
@@ -95,9 +97,9 @@ class Window:
     open: Array
     fixed: int
     error: Array
-    creeping: Array
+    larger: Array
+    heard: Mask
     _filter: LowPassed
-    _follows: Mask
     _correlation: Array
 
     @classmethod
@@ -119,15 +121,12 @@ class Window:
         low = LowPassed.of(motion, band.gain)
         expected = expect(motion)
         time = motion.time
-        usable = low(motion.silent.astype(float)) < _STUCK
-        usable &= motion.present
         beyond = np.broadcast_to(_beyond(motion)[:, None], motion.q.shape)
-        usable &= low(beyond.astype(float)) < _STUCK
+        heard = motion.present & (low(beyond.astype(float)) < _STUCK)
         for begin, end in without:
-            usable[(time >= begin) & (time <= end)] = False
+            heard[(time >= begin) & (time <= end)] = False
+        usable = heard & (low(motion.stuck.astype(float)) < _STUCK)
         step = 1.0 / settings.sample_rate
-        follows = np.zeros_like(usable)
-        follows[1:] = usable[1:] & usable[:-1] & (np.diff(time) < 1.5 * step)[:, None]
         known = 0 if model.uncertainty is None else model.uncertainty.size
         columns = low(expected.columns)
         fixed = np.concatenate(
@@ -146,8 +145,14 @@ class Window:
         slow = low(FRICTION_PART * np.abs(expected.friction) * _creeping(motion))
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
-            fixed.shape[2], error, np.hypot(1.0, slow / error), low, follows, correlation,
+            fixed.shape[2], error, np.hypot(1.0, slow / error), heard, low, correlation,
         )  # fmt: skip
+
+    def with_rests(self) -> Window:
+        """Return it with samples in which friction holds a joint: as much as it can is error."""
+        held = held_by_friction(self.motion.model, self.motion.q[-1]) / self.error
+        at_rest = self._filter(np.where(self.motion.stuck, held, 0.0))
+        return replace(self, usable=self.heard, larger=np.hypot(self.larger, at_rest))
 
     @property
     def step(self) -> float:
@@ -172,11 +177,14 @@ class Window:
 
     def white(self, values: Array) -> Array:
         """Return (m, n, …) samples, whitened; zero where they say nothing."""
-        usable, creeping = (
+        usable, larger = (
             each.reshape(*each.shape, *(1,) * (values.ndim - 2))
-            for each in (self.usable, self.creeping)
+            for each in (self.usable, self.larger)
         )
-        white = whitened(values / creeping, self._follows, self.error, self._correlation)
+        follows = np.zeros_like(self.usable)
+        follows[1:] = self.usable[1:] & self.usable[:-1]
+        follows[1:] &= (np.diff(self.time) < 1.5 * self.step)[:, None]
+        white = whitened(values / larger, follows, self.error, self._correlation)
         return np.where(usable, white, 0.0)
 
     def deviation(self, test: ChangeTest, rows: slice) -> Array:
@@ -185,7 +193,7 @@ class Window:
         Errors, and what is uncertain about the model as the samples leave it.
         """
         left = test.deviation_of(self.open[rows].reshape(-1, self.open.shape[2]))
-        return np.hypot(self.error * self.creeping[rows], left.reshape(-1, self.motion.arm.n))
+        return np.hypot(self.error * self.larger[rows], left.reshape(-1, self.motion.arm.n))
 
     def rubbed(self, torque: Array) -> Array:
         """Return (m, n, n) torque by which friction grows with (m, n) transmitted torque."""
@@ -271,6 +279,14 @@ class LowPassed:
                 start = kept * own[:1]
                 result[part, joint], _ = lfilter([1.0 - kept], [1.0, -kept], own, axis=0, zi=start)
         return result
+
+
+def held_by_friction(model: TorqueModel, q: Array) -> Array:
+    """Return the (n,) torque that friction can hold at rest at (n,) positions, N·m."""
+    model, speed = model.physical(), DRY_SPEED * model.arm.scale
+    still = model.torque(q)
+    either = [np.abs(model.torque(q, way * speed) - still) for way in (-1.0, 1.0)]
+    return np.asarray(np.min(either, axis=0))
 
 
 def measured_motion(model: TorqueModel, rows: Rows, settings: Sampling) -> MeasuredMotion:
