@@ -9,7 +9,7 @@ from dvrk_gravity.errors import ConfigError
 
 JOINTS = ("yaw", "pitch", "insertion")
 TURNED = ("insertion", "yaw", "pitch")
-TOPIC, NODE = "/ARM/effort_controller/commands", "/ARM/effort_controller"
+TOPIC, NODE = "/ARM/commands", "/ARM/effort_controller"
 LATE = 10.0  # after the patience with an answer, s
 
 

@@ -169,6 +169,8 @@ def test_friction_of_two_levels_is_more_or_less_by_both(every):
 
     assert " more " in told(0.02, 0.03)
     assert " less " in told(-0.02, -0.03)
+    for differs in ((0.02, -0.03), (0.02, 0.001)):  # of another sign, or perhaps none
+        assert not re.search(r"has (more|less) ", told(*differs))
 
 
 def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_left_out(every):
