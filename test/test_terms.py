@@ -205,6 +205,13 @@ def test_viscous_friction_is_linear_and_never_gives_power_back(joint, motor, qd)
     assert qd @ friction == pytest.approx(power, abs=1e-9)
 
 
+def test_friction_that_nobody_measured_is_a_part_of_what_a_joint_can():
+    psm = Arm.load("psm")
+    for effect, part in ((CoulombFriction, 0.02), (ViscousFriction, 0.01)):
+        rubs = effect.nominal(psm).torque(State(np.zeros(psm.n), psm.scale))
+        np.testing.assert_allclose(rubs, part * psm.effort_limit)
+
+
 def stribeck(site: str, joint: int, level: float, velocity: float) -> Term:
     values = {site: only(joint, level), f"{site}_velocity": only(joint, velocity)}
     return built(StribeckFriction, **values)
