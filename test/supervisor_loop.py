@@ -7,13 +7,7 @@ from support import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import JOINT_NAMES
-from dvrk_gravity.compensate import (
-    DroppedSampleError,
-    SampleReader,
-    Settings,
-    Status,
-    Supervisor,
-)
+from dvrk_gravity.compensate import DroppedSampleError, SampleReader, Settings, Status, Supervisor
 
 Q = np.array([0.05, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2])
 HELD = np.array([0.1, 0.3, 0.1, 0.0, 0.02, -0.01, 0.0])  # what the arm holds itself with

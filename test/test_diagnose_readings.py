@@ -225,10 +225,7 @@ def test_the_rest_is_judged_by_the_true_clock():
 
 @pytest.mark.parametrize(
     ("joints", "factor", "unit"),
-    [
-        (ARM.joint_names, DEGREES, "deg/s"),
-        (("pitch",), 30.0 / np.pi, "rpm"),
-    ],
+    [(ARM.joint_names, DEGREES, "deg/s"), (("pitch",), 30.0 / np.pi, "rpm")],
 )
 def test_velocities_in_another_unit_are_named_and_no_wrong_clock(joints, factor, unit):
     turns = np.array(ARM.units) == "rad"

@@ -167,15 +167,9 @@ def test_contradictions_are_refused_in_a_line(files, tmp_path, capsys):
     for words, said in (
         (["--arm", CHAIN], "--model: got nothing"),
         (["--reference", bare_file], "--arm: got nothing"),
-        (
-            ["--reference", bare_file, "--arm", "mtmr", "--model", model_file],
-            "--arm: got 'mtmr'",
-        ),
+        (["--reference", bare_file, "--arm", "mtmr", "--model", model_file], "--arm: got 'mtmr'"),
         (["--reference", files / "none.csv", "--arm", CHAIN], "no such file"),
-        (
-            ["--reference", bare_file, "--arm", CHAIN, "--at", "others=0, pitch=2deg"],
-            "pitch is",
-        ),
+        (["--reference", bare_file, "--arm", CHAIN, "--at", "others=0, pitch=2deg"], "pitch is"),
     ):
         status, _, error = run(capsys, "diagnose", files / "loaded.csv", "--out", tmp_path, *words)
         assert status == 2, said

@@ -10,15 +10,7 @@ import pytest
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.monitoring import (
-    Judge,
-    Listener,
-    Monitor,
-    MonitorSettings,
-    Observed,
-    Rows,
-    Seen,
-)
+from dvrk_gravity.monitoring import Judge, Listener, Monitor, MonitorSettings, Observed, Rows, Seen
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.simulate import PlantFile
 

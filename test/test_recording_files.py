@@ -5,15 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm
-from recording_samples import (
-    ARM,
-    START,
-    TOPIC,
-    joint_state,
-    same,
-    wave,
-    write_messages,
-)
+from recording_samples import ARM, START, TOPIC, joint_state, same, wave, write_messages
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import run

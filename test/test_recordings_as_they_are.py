@@ -10,13 +10,7 @@ from support import MODEL_FILE
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import (
-    JOINT_STATE,
-    BagWriter,
-    Recording,
-    check,
-    prepare,
-)
+from dvrk_gravity.recording import JOINT_STATE, BagWriter, Recording, check, prepare
 
 CLEAN = wave(1200)
 

@@ -12,12 +12,7 @@ from made_results import RESULTS, TIME, Page, example_diagnosis, fit_of, poses
 from dvrk_gravity import Arm
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import PackageError
-from dvrk_gravity.report import (
-    Remark,
-    diagnosis_page,
-    drawn_arm,
-    identification_page,
-)
+from dvrk_gravity.report import Remark, diagnosis_page, drawn_arm, identification_page
 
 ARM = Arm.load("mtmr")
 

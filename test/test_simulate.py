@@ -15,11 +15,7 @@ from scipy.optimize import lsq_linear
 from dvrk_gravity.arms import Arm, LinkMass, beta_from_links
 from dvrk_gravity.effects import CoulombFriction, Gravity, ViscousFriction
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate import (
-    FrictionSolver,
-    Plant,
-    PlantFile,
-)
+from dvrk_gravity.simulate import FrictionSolver, Plant, PlantFile
 from testing.mujoco_arms import mtm
 
 ROTORS = np.array([0.0043, 0.0026, 0.0038, 0.00012, 0.000062, 0.000062, 0.000015])

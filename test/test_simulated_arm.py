@@ -15,13 +15,7 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate import (
-    Mode,
-    PlantFile,
-    Sensors,
-    SimulatedArm,
-    simulate,
-)
+from dvrk_gravity.simulate import Mode, PlantFile, Sensors, SimulatedArm, simulate
 
 # Motor angles from joint angles, written out: a3 = q2 + q3, a4 = q4 + 0.6697 q3.
 MOTORS = np.eye(7)

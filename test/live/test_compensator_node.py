@@ -7,16 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from running import (
-    AT_ONCE,
-    MODEL,
-    answers_since,
-    assert_silent,
-    commanding,
-    expected,
-    faulty,
-    held,
-)
+from running import AT_ONCE, MODEL, answers_since, assert_silent, commanding, expected, faulty, held
 from std_msgs.msg import Float64MultiArray
 from support import CONFIG
 

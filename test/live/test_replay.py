@@ -9,12 +9,7 @@ import numpy as np
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import (
-    JOINT_STATE,
-    BagWriter,
-    encode_joint_state,
-    read_joint_states,
-)
+from dvrk_gravity.recording import JOINT_STATE, BagWriter, encode_joint_state, read_joint_states
 from testing.world import World
 
 
