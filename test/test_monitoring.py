@@ -18,6 +18,7 @@ from dvrk_gravity.monitoring import (
     Rows,
     Sums,
     gain_for,
+    local_noise,
     monitor,
     whitened,
 )
@@ -84,6 +85,17 @@ def test_the_gain_balances_noise_of_torques_and_of_momenta():
     differences = np.diff(np.concatenate([[0.0], response])) / step
     of_momentum = momentum**2 * np.sum(differences**2)
     assert of_momentum == pytest.approx(of_torque, rel=0.05)
+
+
+def test_noise_is_known_around_each_sample_and_not_from_rests_and_motion_together():
+    level = np.repeat([0.1, 0.4, 0.1], [300, 200, 300])[:, None]
+    smooth = np.sin(np.arange(800) / 60.0)[:, None]
+    noise = local_noise(smooth + level * np.random.default_rng(3).normal(size=level.shape), 51)
+    away = np.abs(np.subtract.outer(np.arange(800), [300, 500])).min(axis=1) > 30
+    assert np.abs(noise / level - 1.0)[away].max() < 0.6
+    for steady in (0.1, 0.4):
+        rows = away & (level[:, 0] == steady)
+        assert noise[rows].mean() == pytest.approx(steady, rel=0.15)
 
 
 def test_whitening_leaves_independent_errors_of_unit_variance():

@@ -11,6 +11,7 @@ from .observer import FASTEST as FASTEST
 from .observer import MomentumObserver as MomentumObserver
 from .observer import Observed as Observed
 from .observer import gain_for as gain_for
+from .observer import local_noise as local_noise
 from .offline import Monitored as Monitored
 from .offline import monitor as monitor
 from .rows import RowMaker as RowMaker

@@ -193,10 +193,10 @@ def whitened(values: Array, follows: Mask, deviation: Array, kept: Array) -> Arr
         values: (m, n, …) samples.
         follows: (m, n) whether the sample before is one of the same series, and usable.
         deviation: (n,) standard deviation of the errors.
-        kept: (n,) correlation with the sample before.
+        kept: (m, n) or (n,) correlation with the sample before.
     """
-    shape = (1, -1, *(1,) * (values.ndim - 2))
-    after = follows.reshape(*follows.shape, *(1,) * (values.ndim - 2))
-    rho, scale = kept.reshape(shape), deviation.reshape(shape)
+    shape = (*follows.shape, *(1,) * (values.ndim - 2))
+    after = follows.reshape(shape)
+    rho, scale = (np.broadcast_to(each, follows.shape).reshape(shape) for each in (kept, deviation))
     before = np.concatenate([np.zeros_like(values[:1]), values[:-1]])
     return np.where(after, (values - rho * before) / np.sqrt(1.0 - rho**2), values) / scale

@@ -46,6 +46,20 @@ def white_noise(values: Array) -> Array:
     return np.asarray(_NORMAL * sizes / np.sqrt(6.0))
 
 
+def local_noise(values: Array, length: int) -> Array:
+    """Return the (K, n) standard deviations of white noise around each of (K, n) rows.
+
+    As :func:`white_noise` has it, from about so many rows: in fast motion there is more than at
+    rest.
+    """
+    from scipy.ndimage import median_filter
+
+    if len(values) < 3:
+        return np.zeros_like(values)
+    sizes = np.pad(np.abs(np.diff(values, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
+    return np.asarray(_NORMAL * median_filter(sizes, (length, 1), mode="reflect") / np.sqrt(6.0))
+
+
 def gain_for(step: float, torque_noise: Array, momentum_noise: Array) -> Array:
     """Return the (n,) gains K at which noise of torques and of momenta contribute equally, 1/s.
 

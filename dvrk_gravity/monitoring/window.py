@@ -22,7 +22,7 @@ from dvrk_gravity.effects import Hypothesis, point_mass_directions
 from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.change_test import ChangeTest, whitened
-from dvrk_gravity.monitoring.observer import white_noise
+from dvrk_gravity.monitoring.observer import local_noise, white_noise
 from dvrk_gravity.monitoring.rows import Rows
 
 _SHAPES = 5  # of a joint's misfit: constant, position and its square, direction, speed
@@ -34,6 +34,7 @@ _FASTER = 1.2
 # Of the greatest identified speed, below which friction is no function of speed that recurs: it
 # builds up, sticks and slips. As the identification has it (`SLOW`).
 _CREEPS = 0.1
+_AROUND = 2.0  # s, of samples from which the noise of one is known. Chosen
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
 
 
@@ -86,7 +87,7 @@ class Window:
             load).
         fixed: d.
         error: (n,) standard deviation of errors that the directions do not describe, N·m.
-        larger: (m, n) by which it is larger where a joint creeps, 1 or more.
+        larger: (m, n) by which it is larger, where a joint creeps or noise is more than usually.
         heard: (m, n) samples that are there, whether they say something or friction holds a joint.
     """
 
@@ -138,14 +139,15 @@ class Window:
             axis=2,
         )
         torque = low(settings.average(unexpected))
-        noise = white_noise(torque)
-        error = np.hypot(band.error, noise)
+        noise = np.maximum(white_noise(torque), local_noise(torque, round(_AROUND / step)))
+        now = np.hypot(band.error, noise)
+        error = np.median(now, axis=0)
         # Of an error of first order and white noise, seen as one error of first order.
-        correlation = np.exp(-step / band.correlation_time) * (band.error / error) ** 2
+        correlation = np.exp(-step / band.correlation_time) * (band.error / now) ** 2
         slow = low(FRICTION_PART * np.abs(expected.friction) * _creeping(motion))
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
-            fixed.shape[2], error, np.hypot(1.0, slow / error), heard, low, correlation,
+            fixed.shape[2], error, np.hypot(now, slow) / error, heard, low, correlation,
         )  # fmt: skip
 
     def with_rests(self) -> Window:
