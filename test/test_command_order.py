@@ -13,9 +13,6 @@ TOPIC, NODE = "/ARM/commands", "/ARM/effort_controller"
 LATE = 10.0  # after the patience with an answer, s
 
 
-# --- a console, which takes efforts by index -------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("names", "wrong"),
     [

@@ -38,7 +38,6 @@ def dragging(motion: Motion) -> Recording:
     return motion.read(motion.torque() + DRAG * motion.qd[:, [ROLL]] * eye(ROLL))
 
 
-# Several recordings.
 def carrying(seed: int, mass: float, name: str) -> Recording:
     motion = moving(seed)
     return motion.read(motion.torque(loaded(mass, COM)), seed, source=f"/somewhere/{name}")
@@ -81,7 +80,6 @@ def test_a_warning_and_an_error_say_which_of_two_recordings_they_are_about():
         assert error.rmse == pytest.approx(alone[joint].rmse, rel=1e-12)
 
 
-# Files.
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """Folder with what the command wrote, and what it was given."""

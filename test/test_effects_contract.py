@@ -12,6 +12,8 @@ from made_up_arm import made_up_arm
 from dvrk_gravity import TorqueModel, effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, Range, Site, State, Term
+from dvrk_gravity.effects.base import registry
+from dvrk_gravity.errors import EffectError
 
 ARM = Arm.load("mtmr")
 LEVELS = [0.01 * (j + 1) for j in range(ARM.n)]
@@ -236,6 +238,21 @@ def test_a_joint_rubs_as_its_larger_level_and_its_motor_s_do(cases):
     (friction,) = (case.term for case in cases if case.effect.NAME == "coulomb_friction")
     assert friction.at(Site.joint(0)) == pytest.approx(0.07 + 0.02)
     assert friction.at(Site.motor(6)) == pytest.approx(0.07)
+
+
+@pytest.mark.parametrize(("line", "refused"), [
+    ("bad = no_such_module:Bad", "'no_such_module:Bad' of stirred: .*no_such_module"),
+    ("bad = :::", "'bad' of stirred: .*':::'"), ("garbage", "entry_points.txt"),
+])  # fmt: skip
+def test_a_wrong_entry_point_of_a_package_is_refused(line, refused, tmp_path, monkeypatch):
+    info = tmp_path / "stirred-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stirred\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[dvrk_gravity.effects]\n{line}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(registry, "_load_entry_points", registry._load_entry_points.__wrapped__)
+    with pytest.raises(EffectError, match=refused):
+        effects.effects()
 
 
 def test_what_a_fit_finds_of_it_is_what_its_columns_make(cases):
