@@ -92,7 +92,6 @@ def test_noise_is_known_around_each_sample_and_not_from_rests_and_motion_togethe
     smooth = np.sin(np.arange(800) / 60.0)[:, None]
     noise = local_noise(smooth + level * np.random.default_rng(3).normal(size=level.shape), 51)
     away = np.abs(np.subtract.outer(np.arange(800), [300, 500])).min(axis=1) > 30
-    assert np.abs(noise / level - 1.0)[away].max() < 0.6
     for steady in (0.1, 0.4):
         rows = away & (level[:, 0] == steady)
         assert noise[rows].mean() == pytest.approx(steady, rel=0.15)
@@ -184,6 +183,7 @@ def test_a_load_is_named_with_an_interval_over_all_bodies_and_places():
     assert (event.kind, event.effect) == ("change", "payload")
     assert event.onset == pytest.approx(ONSET, abs=0.2)
     assert event.values["mass"].low < LOAD < event.values["mass"].high
+    assert event.reported < 31.0  # another link carries it as well, for which nobody waits
 
 
 def test_the_push_of_a_hand_is_a_push():

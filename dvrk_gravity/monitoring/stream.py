@@ -293,7 +293,9 @@ class Monitor:
         best = likeliest(likely)
         close = best.excess - max(settings.margin, settings.part * best.evidence.gain)
         rivals = [trial for trial in likely if trial is not best and trial.excess > close]
-        if rivals and now - self._pending < settings.patience:
+        # Which link carries a load, a motion may never tell.
+        others = [each for each in rivals if not each.on_other_link(best)]
+        if others and now - self._pending < settings.patience:
             return
         explains = best.left(window.usable) < settings.remains
         if not explains and now - self._pending < settings.give_up:

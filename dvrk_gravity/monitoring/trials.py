@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis import LoadLikelihood, LoadPosterior, parameter_slopes
-from dvrk_gravity.effects import Estimate, Hypothesis, PayloadHypothesis, heaviest
+from dvrk_gravity.effects import Estimate, Hypothesis, Kind, PayloadHypothesis, heaviest
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
@@ -177,6 +177,11 @@ class Trial:
         size = np.sum(self.torque**2, axis=0)
         names = self.hypothesis.arm.joint_names
         return tuple(names[j] for j in np.argsort(-size) if size[j] > 0.1 * size.max())
+
+    def on_other_link(self, other: Trial) -> bool:
+        """Return whether it is another's effect at another link."""
+        own = self.hypothesis
+        return own.effect == other.hypothesis.effect and own.site.kind is Kind.LINK
 
     def alternative(self) -> Alternative:
         """Return it as the alternative to another cause."""
