@@ -293,7 +293,7 @@ class Monitor:
         best = likeliest(likely)
         close = best.excess - max(settings.margin, settings.part * best.evidence.gain)
         rivals = [trial for trial in likely if trial is not best and trial.excess > close]
-        # Which link carries a load, a motion may never tell.
+        # Which link carries a load, a motion may never show.
         others = [each for each in rivals if not each.on_other_link(best)]
         if others and now - self._pending < settings.patience:
             return
