@@ -81,14 +81,11 @@ class Trial:
         """Gain over the limit."""
         return self.evidence.gain - self.limit
 
-    def _since(self, columns: Array) -> Array:
-        """Return (m, n, k) columns from its first sample on, zero before."""
-        acts = np.arange(len(columns)) >= self.first
-        return np.where(acts[:, None, None], columns, 0.0)
-
     @cached_property
     def _begun(self) -> Array:
-        return self._since(self.columns)
+        """(m, n, k) columns from its first sample on, zero before."""
+        acts = np.arange(len(self.columns)) >= self.first
+        return np.where(acts[:, None, None], self.columns, 0.0)
 
     @cached_property
     def torque(self) -> Array:
@@ -104,11 +101,15 @@ class Trial:
         if hypothesis is None:
             return None
         columns = window.white(window.columns(hypothesis))
-        prior = prior_precision(hypothesis, columns.shape[2])
-        evidence = self.test.evidence(self._since(columns), prior)
-        if not hypothesis.plausible(evidence.theta):
+        return replace(self, hypothesis=hypothesis, columns=columns)._fitted()
+
+    def _fitted(self) -> Trial | None:
+        """Return it with what the samples say of its columns; ``None``: that is impossible."""
+        prior = prior_precision(self.hypothesis, self.columns.shape[2])
+        evidence = self.test.evidence(self._begun, prior)
+        if not self.hypothesis.plausible(evidence.theta):
             return None
-        return replace(self, hypothesis=hypothesis, columns=columns, evidence=evidence)
+        return replace(self, evidence=evidence)
 
     def onset(self, window: Window) -> float:
         """Return the likeliest time of its beginning, s, within about a second around its own."""
@@ -124,11 +125,8 @@ class Trial:
     def begun(self, since: float, window: Window) -> Trial | None:
         """Return it as it begins at a time, s; ``None``: what it then would be is impossible."""
         columns = window.white(window.columns(self.hypothesis, since))
-        evidence = self.test.evidence(columns, prior_precision(self.hypothesis, columns.shape[2]))
-        if not self.hypothesis.plausible(evidence.theta):
-            return None
         first = int(np.searchsorted(window.ends, since, "right"))
-        return replace(self, since=since, first=first, columns=columns, evidence=evidence)
+        return replace(self, since=since, first=first, columns=columns)._fitted()
 
     def size(self, window: Window) -> float:
         """Return its RMS torque while it acts, over the errors', at the joint where it is most."""

@@ -177,16 +177,21 @@ class Window:
         """(m, n, d + e) whitened torque of what is uncertain."""
         return self.white(self.open)
 
+    @cached_property
+    def _follows(self) -> Mask:
+        """(m, n) whether the sample before is one of the same part, and usable."""
+        follows = np.zeros_like(self.usable)
+        follows[1:] = self.usable[1:] & self.usable[:-1]
+        follows[1:] &= (np.diff(self.time) < 1.5 * self.step)[:, None]
+        return follows
+
     def white(self, values: Array) -> Array:
         """Return (m, n, …) samples, whitened; zero where they say nothing."""
         usable, larger = (
             each.reshape(*each.shape, *(1,) * (values.ndim - 2))
             for each in (self.usable, self.larger)
         )
-        follows = np.zeros_like(self.usable)
-        follows[1:] = self.usable[1:] & self.usable[:-1]
-        follows[1:] &= (np.diff(self.time) < 1.5 * self.step)[:, None]
-        white = whitened(values / larger, follows, self.error, self._correlation)
+        white = whitened(values / larger, self._follows, self.error, self._correlation)
         return np.where(usable, white, 0.0)
 
     def deviation(self, test: ChangeTest, rows: slice) -> Array:
