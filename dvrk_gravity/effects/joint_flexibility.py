@@ -46,7 +46,7 @@ class JointFlexibility(Effect):
     MEANINGS = meanings(
         stiffness=Meaning("N·m/rad", least=0.0),
         # The fit's parameter, in which the torque is linear; nothing gives way against its load.
-        compliance=Meaning("", 0.0, least=0.0, reported=False),
+        compliance=Meaning("rad/(N·m)", 0.0, least=0.0, reported=False),
     )
 
     @classmethod
