@@ -8,7 +8,6 @@ from itertools import groupby
 import numpy as np
 
 from dvrk_gravity.diagnosis import ERROR, FLOORS, Diagnosis, Finding
-from dvrk_gravity.effects import Unknown
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import in_simulation
 from dvrk_gravity.report.findings import (
@@ -252,5 +251,5 @@ def _findings(findings: Sequence[Finding]) -> Iterator[str]:
             yield f"   what to do: {first.remedy}"
         for other in first.alternatives:
             yield f"   or {other.effect} at {', '.join(other.joints) or 'the arm'}: {other.why}"
-        if not first.in_model and first.effect != Unknown.NAME:
+        if not first.in_model and not first.unexplained:
             yield f"   (not in the extended model: {first.left_out})"

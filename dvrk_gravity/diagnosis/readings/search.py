@@ -16,7 +16,7 @@ from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.model_error import model_columns
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.effects import Estimate, Reading, TorqueScale, readings
+from dvrk_gravity.effects import Estimate, Reading, readings
 from dvrk_gravity.estimation import NORMAL_95
 
 ALPHA = 0.001  # of a wrong correction: a tenth of that of effects, which rest on it. Chosen
@@ -289,12 +289,9 @@ def effort_scales(few: MeasuredMotion, usable: Mask, least: Array) -> Iterator[R
     groups = [np.array([joint]) for joint in np.flatnonzero(like & few.moves)]
     if 2 * like.sum() > few.moves.sum():
         groups.insert(0, np.arange(arm.n))
-    meaning = TorqueScale.meaning("factor")
     for joints in groups:
         used = joints[like[joints]]
         scale = _estimated_scale(products[:, used], count[used], least[used])
-        if meaning.least <= scale.value <= meaning.greatest:
-            continue
         own = tuple(joints.tolist()) if len(joints) == 1 < arm.n else ()
         factors = np.ones(arm.n)
         factors[joints] = 1.0 / scale.value
@@ -304,7 +301,10 @@ def effort_scales(few: MeasuredMotion, usable: Mask, least: Array) -> Iterator[R
             if not own
             else (f"{where} {scale.shown} times the true one")
         )
-        yield Reading(words, own, np.eye(arm.n), np.diag(factors), scale=scale)
+        reading = Reading(words, own, np.eye(arm.n), np.diag(factors), scale=scale)
+        meaning = reading.effect.meaning("factor")
+        if not meaning.least <= scale.value <= meaning.greatest:
+            yield reading
 
 
 def _products(few: MeasuredMotion, usable: Mask) -> Array:

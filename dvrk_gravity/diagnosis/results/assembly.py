@@ -51,7 +51,6 @@ from dvrk_gravity.effects import (
     Estimate,
     PayloadHypothesis,
     ReadingErrors,
-    Unknown,
 )
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
@@ -333,7 +332,7 @@ def _larger(joints: Sequence[str]) -> tuple[Note, ...]:
 
 def _verdict(findings: Sequence[Finding], in_part: bool, blind: Sequence[str]) -> Verdict:
     """Return the verdict; where others may be there unseen, findings explain a part at best."""
-    unknown = [finding.effect == Unknown.NAME for finding in findings]
+    unknown = [finding.unexplained for finding in findings]
     if blind and not any(unknown) and not any(finding.certain for finding in findings):
         return "cannot_judge"
     if not findings:

@@ -177,6 +177,11 @@ class Finding:
         return not self.left_out
 
     @property
+    def unexplained(self) -> bool:
+        """Whether it is structure that no cause explains."""
+        return effects.named(self.effect).UNEXPLAINED
+
+    @property
     def of_arm(self) -> bool:
         """Whether it is about the arm, and not about what is read of it."""
         return not effects.named(self.effect).READS_WRONGLY

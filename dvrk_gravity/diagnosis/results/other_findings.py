@@ -31,7 +31,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Known,
     PayloadCheck,
 )
-from dvrk_gravity.effects import Estimate, Kind, Payload, Unknown, is_friction, or_extended
+from dvrk_gravity.effects import Estimate, Kind, Unknown, is_friction, or_extended
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.parameters import FRICTION_RATIO
@@ -60,7 +60,7 @@ def unknown_finding(
     rms = float(np.sqrt(max(rmse[0] ** 2 - rmse[1] ** 2, 0.0)))
     parameters = {"rms": Estimate(rms, rms, rms, hypothesis.unit("rms"))}
     return Finding(
-        effect=Unknown.NAME,
+        effect=hypothesis.effect,
         joints=hypothesis.names,
         place=hypothesis.place,
         parameters=parameters,
@@ -167,7 +167,7 @@ def check_payload(findings: Sequence[Finding], known: float, reference: bool) ->
         known: The known mass, kg.
         reference: Two recordings were compared.
     """
-    found = next((finding for finding in findings if finding.effect == Payload.NAME), None)
+    found = next((finding for finding in findings if "mass" in finding.parameters), None)
     if found is None:
         return PayloadCheck(known, None, sentences.payload("", known, None, "", reference))
     mass = found.parameters["mass"].magnitude  # put on, or taken off since a reference
