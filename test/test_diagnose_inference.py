@@ -35,6 +35,7 @@ from dvrk_gravity.effects import (
     Site,
     ViscousHypothesis,
 )
+from dvrk_gravity.errors import EffectError
 
 N = ARM.n
 
@@ -406,6 +407,14 @@ def test_an_error_of_poses_that_show_no_noise_is_told_against_what_the_model_exp
     assert (finding.effect, finding.joints) == ("unknown", ("insertion",))
     assert finding.parameters["rms"].value == pytest.approx(4.0)  # the root of 25 - 9
     assert "1.7 times" in finding.sentence
+
+
+@pytest.mark.parametrize("shape", [(5, N), (5, N + 1, 2), (5,)])
+def test_columns_that_are_no_torques_of_the_joints_are_refused(shape):
+    cause = OffsetHypothesis(arm=ARM, site=Site.joint(YAW))
+    with pytest.raises(EffectError, match=r"returns shape .* expected \(N, 4, k\)"):
+        Candidate.of(cause, np.ones(shape))
+    assert Candidate.of(cause, np.ones((5, N, 2))).size == 2
 
 
 def test_the_zero_of_a_joint_that_did_not_move_is_not_supposed():

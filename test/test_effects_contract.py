@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm
+from quadratic_drag import QuadraticDrag
 
 from dvrk_gravity import TorqueModel, effects
 from dvrk_gravity.arms import Arm
@@ -253,6 +254,29 @@ def test_a_wrong_entry_point_of_a_package_is_refused(line, refused, tmp_path, mo
     monkeypatch.setattr(registry, "_load_entry_points", registry._load_entry_points.__wrapped__)
     with pytest.raises(EffectError, match=refused):
         effects.effects()
+
+
+@pytest.mark.parametrize(
+    ("no_effect", "why"),
+    [
+        (QuadraticDrag(np.zeros(7)), "is no class derived from"),
+        (type("Other", (QuadraticDrag,), {}), "quadratic_drag: is registered already"),
+        (dict, "is no class derived from"),
+        (type("Nameless", (effects.Effect,), {}), "Nameless: NAME is '', expected an identifier"),
+        (type("Bad", (QuadraticDrag,), {"NAME": "two words"}), "NAME is 'two words'"),
+        (type("Half", (effects.Term,), {"NAME": "half"}), "Half does not define from_parameters, "),
+        (
+            type("Rub", (QuadraticDrag,), {"NAME": "rub", "scaled": effects.Term.scaled}),
+            "rub: FRICTION is True, which needs a method `scaled`",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_no_whole_effect_is_refused(no_effect, why, monkeypatch):
+    before = dict(registry._effects) | {QuadraticDrag.NAME: QuadraticDrag}
+    monkeypatch.setattr(registry, "_effects", dict(before))
+    with pytest.raises(EffectError, match=why):
+        effects.register(no_effect)
+    assert registry._effects == before
 
 
 def test_what_a_fit_finds_of_it_is_what_its_columns_make(cases):

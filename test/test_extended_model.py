@@ -132,7 +132,7 @@ def compared() -> np.ndarray:
 
 
 PLACES = {
-    "coulomb_friction": ("joint", "motor"),
+    "coulomb_friction": ("joint", "motor", "all, by kind"),
     "viscous_friction": ("joint", "motor"),
     "stribeck_friction": ("joint", "motor"),
     "presliding_hysteresis": ("joint", "motor"),
@@ -304,6 +304,8 @@ def test_a_cable_found_beyond_a_constants_range_is_carried_as_it_was_found():
             if (hypothesis.effect, hypothesis.joints) == ("elastic_cable", (joint,))
             and hypothesis.place == f"degree {len(theta) - 1}"
         )
+        powers = [name for name in cable.parameters(np.array(theta)) if name.startswith("k")]
+        assert powers == [f"k{k}" for k in range(len(theta))]
         model, why = extended(narrowed, [(cable, np.array(theta))])
         assert why == ("",)
         got = narrowed.torque_at(narrowed.q, model) - narrowed.torque_at(narrowed.q)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from made_up_arm import made_up_arm
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.compensate import Settings
@@ -230,6 +231,15 @@ def test_stribeck_friction_falls_with_the_square_of_the_speed():
     turning = torque(of_motor, qd=only(SHOULDER, 0.05) + only(ELBOW, 0.05))
     np.testing.assert_allclose(turning, 0.04 * np.exp(-0.25) * (only(SHOULDER, 1) + only(ELBOW, 1)))
     assert not torque(of_motor, qd=only(SHOULDER, 0.5) - only(ELBOW, 0.5)).any()
+
+
+def test_of_a_joint_that_slides_a_speed_that_is_not_given_is_a_tenth(tmp_path):
+    arm = made_up_arm(tmp_path)  # its third joint slides
+    given = {"stribeck_friction.joint": (1.0, 0.0, 0.0, 0.0)}
+    given |= {"stribeck_friction.joint_velocity": (0.3, 0.0, 0.0, 0.0)}
+    term = StribeckFriction.from_parameters(arm, given)
+    speeds = term.with_theta(np.ones(2 * arm.n)).parameters()["stribeck_friction.joint_velocity"]
+    np.testing.assert_allclose(np.array(speeds) / speeds[1], [0.3 / speeds[1], 1.0, 0.1, 1.0])
 
 
 def presliding(displacement: float, level: float) -> PreslidingHysteresis:

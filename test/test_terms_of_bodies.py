@@ -57,6 +57,9 @@ def test_weight_inertia_and_rotors_of_any_chain_are_its_inverse_dynamics(tmp_pat
     values |= {"gravity_vector": gravity.tolist(), "arm": arm.source}
     rotors = np.array([0.1, 0.2, 0.3, 0.4])
     model = TorqueModel.from_parameters(values | {"rotor_inertia.motor": rotors.tolist()})
+    flags = ({}, {"gravity_enabled": False})
+    carries = [TorqueModel.from_parameters(values | flag).term("link_weight") for flag in flags]
+    assert [each.carries_arm for each in carries] == [True, False]
     tree = build_tree(arm, bodies, gravity)
     to_motor = np.linalg.inv(np.array(arm.actuator_to_joint))
     for q, qd, qdd in zip(*random_motion(arm, 10, 4), strict=True):

@@ -124,28 +124,6 @@ def test_a_model_file_says_so_when_its_effect_is_not_installed(file):
         TorqueModel.load(file)
 
 
-@pytest.mark.parametrize(
-    ("no_effect", "why"),
-    [
-        (QuadraticDrag(np.zeros(7)), "is no class derived from"),
-        (type("Other", (QuadraticDrag,), {}), "quadratic_drag: is registered already"),
-        (dict, "is no class derived from"),
-        (type("Nameless", (effects.Effect,), {}), "Nameless: NAME is '', expected an identifier"),
-        (type("Bad", (QuadraticDrag,), {"NAME": "two words"}), "NAME is 'two words'"),
-        (type("Half", (effects.Term,), {"NAME": "half"}), "Half does not define from_parameters, "),
-        (
-            type("Rub", (QuadraticDrag,), {"NAME": "rub", "scaled": effects.Term.scaled}),
-            "rub: FRICTION is True, which needs a method `scaled`",
-        ),
-    ],
-)  # fmt: skip
-def test_what_is_no_whole_effect_is_refused(no_effect, why):
-    before = dict(registry._effects)
-    with pytest.raises(EffectError, match=why):
-        effects.register(no_effect)
-    assert registry._effects == before
-
-
 def test_a_finding_with_another_torque_than_was_fitted_is_left_out_of_the_model(
     recording, monkeypatch
 ):
