@@ -33,6 +33,9 @@ from dvrk_gravity.parameters import Parameter, Value
 # joints, of which a cable guided along the middle one's axis leaves the outer two. Longer ones
 # would be more comparisons (of seven joints 21 pairs for 11) for what arms do not have.
 _REACH = (1, 2)
+# Of a spring's torque in the middle of the motion, by which it grows up to the end at least. Chosen:
+# with less it is a constant at two joints, which two offsets make as well.
+_GROWS = 0.25
 _SAME = 1e-9  # of the greatest stiffness, by which rounding lets two that are one differ
 
 
@@ -139,7 +142,7 @@ class JointSpring(LinearTerm):
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """For each pair of joints that move, stretched by their sum or their difference."""
-        arm, (middle, _) = motion.arm, motion.travel
+        arm, (middle, half) = motion.arm, motion.travel
         for i, j in pairs(arm):
             if not (motion.moves[i] and motion.moves[j]):
                 continue
@@ -148,6 +151,7 @@ class JointSpring(LinearTerm):
                     arm=arm, site=Site.joint(i), joints=(i, j), form=form, sign=sign,
                     setting={"ratio": float(arm.scale[i] / arm.scale[j])},
                     middle=(float(middle[i]), float(middle[j])),
+                    half=(float(half[i]), float(half[j])),
                 )  # fmt: skip
 
 
@@ -161,6 +165,7 @@ class SpringHypothesis(Hypothesis):
     Attributes:
         sign: +1 or -1.
         middle: Of the ways of both joints, rad: c is the torque there.
+        half: How far they go from there, rad.
     """
 
     EFFECT = JointSpring
@@ -171,6 +176,7 @@ class SpringHypothesis(Hypothesis):
 
     sign: float
     middle: tuple[float, float]
+    half: tuple[float, float]
     refine = ("ratio",)
 
     @property
@@ -189,6 +195,12 @@ class SpringHypothesis(Hypothesis):
     def parameters(self, theta: Array) -> dict[str, float]:
         stiffness, torque = theta.tolist()
         return {"stiffness": stiffness, "ratio": self.setting["ratio"], "torque": torque}
+
+    def plausible(self, theta: Array) -> bool:
+        """It must pull more as it is stretched."""
+        stiffness, torque = np.abs(theta).tolist()
+        furthest = self.half[0] + self.setting["ratio"] * self.half[1]
+        return stiffness * furthest >= _GROWS * torque and super().plausible(theta)
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         return super().words(parameters) | {"form": self.form}

@@ -163,7 +163,8 @@ def homogeneous(
 def friction_change(friction: Array, error: Array) -> Array:
     """Return (n,) relative change of each joint's friction that is not worth reporting.
 
-    It is what the other joints' friction changed by, since a day changes many of them, and at most
+    It is what friction changed by at half of the other joints, those where it changed most, since a
+    day changes many and not all of them (a PSM's wrist, not its arm); and at most
     :data:`FRICTION_PART`, both within two standard deviations. Zero without friction.
 
     Args:
@@ -171,9 +172,10 @@ def friction_change(friction: Array, error: Array) -> Array:
         error: (R, n) of the model, without what other causes explain.
     """
     rubbing = friction.any(axis=0)
-    change = part_of_friction(error, friction)
-    other_joints = max(int(rubbing.sum()) - 1, 1)
-    elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / other_joints)
+    square = part_of_friction(error, friction) ** 2
+    half = max(int(rubbing.sum()) // 2, 1)
+    others = np.where(np.eye(len(square), dtype=bool), 0.0, square)
+    elsewhere = np.sqrt(np.mean(np.sort(others, axis=1)[:, -half:], axis=1))
     return np.where(rubbing, _DEVIATIONS * np.minimum(FRICTION_PART, elsewhere), 0.0)
 
 
