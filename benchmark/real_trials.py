@@ -25,7 +25,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from dvrk_gravity.arms import Arm, build_tree
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import links_of_joints
+from dvrk_gravity.effects import RotorInertia, links_of_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -77,8 +77,13 @@ class ModelBodies:
 
     def __init__(self, model: TorqueModel) -> None:
         """Take a model; its gravity term follows any gravity."""
-        self._model, self._arm = model, model.arm
+        self._arm = model.arm
         self._weights = [term for term in model.terms if term.gravity_vector is not None]
+        # Behind a joint that gives way are no motors, and friction is most of it at their gears.
+        links = (
+            term for term in model.terms if not (term.FRICTION or isinstance(term, RotorInertia))
+        )
+        self._links = TorqueModel(model.arm, tuple(links))
 
     def added(
         self, motion: tuple[Array, Array, Array], joint: int, mass: float, com: Array,
@@ -96,7 +101,7 @@ class ModelBodies:
     def torque(self, q: Array, qd: Array, qdd: Array, gravity: Array | None = None) -> Array:
         """See :meth:`Bodies.torque`."""
         if gravity is None:
-            return self._model.torque(q, qd, qdd)
+            return self._links.torque(q, qd, qdd)
         turned = tuple(term.with_gravity(np.asarray(gravity)) for term in self._weights)
         return TorqueModel(self._arm, turned).torque(q)
 
@@ -225,7 +230,11 @@ def trials(case: Case, effects: Sequence[str], places: int, model: TorqueModel) 
     truth = truth_of(case.other, case.arm)
     residual = left_by(model, in_joints(case.other, case.arm))
     at_frames = np.zeros((case.arm.n, 3))
-    setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach, at_frames)
+    rotors = model.term(RotorInertia.NAME)
+    setting = Setting(
+        truth, ModelBodies(model), residual, case.masses, case.reach, at_frames,
+        rotors=0.0 if rotors is None else rotors.motor,
+    )  # fmt: skip
 
     def hidden(hiding: Hiding) -> tuple[Recording, Hidden, float]:
         return with_hidden(case.other, truth, hiding.truth), hiding.hidden, hiding.ratio

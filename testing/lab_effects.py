@@ -511,7 +511,11 @@ def _falling_constant(setting: Setting, random: Random, joint: int, target: floa
 
 
 def _flexible(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
-    """Let a joint give way under its load: the encoder is at the motor, the link behind it."""
+    """Let a joint give way under its load: the encoder is at the motor, the link behind it.
+
+    By 5 deg at most, and so little that it resonates above the band that is compared: no servo
+    would hold an arm that swings within it, and a recorded motion would have shown that.
+    """
     del random
     truth = setting.truth
     step = float(truth.time[1] - truth.time[0])
@@ -524,7 +528,13 @@ def _flexible(setting: Setting, random: Random, joint: int, target: float) -> Hi
         q, qd, qdd = (x + compliance * y for x, y in zip(truth.motion, give, strict=True))
         return q, qd, qdd
 
-    most = np.radians(5.0) * float(truth.arm.scale[joint]) / np.abs(load).max()
+    still = np.zeros_like(truth.q)
+    pushed = setting.bodies.torque(truth.q, still, still + np.eye(setting.n)[joint])
+    inertia = float((pushed - setting.bodies.torque(truth.q, still, still))[:, joint].max())
+    most = min(
+        np.radians(5.0) * float(truth.arm.scale[joint]) / np.abs(load).max(),
+        1.0 / (inertia * (2.0 * np.pi * BAND) ** 2),
+    )
     small = 0.01 * most
     unit = (setting.bodies.torque(*read(small)) - link) / small
     compliance, ratio = _scaled(setting, unit, 0.02 * most, most, target)
