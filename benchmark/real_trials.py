@@ -233,7 +233,7 @@ def trials(case: Case, effects: Sequence[str], places: int, model: TorqueModel) 
     rotors = model.term(RotorInertia.NAME)
     setting = Setting(
         truth, ModelBodies(model), residual, case.masses, case.reach, at_frames,
-        rotors=0.0 if rotors is None else rotors.motor,
+        rotors=rotors.motor if isinstance(rotors, RotorInertia) else 0.0,
     )  # fmt: skip
 
     def hidden(hiding: Hiding) -> tuple[Recording, Hidden, float]:

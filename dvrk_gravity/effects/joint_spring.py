@@ -33,7 +33,7 @@ from dvrk_gravity.parameters import Parameter, Value
 # joints, of which a cable guided along the middle one's axis leaves the outer two. Longer ones
 # would be more comparisons (of seven joints 21 pairs for 11) for what arms do not have.
 _REACH = (1, 2)
-# Of a spring's torque in the middle of the motion, by which it grows up to its end at least. Chosen:
+# Of a spring's torque in the middle of a motion, by which it grows up to its end at least. Chosen:
 # with less it is a constant at two joints, as two offsets are.
 _GROWS = 0.25
 _SAME = 1e-9  # of the greatest stiffness, by which rounding lets two that are one differ
