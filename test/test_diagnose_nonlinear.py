@@ -96,6 +96,20 @@ def test_a_tilt_is_exact_though_masses_are_off():
     assert left(*at_tilt) < 0.4 * left(*level)
 
 
+def test_a_large_tilt_s_columns_are_rebuilt_until_they_agree():
+    """Without noise, and by a model that is exact: by secants alone, about ten steps."""
+    model = TorqueModel.stated(ARM)
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (60, ARM.n))
+    vector = gravity_in_base(0.4, -0.3)
+    terms = tuple(t if t.gravity_vector is None else t.with_gravity(vector) for t in model.terms)
+    effort = TorqueModel(ARM, terms).torque(q)
+    motion = load([Recording(ARM.joint_names, None, q, None, effort)], model)
+    validation = CrossValidation.of(FilteredData.of(motion))
+    tilt = validation.data.candidate(next(BaseTilt.hypotheses(motion)))
+    found = refined(replace(validation, prior_inflation=1e-9), tilt, [])
+    assert found.hypothesis.setting == pytest.approx({"roll": 0.4, "pitch": -0.3}, abs=2e-3)
+
+
 def test_where_nothing_changes_what_the_model_says_nothing_changes():
     model = TorqueModel.stated(ARM)
     validation = CrossValidation.of(FilteredData.of(load([leaning(model, 0)], model)))

@@ -1,0 +1,111 @@
+"""What is inferred while the model's own parameters may be off, by closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from claims import N, claim, data, pool, problem
+from diagnosed import ARM, INSERTION, YAW
+
+from dvrk_gravity.diagnosis import AtCalibration, Candidate, CrossValidation
+from dvrk_gravity.effects import PushHypothesis, Site
+
+SIGMA = 0.1  # N·m: what a standard deviation of the model's parameter makes of its torque
+OFF = 5.0  # standard deviations
+SAME = pool()[0]  # the claim whose torque is the model parameter's
+
+
+def doubtful(torque: float, seed: int = 0) -> CrossValidation:
+    """Return samples that hold some of the torque of the model's one uncertain parameter."""
+    columns = SIGMA * SAME.columns()
+    changed = problem({}, seed).data.residual + torque * SAME.columns()[..., 0]
+    expectation = replace(data().expectation, columns=columns)
+    return CrossValidation.of(replace(data(), residual=changed, expectation=expectation)).weighted(
+        []
+    )
+
+
+def of_mean(validation: CrossValidation, theta: np.ndarray, *claims: Candidate) -> np.ndarray:
+    """Return the (n,) mean squares that parameters of the model and of claims leave."""
+    choice = validation.choice
+    columns = [validation.data.model_columns, *(each.columns() for each in claims)]
+    left = validation.data.residual - np.concatenate(columns, axis=2) @ theta
+    return (left[choice.rows] ** 2 * choice.usable).sum(axis=0) / choice.counts
+
+
+@pytest.mark.parametrize("copies", [1.0, 3.0])
+def test_a_parameter_of_the_model_counts_as_one_more_independent_sample(copies):
+    """Of samples of which 2.5 count as one in each of the copies of a motion."""
+    validation, other = doubtful(0.02), pool()[1]
+    if copies > 1.0:
+        again = SimpleNamespace(copies=copies)
+        validation = replace(validation, data=replace(validation.data, repetition=again))
+    choice = validation.choice
+    weight = np.where(choice.usable, validation.weight, 0.0)[..., None]
+    columns = np.concatenate([validation.data.model_columns, other.columns()], axis=2)
+    design = (columns[choice.rows] * weight).reshape(-1, 2)
+    target = (validation.data.residual[choice.rows] * weight[..., 0]).ravel()
+    prior = np.array([[np.sqrt(2.5 * copies), 0.0]])
+    expected = np.linalg.lstsq(np.concatenate([design, prior]), np.append(target, 0.0), rcond=None)[
+        0
+    ]
+
+    own, of_claim = validation.solution([other])
+
+    assert [*own, *of_claim] == pytest.approx(expected, rel=1e-6)
+    score = validation.score([other])
+    assert score.negative_log_prior == pytest.approx(0.5 * expected[0] ** 2, rel=1e-6)
+
+
+def test_a_cause_that_spares_the_model_a_move_gains_what_that_move_cost():
+    """Both leave the same: half of the square of five standard deviations is the difference."""
+    validation = doubtful(OFF * SIGMA)
+    before, after = validation.score([]), validation.score([SAME])
+
+    spared = 0.5 * OFF**2
+    assert before.negative_log_prior == pytest.approx(spared, rel=0.05)
+    assert after.negative_log_prior < 0.01 * spared
+    assert after.likelihood - before.likelihood == pytest.approx(spared - SAME.cost, rel=0.1)
+    dof = validation.significance.settings.dof  # known from so many: Student's
+    student = 0.5 * (dof + 1.0) * np.log1p(2.0 * spared / dof)
+    assert validation.gain(before, after, np.ones(N)) == pytest.approx(student, rel=0.1)
+    assert validation.screen([], [SAME], 1) == [SAME]
+    assert doubtful(0.5 * SIGMA).screen([], [SAME], 1) == []  # half a deviation costs an eighth
+
+
+def test_what_is_screened_first_explains_most_with_the_model_s_moves_spared():
+    """Another claim explains a little of the noise, and nothing of the model's move."""
+    validation = doubtful(OFF * SIGMA)
+    noise = validation.data.residual[:, INSERTION]
+    little = claim(INSERTION, "little", shape=np.convolve(noise, np.ones(3), "same"))
+    other = claim(INSERTION, "none", shape=np.roll(noise, 40))
+
+    assert validation.screen([], [other, little, SAME], 3)[0] in (SAME, little)
+    assert validation.screen([], [other, SAME], 2) == [SAME]
+
+
+def test_the_model_s_torque_is_less_certain_the_less_a_motion_says_of_it():
+    """One over its own and the samples' precision, and beside its own torque the prior's alone."""
+    validation = doubtful(0.0)
+    _, alone = validation.posterior([])
+    _, beside = validation.posterior([SAME])
+
+    square = (SIGMA * SAME.columns(validation.choice.rows)[:, YAW, 0]) ** 2
+    precision = 1.0 + np.sum(square) * validation.weight[YAW] ** 2 / 2.5
+    assert alone[0, 0] == pytest.approx(
+        1.0 / precision, rel=0.3
+    )  # noise, too, is correlated by chance
+    assert beside[0, 0] == pytest.approx(1.0, rel=0.3)
+
+
+def test_what_came_once_is_not_expected_to_recur():
+    at = {"arm": ARM, "site": Site.joint(YAW), "joints": (YAW,)}
+    validation = problem({0: 0.3})
+    push = validation.data.candidate(PushHypothesis(**at, setting={"start": 5.0, "end": 9.0}))
+    shape = np.where(push.columns()[:, [YAW], 0] > 0.5, 0.3, 0.0) * np.eye(N)[YAW]
+    kept = CrossValidation.of(replace(validation.data, residual=validation.data.residual + shape))
+
+    assert AtCalibration(kept).misfit(push) is None
