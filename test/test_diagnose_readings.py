@@ -41,6 +41,7 @@ from dvrk_gravity.diagnosis import (
 from dvrk_gravity.effects import State, TimeDelay
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import ModelUncertainty
+from dvrk_gravity.observation import velocity_fault
 from dvrk_gravity.recording import Recording
 
 DEGREES = 180.0 / np.pi
@@ -241,6 +242,17 @@ def test_velocities_in_another_unit_are_named_and_no_wrong_clock(joints, factor,
     for finding in diagnosis.findings:
         assert finding.place == unit
         assert finding.parameters["factor"].value == pytest.approx(factor, rel=5e-3)
+
+
+def test_a_unit_that_joints_show_by_different_multiples_is_as_uncertain_as_these_differ():
+    """The standard error of the mean of three: a part d less, as much, and d more, d/sqrt(3)."""
+    part, angle = 0.01, np.pi * np.arange(2000)[:, None] / 200.0
+    velocity = np.pi * np.cos(angle) * DEGREES * (1.0 + part * np.array([-1.0, 0.0, 1.0]))
+    q = np.sin(angle) * np.ones(3)
+    read = Recording(("a", "b", "c"), angle[:, 0] / np.pi, q, velocity, np.zeros_like(q))
+    factor = velocity_fault(read).factor
+    wide = 1.96 * part / np.sqrt(3.0) * DEGREES
+    assert [factor.low, factor.high] == pytest.approx([DEGREES - wide, DEGREES + wide], rel=1e-4)
 
 
 def test_a_wrong_clock_and_a_velocity_in_another_unit_are_told_apart():
