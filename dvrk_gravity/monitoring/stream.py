@@ -37,10 +37,11 @@ class MonitorSettings:
     Attributes:
         sampling: Of the observer and of the tests.
         false_alarms: An hour, of changes and of pushes, were the errors as the model knows them.
-        shortest_span: s, of the last seconds in which something may have begun.
-        longest_span: s, likewise.
+        spans: s, of last seconds with which something may have begun, the longest first: friction
+            of twice the noise takes ten to twenty to show.
         longest: s, of the rows that are kept: the longest span, and what serves to know the
             uncertain directions before it.
+        known: s, of rows from which on they serve so.
         seen: s that a cause has lasted when it is named: in less, others look like it. Chosen.
         forget: s, after which a part 1/e of what is known of the directions is left: friction warms
             up in minutes.
@@ -58,9 +59,9 @@ class MonitorSettings:
 
     sampling: Sampling = field(default_factory=Sampling)
     false_alarms: float = 0.1
-    shortest_span: float = 2.0
-    longest_span: float = 12.0
-    longest: float = 20.0
+    spans: tuple[float, ...] = (24.0, 20.0, 16.0, *map(float, range(12, 1, -1)))
+    longest: float = 36.0
+    known: float = 20.0
     seen: float = 4.0
     forget: float = 600.0
     warm_up: float = 10.0
@@ -329,12 +330,11 @@ class Monitor:
 
     def _onsets(self, window: Window) -> list[int]:
         """Return the samples with which a cause may have begun, rising."""
-        if self._baseline is None:
-            # Nothing is known from before the window: all of it has the cause, or nothing has.
-            return [0]
         settings, now = self.settings, float(window.time[-1])
-        spans = np.arange(settings.longest_span, settings.shortest_span - 0.5, -1.0)
-        firsts = np.searchsorted(window.time, now - spans)
+        if self._baseline is None and len(self._rows) < settings.known * settings.sampling.row_rate:
+            # Too little is known from before the last seconds: all has the cause, or nothing has.
+            return [0]
+        firsts = np.searchsorted(window.time, now - np.array(settings.spans))
         return np.unique(firsts[firsts > 0]).tolist()
 
     def _pushed(self, window: Window, new: int) -> Iterator[Event]:

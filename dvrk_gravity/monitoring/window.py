@@ -331,8 +331,14 @@ def _beyond(motion: MeasuredMotion) -> Mask:
 
 
 def _creeping(motion: MeasuredMotion) -> Array:
-    """Return (K, n) how much a joint creeps: one at rest, nothing in fast motion."""
-    return np.asarray(np.exp(-np.square(motion.qd / (_CREEPS * _greatest_speed(motion)))))
+    """Return (K, n) how much a joint or a motor that moves it creeps: one at rest, else nothing."""
+    to_motor, fastest = motion.arm.joint_to_actuator, _greatest_speed(motion)
+    speed = np.hypot.reduce(to_motor * fastest, axis=1)
+    joint, motor = (
+        np.exp(-np.square(velocity / (_CREEPS * greatest)))
+        for velocity, greatest in ((motion.qd, fastest), (motion.qd @ to_motor.T, speed))
+    )
+    return np.maximum(joint, np.max(motor[:, :, None] * (to_motor != 0.0), axis=1))
 
 
 def _greatest_speed(motion: MeasuredMotion) -> Array:
