@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import diagnosed
 import known_ecm as ecm
 import numpy as np
 import pytest
@@ -11,12 +12,15 @@ import pytest
 from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.monitoring import (
     FASTEST,
+    Band,
     ChangeTest,
     MomentumObserver,
     Monitor,
     RowMaker,
     Rows,
+    Sampling,
     Sums,
+    Window,
     gain_for,
     local_noise,
     monitor,
@@ -219,3 +223,21 @@ def test_a_torque_that_grows_while_the_arm_rests_is_a_drift_and_noise_is_none():
             heard += listener.add(rows.at(slice(first, first + 100))).events
         found.append([(event.kind, event.joints) for event in heard])
     assert found == [[], [("drift", ("pitch",))]]
+
+
+def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
+    """The motor of insertion drags pitch: both move, and it does not."""
+    model, time = diagnosed.identified().model, np.arange(1000) / RATE
+    ratio = model.arm.actuator_to_joint[2, 1]
+    angle, n = 2.0 * np.pi * 0.3 * time, model.arm.n
+    still, moving = np.zeros((2, len(time), n))
+    for q, part in ((still, ratio), (moving, 0.1)):
+        q[:, 1], q[:, 2] = 0.3 * np.sin(angle), part * 0.3 * np.sin(angle)
+
+    def larger(q: np.ndarray) -> np.ndarray:
+        rows = Rows(time, q, np.gradient(q, time, axis=0), model.torque(q))
+        band = Band(model.uncertainty.error, np.full(n, 0.1), np.full(n, FASTEST))
+        return np.median(Window.of(model, rows, 0.0 * q, band, Sampling()).larger, axis=0)
+
+    assert (larger(still)[1:3] > 1.2).all()
+    assert (larger(moving)[1:3] < 1.05).all()
