@@ -12,7 +12,7 @@ from quadratic_drag import QuadraticDrag
 
 from dvrk_gravity import TorqueModel, effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinearTerm, Range, Site, State, Term
+from dvrk_gravity.effects import LinearTerm, Range, Site, State, Term, ViscousHypothesis
 from dvrk_gravity.effects.base import registry
 from dvrk_gravity.errors import EffectError
 
@@ -239,6 +239,16 @@ def test_a_joint_rubs_as_its_larger_level_and_its_motor_s_do(cases):
     (friction,) = (case.term for case in cases if case.effect.NAME == "coulomb_friction")
     assert friction.at(Site.joint(0)) == pytest.approx(0.07 + 0.02)
     assert friction.at(Site.motor(6)) == pytest.approx(0.07)
+
+
+def test_half_as_much_friction_again_as_the_model_has_may_be_missing_and_no_more():
+    at = {"arm": ARM, "site": Site.joint(0), "joints": (0,), "removable": 0.2}
+    found = {size: ViscousHypothesis(**at).removed_fraction(np.array([size]))
+             for size in (0.1, -0.1, -0.4)}  # fmt: skip
+    assert found == {0.1: 0.0, -0.1: pytest.approx(0.5), -0.4: pytest.approx(2.0)}
+    assert ViscousHypothesis(**at, against_reference=True).removed_fraction(np.array([-0.4])) == 0.0
+    plausible = [ViscousHypothesis(**at).plausible(np.array([size])) for size in (-0.29, -0.31)]
+    assert plausible == [True, False]
 
 
 @pytest.mark.parametrize(("line", "refused"), [
