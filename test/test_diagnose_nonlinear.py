@@ -107,7 +107,7 @@ def test_a_large_tilt_s_columns_are_rebuilt_until_they_agree():
     validation = CrossValidation.of(FilteredData.of(motion))
     tilt = validation.data.candidate(next(BaseTilt.hypotheses(motion)))
     found = refined(replace(validation, prior_inflation=1e-9), tilt, [])
-    assert found.hypothesis.setting == pytest.approx({"roll": 0.4, "pitch": -0.3}, abs=2e-3)
+    assert found.hypothesis.setting == pytest.approx({"roll": 0.4, "pitch": -0.3}, abs=3e-5)
 
 
 def test_where_nothing_changes_what_the_model_says_nothing_changes():

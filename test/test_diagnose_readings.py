@@ -252,7 +252,7 @@ def test_a_unit_that_joints_show_by_different_multiples_is_as_uncertain_as_these
     read = Recording(("a", "b", "c"), angle[:, 0] / np.pi, q, velocity, np.zeros_like(q))
     factor = velocity_fault(read).factor
     wide = 1.96 * part / np.sqrt(3.0) * DEGREES
-    assert [factor.low, factor.high] == pytest.approx([DEGREES - wide, DEGREES + wide], rel=1e-4)
+    assert [factor.low, factor.high] == pytest.approx([DEGREES - wide, DEGREES + wide], rel=1e-6)
 
 
 def test_a_wrong_clock_and_a_velocity_in_another_unit_are_told_apart():

@@ -333,11 +333,9 @@ def _beyond(motion: MeasuredMotion) -> Mask:
 def _creeping(motion: MeasuredMotion) -> Array:
     """Return (K, n) how much a joint or a motor that moves it creeps: one at rest, else nothing."""
     to_motor, fastest = motion.arm.joint_to_actuator, _greatest_speed(motion)
-    speed = np.hypot.reduce(to_motor * fastest, axis=1)
-    joint, motor = (
-        np.exp(-np.square(velocity / (_CREEPS * greatest)))
-        for velocity, greatest in ((motion.qd, fastest), (motion.qd @ to_motor.T, speed))
-    )
+    of_motors = np.hypot.reduce(to_motor * fastest, axis=1)
+    parts = motion.qd / fastest, motion.arm.actuator_position(motion.qd) / of_motors
+    joint, motor = (np.exp(-np.square(part / _CREEPS)) for part in parts)
     return np.maximum(joint, np.max(motor[:, :, None] * (to_motor != 0.0), axis=1))
 
 

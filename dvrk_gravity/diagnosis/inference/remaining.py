@@ -35,8 +35,9 @@ _REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chose
 _MOST_MINOR = 3  # effects, one a joint. Chosen
 ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
 _FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Chosen
-# Times likewise, that no day-to-day friction variation excuses. Chosen: joints of real arms leave
-# less, days later; drag that depends on two positions left 22 times of it, and passed as expected.
+# Times likewise, twice as many of what may be noise, that no day-to-day friction variation excuses.
+# Chosen: joints of real arms leave less, days later; drag that depends on two positions left 22
+# times of it, and passed as expected.
 _NEVER_EXPECTED = 8.0
 _LASTING = 0.6  # of an error that lasts as long as a motion does, and noise does not. Chosen
 
