@@ -52,6 +52,8 @@ EFFECTS = [effect for effect in lab_effects.HIDERS if effect != "nothing"]
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_a_hidden_effect_is_in_the_recording_at_the_stated_size(world, setting, effect):
+    if effect == "joint_flexibility":  # whose resonance is above the band: at most .5 of residual
+        setting = replace(setting, residual=0.2 * setting.residual)
     hiding = hide(setting, effect, np.random.default_rng(3))
     assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
     before, after = (world.record(truth, 4) for truth in (setting.truth, hiding.truth))
@@ -62,7 +64,7 @@ def test_a_hidden_effect_is_in_the_recording_at_the_stated_size(world, setting, 
         if "stiffness" in stated:
             load = world.engine.torque(*setting.truth.motion)[:, joint] / stated["stiffness"]
             read += np.interp(before.time, setting.truth.time, load)
-            assert np.abs(load).max() > 0.01
+            assert np.abs(load).max() > 10.0 * 3e-4  # what is tolerated below
         np.testing.assert_allclose(after.position[:, joint], read, atol=3e-4)
         assert "stiffness" in stated or not change.any()
         torques = [world.engine.torque(*truth.motion) for truth in (setting.truth, hiding.truth)]
