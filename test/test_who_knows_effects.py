@@ -18,11 +18,7 @@ ROOMS: Mapping[str, str] = {
     "console/": "the console's file format is made of gravity, cables by direction and friction",
     "arms/mtm/": "beta in closed form is the MTM's weight",
     "effects/": "merging one effect changes others' parameters",
-    "model/rigid_columns.py": "weight and inertia are one set of base parameters",
-    "model/kinematics.py": "kinematic calibration estimates encoder offsets and a tilt",
-    "identification/quality/identifiability.py": "data leave sums of certain effects open",
     "identification/poses/": "what poses determine: weight, cables, held load",
-    "identification/trajectories/problem.py": "what a console's file, a URDF and an MJCF hold",
     "exports/": "a URDF and an MJCF are made of bodies, friction at joints, rotors and springs",
     "simulate/model_plant.py": "bodies that can exist are made of a model's inertia",
 }
@@ -39,7 +35,7 @@ NAMELESS = (
     "effects/base/", "compensate/", "simulate/plant.py", "simulate/effects.py",
     "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py", "report/findings.py",
     "diagnosis/inference/selection.py", "diagnosis/inference/cross_validation.py",
-    "model/columns.py", "model/torque_model.py",
+    "model/", "identification/trajectories/", "identification/quality/",
 )  # fmt: skip
 
 

@@ -9,6 +9,11 @@ from .base.arrays import evaluate as evaluate
 from .base.arrays import joint_array as joint_array
 from .base.arrays import position_offset as position_offset
 from .base.arrays import write_rows as write_rows
+from .base.column import MISPLACED as MISPLACED
+from .base.column import PRIOR_FRACTION as PRIOR_FRACTION
+from .base.column import Column as Column
+from .base.column import ColumnTable as ColumnTable
+from .base.column import SearchMove as SearchMove
 from .base.effect import MAX_REMOVED as MAX_REMOVED
 from .base.effect import Effect as Effect
 from .base.effect import Hypothesis as Hypothesis
@@ -16,11 +21,7 @@ from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
 from .base.effect import or_extended as or_extended
 from .base.effect import spread as spread
-from .base.linear_term import PRIOR_FRACTION as PRIOR_FRACTION
-from .base.linear_term import Column as Column
-from .base.linear_term import ColumnTable as ColumnTable
 from .base.linear_term import LinearTerm as LinearTerm
-from .base.linear_term import SearchMove as SearchMove
 from .base.linear_term import Unknowns as Unknowns
 from .base.links import assumed_inertias as assumed_inertias
 from .base.links import assumed_rotors as assumed_rotors
@@ -52,6 +53,8 @@ from .base.registry import named as named
 from .base.registry import rank as rank
 from .base.registry import register as register
 from .base.registry import sensor_effects as sensor_effects
+from .base.registry import stated_terms as stated_terms
+from .base.registry import stated_weight as stated_weight
 from .base.registry import terms as terms
 from .base.sensor import SensorEffect as SensorEffect
 from .base.site import THE_ARM as THE_ARM
@@ -95,7 +98,11 @@ from .joint_spring import JointSpring as JointSpring
 from .joint_spring import SpringHypothesis as SpringHypothesis
 from .link_com import LinkCom as LinkCom
 from .link_inertia import LinkInertia as LinkInertia
+from .link_inertia import RigidColumns as RigidColumns
+from .link_inertia import link_columns as link_columns
+from .link_inertia import spring_columns as spring_columns
 from .link_weight import LinkWeight as LinkWeight
+from .link_weight import weight_of as weight_of
 from .load_friction import LoadFriction as LoadFriction
 from .payload import Payload as Payload
 from .payload import PayloadHypothesis as PayloadHypothesis

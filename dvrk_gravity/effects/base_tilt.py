@@ -11,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import rigid_body
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values
+from dvrk_gravity.effects.base.column import MISPLACED, Column
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, or_extended
 from dvrk_gravity.effects.base.links import prior_scale
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
@@ -36,11 +37,17 @@ class BaseTilt(Effect):
     """Gravity has another direction in the base frame than the model assumes."""
 
     NAME = "base_tilt"
+    IN_FILES = ("urdf", "mjcf")
     REMEDY = "level the base"
     MEANINGS = meanings(
         roll=Meaning("rad", 0.0, least=-np.pi, greatest=np.pi),
         pitch=Meaning("rad", 0.0, least=-0.5 * np.pi, greatest=0.5 * np.pi),
     )
+
+    @classmethod
+    def kinematic_columns(cls, arm: Arm) -> tuple[Column, ...]:
+        """Return those of roll and pitch."""
+        return tuple(Column(cls.NAME, THE_BASE, axis, MISPLACED) for axis in range(2))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

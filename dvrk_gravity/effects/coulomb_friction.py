@@ -18,6 +18,7 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     number_array,
 )
+from dvrk_gravity.effects.base.column import Column
 from dvrk_gravity.effects.base.dahl import DahlElements, dahl_of_parts
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
@@ -68,6 +69,7 @@ class CoulombFriction(DryFriction):
         positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down"),
     )  # fmt: skip
     EVERYWHERE = True
+    IN_FILES = ("console", "urdf", "mjcf")
     SETTING = "displacement"
     SETTING_UNIT = "rad"
     SETTING_TEXT = "over"
@@ -216,6 +218,12 @@ class CoulombFriction(DryFriction):
         nothing = np.zeros(arm.n)
         term = cls(arm, *(nothing,) * 4, TRANSITION * arm.scale, nothing, nothing)
         return cls.several(term, np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1))).astype(float))
+
+    @classmethod
+    def in_file(cls, form: str, column: Column) -> bool:
+        """Of the console's a motor's is the same as presliding; elsewhere it is full at once."""
+        held = column.site.kind is Kind.JOINT if form == "console" else not column.index
+        return held and super().in_file(form, column)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

@@ -24,15 +24,9 @@ from dvrk_gravity.effects.base.arrays import (
     read_coefficients,
     write_rows,
 )
+from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable, SearchMove, site_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
-from dvrk_gravity.effects.base.linear_term import (
-    PRIOR_FRACTION,
-    ColumnTable,
-    LinearTerm,
-    SearchMove,
-    Unknowns,
-    site_columns,
-)
+from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Kind, Site, effort_limits
@@ -59,6 +53,7 @@ class ElasticCable(LinearTerm):
     """
 
     NAME = "elastic_cable"
+    IN_FILES = ("console",)
     REMEDY = "look at the cables and springs across {joint}"
     AT_POSES = True
     POWERS = True

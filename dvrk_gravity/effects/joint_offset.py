@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values, as_value, position_offset
+from dvrk_gravity.effects.base.column import MISPLACED, Column
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
-from dvrk_gravity.effects.base.site import encoder_sites
+from dvrk_gravity.effects.base.site import Site, encoder_sites, joints_with_weight
 
 _SMALL = 1e-3  # rad: below, a slope replaces the secant
 
@@ -21,8 +23,22 @@ class JointOffset(Effect):
     """measured position = true position + offset."""
 
     NAME = "joint_offset"
+    IN_FILES = ("urdf", "mjcf")
     REMEDY = "calibrate {joint}'s zero again (its potentiometer or homing)"
     MEANINGS = meanings(offset=Meaning("rad", 0.0, READS, "reads", least=-0.6, greatest=0.6))
+
+    @classmethod
+    def kinematic_columns(cls, arm: Arm) -> tuple[Column, ...]:
+        """Return one of each joint whose zero torque shows.
+
+        That of a joint that turns everything about the vertical is not shown, and the last one's
+        is equivalent to parameters of its link.
+        """
+        return tuple(
+            Column(cls.NAME, Site.joint(joint), 0, MISPLACED * float(arm.scale[joint]))
+            for joint in joints_with_weight(arm)
+            if joint < arm.n - 1
+        )
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

@@ -4,23 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm, rigid_body
+from dvrk_gravity import gravity
+from dvrk_gravity.arms import Arm, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values, as_value
+from dvrk_gravity.effects.base.column import PRIOR_FRACTION, Column, ColumnTable
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.links import AXES, inertia_directions, prior_scale
+from dvrk_gravity.effects.base.links import (
+    AXES,
+    base_directions,
+    inertia_directions,
+    prior_scale,
+)
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
-from dvrk_gravity.effects.base.term import PlantPart
+from dvrk_gravity.effects.base.term import PlantPart, Term
+from dvrk_gravity.effects.gravity import Gravity
+from dvrk_gravity.effects.link_weight import LinkWeight, weight_of
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameters import Parameter, Value
 
 _WEIGHTLESS = np.zeros(3)
+SPRINGS = 4  # entries of an MTM's beta, arm and forearm, that a balancing spring can add to
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +55,7 @@ class LinkInertia(LinearTerm):
         **{f"inertia_{axis}{axis}": size("kg·m^2", MORE) for axis in AXES},
     )
     COMPENSATED = False  # a compensator holds; it knows no acceleration
+    OF_LINKS = rigid_body.PER_LINK
 
     arm: Arm
     links: Array
@@ -198,3 +211,77 @@ def with_inertia(values: Values, body: str, change: Array) -> Values:
     if not any(name.startswith(f"{LinkInertia.NAME}.") for name in values):
         return values
     return _with_change(values, body, change)
+
+
+def link_columns(table: ColumnTable) -> list[int]:
+    """Return the indices of the links' columns."""
+    return table.select(effect=LinkInertia.NAME)
+
+
+def spring_columns(table: ColumnTable) -> list[int]:
+    """Return the indices of the columns of springs that balance links."""
+    return table.select(effect=Gravity.NAME)
+
+
+class RigidColumns:
+    """Columns of the links' base parameters, then of springs.
+
+    Weight and inertia share the links' parameters, so that what is identified is a set of base
+    parameters. An MTM's weight is beta, a function of them; a spring that balances its arm or
+    forearm pulls like a mass and has no inertia: it is a column of gravity alone.
+
+    Class attributes:
+        EFFECTS: Names of the effects that they are, which are always fitted.
+
+    Attributes:
+        arm: The arm, its base as it is mounted.
+        base: (10 bodies, b) from base combinations of unit prior size to the links' parameters.
+    """
+
+    EFFECTS: ClassVar = (LinkInertia.NAME, Gravity.NAME, LinkWeight.NAME)
+
+    def __init__(self, arm: Arm, absent: tuple[int, ...] = ()) -> None:
+        """Find the combinations, with the ``absent`` of the links' parameters zero."""
+        self.arm = arm
+        self.base = base_directions(arm, absent)
+        self._springs = SPRINGS if is_mtm(arm) else 0
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns, in order."""
+        inertia, weight, _ = self.EFFECTS
+        spring = PRIOR_FRACTION * float(self.arm.actuator_effort_limit[1]) if self._springs else 0.0
+        return (
+            *(Column(inertia, THE_ARM, index, 1.0) for index in range(self.base.shape[1])),
+            *(Column(weight, THE_ARM, index, spring) for index in range(self._springs)),
+        )
+
+    @property
+    def springs(self) -> tuple[Column, ...]:
+        """Those of springs."""
+        return self.columns[self.base.shape[1] :]
+
+    def regressor(self, state: State) -> Array:
+        """Return (N, n, p) joint torques of all columns at (N, n) true states."""
+        arm = self.arm
+        links = rigid_body.regressor(arm, state.q, state.qd, state.qdd, arm.gravity)
+        if not self._springs:
+            return links @ self.base
+        springs = gravity.regressor(state.q, arm.gravity)[..., : self._springs]
+        return np.concatenate([links @ self.base, springs], axis=-1)
+
+    def bodies(self, theta: Array) -> tuple[Array, Array]:
+        """Return (10 bodies,) link parameters and springs, N·m, of (p,) coefficients."""
+        own, springs = np.split(theta, [self.base.shape[1]])
+        return self.base @ own, springs
+
+    def terms(self, arm: Arm, theta: Array, links: Array | None) -> list[Term]:
+        """Return the terms of an arm's model; see :meth:`Columns.terms`."""
+        own, springs = self.bodies(theta)
+        links = own if links is None else links
+        if not links.any() and not springs.any():
+            return []
+        bodies = links.reshape(-1, rigid_body.PER_LINK)
+        weight = weight_of(arm, bodies, self.arm)
+        balanced = weight.theta + np.pad(springs, (0, len(weight.theta) - len(springs)))
+        return [weight.with_theta(balanced), LinkInertia(arm, bodies)]

@@ -15,12 +15,14 @@ from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.links import (
     assumed_inertias,
+    beta_map,
     gravity_of,
     gravity_parameters,
     weight_evaluator,
 )
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
+from dvrk_gravity.effects.gravity import Gravity
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -42,6 +44,7 @@ class LinkWeight(LinearTerm):
 
     NAME = "link_weight"
     WEIGHT_OF_ARM = True
+    OF_LINKS = OF_WEIGHT
 
     arm: Arm
     links: Array
@@ -152,6 +155,20 @@ class LinkWeight(LinearTerm):
         if state.q.ndim != 2:
             raise ShapeError("q", state.q.shape, "(N, n)")
         return weight_regressor(self.arm, state.q, self.vector)
+
+
+def weight_of(arm: Arm, links: Array, mounted: Arm | None = None) -> Gravity | LinkWeight:
+    """Return the weight of links as the arm's models have it: an MTM's as beta.
+
+    Args:
+        arm: The arm.
+        links: (bodies, 4 or more) inertial parameters, in Pinocchio's order; of an MTM all 10.
+        mounted: The arm with its base as it is mounted; ``None``: as its file says.
+    """
+    at = arm if mounted is None else mounted
+    if is_mtm(arm):
+        return Gravity(arm, beta_map(at) @ links.ravel(), at.gravity)
+    return LinkWeight(arm, links[:, :OF_WEIGHT].copy(), at.gravity)
 
 
 def with_weight(arm: Arm, values: Values, change: Array) -> Values | None:

@@ -10,6 +10,13 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects.base.arrays import Range, Values, as_value, numbers, read_rows, write_rows
+from dvrk_gravity.effects.base.column import (
+    PRIOR_FRACTION,
+    Column,
+    ColumnTable,
+    SearchMove,
+    site_columns,
+)
 from dvrk_gravity.effects.base.dahl import DahlElements, dahl, dahl_of_parts
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import (
@@ -22,14 +29,7 @@ from dvrk_gravity.effects.base.friction import (
     sites_with_friction,
     velocities,
 )
-from dvrk_gravity.effects.base.linear_term import (
-    PRIOR_FRACTION,
-    Column,
-    ColumnTable,
-    SearchMove,
-    Unknowns,
-    site_columns,
-)
+from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Site, effort_limits
@@ -67,6 +67,7 @@ class PreslidingHysteresis(Friction):
     """
 
     NAME = "presliding_hysteresis"
+    IN_FILES = ("console",)
     BY_MOTION = True
     DIVIDED_WITH = (CoulombFriction,)
     REMEDY = "let the arm move a little before a reading counts"

@@ -18,14 +18,9 @@ from dvrk_gravity.effects.base.arrays import (
     joint_array,
     motor_columns,
 )
+from dvrk_gravity.effects.base.column import ColumnTable, SearchMove, site_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
-from dvrk_gravity.effects.base.linear_term import (
-    ColumnTable,
-    LinearTerm,
-    SearchMove,
-    Unknowns,
-    site_columns,
-)
+from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.links import rotors_beside_links
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
@@ -46,6 +41,7 @@ class RotorInertia(LinearTerm):
     """
 
     NAME = "rotor_inertia"
+    IN_FILES = ("console", "mjcf")
     BY_MOTION = True
     REMEDY = "check {joint}'s motor and gear ratio"
     MEANINGS = meanings(inertia=size("kg·m^2", MORE))

@@ -11,9 +11,9 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Range, Values, added, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import Friction, columns_at_sites, friction_sites, removable
-from dvrk_gravity.effects.base.linear_term import PRIOR_FRACTION, ColumnTable
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import effort_limits, unit_travel
@@ -34,6 +34,7 @@ class ViscousFriction(Friction):
     """
 
     NAME = "viscous_friction"
+    IN_FILES = ("console", "urdf", "mjcf")
     BY_MOTION = True
     REMEDY = "if it is new, look at {joint}'s lubrication and gear"
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))

@@ -5,9 +5,8 @@ from .columns import identified as identified
 from .columns import start_columns as start_columns
 from .columns import starts as starts
 from .columns import term_moves as term_moves
-from .kinematics import KINEMATIC as KINEMATIC
-from .kinematics import MISPLACED as MISPLACED
 from .kinematics import KinematicCalibration as KinematicCalibration
+from .kinematics import kinematic_columns as kinematic_columns
 from .kinematics import kinematic_moves as kinematic_moves
 from .kinematics import offset_joints as offset_joints
 from .named_arm import ARM_PARAMETER as ARM_PARAMETER
@@ -17,8 +16,6 @@ from .named_arm import arm_parameters as arm_parameters
 from .named_arm import parts as parts
 from .named_arm import seen_from as seen_from
 from .named_arm import values_of as values_of
-from .rigid_columns import RIGID as RIGID
-from .rigid_columns import link_columns as link_columns
 from .stated import WEIGHT as WEIGHT
 from .stated import stated_weight as stated_weight
 from .torque_model import BIAS_IS as BIAS_IS

@@ -21,19 +21,21 @@ from dvrk_gravity.effects import (
     Column,
     LinearTerm,
     Range,
+    RigidColumns,
     SearchMove,
     State,
     Term,
     Unknowns,
+    link_columns,
 )
-from dvrk_gravity.model.kinematics import KINEMATIC, KinematicCalibration
-from dvrk_gravity.model.rigid_columns import RIGID, RigidColumns
+from dvrk_gravity.model.kinematics import KinematicCalibration, kinematic_columns
 
 
 def identified(arm: Arm) -> tuple[str, ...]:
     """Return the names of the effects that trajectories of an arm are fitted with."""
     found = (unknowns.term.NAME for unknowns in _unknowns(arm, Range(*arm.range)))
-    return tuple(sorted({*RIGID, *KINEMATIC, *found}))
+    displaced = (column.effect for column in kinematic_columns(arm))
+    return tuple(sorted({*RigidColumns.EFFECTS, *displaced, *found}))
 
 
 class Columns:
@@ -128,11 +130,8 @@ class Columns:
     def same(self, chosen: Sequence[int], others: Columns) -> list[int]:
         """Return the chosen columns' indices among other columns; all of the rigid body's."""
         keys = {self.columns[i].key for i in chosen}
-        return [
-            index
-            for index, column in enumerate(others.columns)
-            if column.effect == RIGID[0] or column.key in keys
-        ]
+        known = [i for i, column in enumerate(others.columns) if column.key in keys]
+        return sorted({*link_columns(others), *known})
 
     def effect(self, index: int) -> type[LinearTerm]:
         """Return the effect of a column that is one of a term's coefficients."""
@@ -225,6 +224,12 @@ class Columns:
         return np.split(memory, np.cumsum(self._memories)[:-1], axis=-1)
 
     @property
+    def kinematic(self) -> range:
+        """Numbers of the columns of encoder offsets and the base's tilt, which come last."""
+        count = len(self.columns)
+        return range(count - len(self.kinematics.columns(self.arm)), count)
+
+    @property
     def by_motion(self) -> list[int]:
         """Numbers of the columns that other kinematics do not change."""
         same = {term.NAME for term in self.terms_looked_for if term.BY_MOTION}
@@ -239,7 +244,7 @@ class Columns:
     def corrected(self, theta: Array) -> KinematicCalibration:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""
         links, springs = self.rigid.bodies(theta[: len(self.rigid.columns)])
-        change = theta[len(theta) - len(self.kinematics.columns(self.arm)) :]
+        change = theta[self.kinematic.start :]
         return self.kinematics.moved(self.arm, change, links, springs)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
@@ -283,10 +288,11 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
     rich = sorted(
         {*plain, *(i for term in columns.terms_looked_for for i in term.joint_start(columns))}
     )
+    wanted = None if effects is None else {*RigidColumns.EFFECTS, *effects}
     permitted = {
         i
         for i, column in enumerate(columns.columns)
-        if columns.offers(column) and (effects is None or column.effect in (*RIGID, *effects))
+        if columns.offers(column) and (wanted is None or column.effect in wanted)
     }
     found = [[i for i in chosen if i in permitted] for chosen in (plain, rich)]
     return found if found[0] != found[1] else found[:1]
@@ -294,6 +300,6 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
 
 def start_columns(columns: Columns) -> list[int]:
     """Return the columns of the plainest model that can hold: the rigid body, and little more."""
-    chosen = {i for effect in RIGID for i in columns.select(effect=effect)}
+    chosen = set(range(len(columns.rigid.columns)))
     chosen |= {i for term in columns.terms_looked_for for i in term.minimal_columns(columns)}
     return sorted(chosen)

@@ -17,20 +17,15 @@ from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
-    THE_BASE,
     Column,
     ColumnTable,
     Kind,
     SearchMove,
     Site,
     State,
-    joints_with_weight,
+    effects,
 )
 
-KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in
-# Standard deviation, before any data, of an encoder offset or the base's tilt, rad (10 mm where a
-# joint slides). Chosen, about 6 deg: data overrule it.
-MISPLACED = 0.1
 _STEP = 1e-6  # rad, of one-sided differences: half the digits of a double
 
 
@@ -63,16 +58,7 @@ class KinematicCalibration:
 
     def columns(self, arm: Arm) -> tuple[Column, ...]:
         """Return the columns of :meth:`slopes`, none without links to take them with."""
-        if self.links is None:
-            return ()
-        tilt, offset = KINEMATIC
-        return (
-            *(
-                Column(offset, Site.joint(j), 0, MISPLACED * float(arm.scale[j]))
-                for j in offset_joints(arm)
-            ),
-            *(Column(tilt, THE_BASE, axis, MISPLACED) for axis in range(2)),
-        )
+        return () if self.links is None else kinematic_columns(arm)
 
     def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> KinematicCalibration:
         """Return the kinematics that (k,) coefficients of :meth:`columns` ask for.
@@ -111,17 +97,18 @@ class KinematicCalibration:
         """
         vector = self.mounted(arm).gravity
         here = self._torque(arm, self.true(state), vector)
-        columns = []
-        for joint in offset_joints(arm):
-            step = _STEP * (np.arange(arm.n) == joint)
-            there = replace(self, offset=self.offset + step).true(state)
-            columns.append((self._torque(arm, there, vector) - here) / _STEP)
         at_rest = State(self.true(state).q)
-        for axis in range(2):
-            step = _STEP * (np.arange(2) == axis)
-            # Weight is linear in gravity, and nothing else of the torque knows of it.
-            turned = replace(self, tilt=self.tilt + step).mounted(arm).gravity
-            columns.append(self._torque(arm, at_rest, (turned - vector) / _STEP))
+        columns = []
+        for column in kinematic_columns(arm):
+            if column.site.kind is Kind.BASE:
+                step = _STEP * (np.arange(2) == column.index)
+                # Weight is linear in gravity, and nothing else of the torque knows of it.
+                turned = replace(self, tilt=self.tilt + step).mounted(arm).gravity
+                columns.append(self._torque(arm, at_rest, (turned - vector) / _STEP))
+            else:
+                step = _STEP * (np.arange(arm.n) == column.joint)
+                there = replace(self, offset=self.offset + step).true(state)
+                columns.append((self._torque(arm, there, vector) - here) / _STEP)
         return np.stack(columns, axis=-1)
 
     def _torque(self, arm: Arm, true: State, vector: Array) -> Array:
@@ -133,23 +120,24 @@ class KinematicCalibration:
         return torque + columns @ self.springs
 
 
-def offset_joints(arm: Arm) -> tuple[int, ...]:
-    """Return the joints whose encoder offsets are identifiable from torque.
+def kinematic_columns(arm: Arm) -> tuple[Column, ...]:
+    """Return the columns of all encoder offsets that torque shows, and of the base's tilt."""
+    return tuple(column for effect in effects() for column in effect.kinematic_columns(arm))
 
-    That of a joint that turns everything about the vertical is not, and the last one's is
-    equivalent to parameters of its link.
-    """
-    return tuple(joint for joint in joints_with_weight(arm) if joint < arm.n - 1)
+
+def offset_joints(arm: Arm) -> tuple[int, ...]:
+    """Return the joints whose encoder offsets are identifiable from torque."""
+    return tuple(column.joint for column in kinematic_columns(arm) if column.joint >= 0)
 
 
 def kinematic_moves(columns: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
     """Yield the tilt of the base and the zeros of joints that are not yet in."""
-    tilt, offset = KINEMATIC
-    free = tuple(i for i in columns.select(effect=tilt) if i not in inside)
-    if free:
-        yield SearchMove(free, (), tilt)
-    for i in columns.select(effect=offset):
-        if i not in inside:
-            yield SearchMove(
-                (i,), (), f"{offset} {columns.arm.joint_names[columns.columns[i].joint]}"
-            )
+    known = {column.key for column in kinematic_columns(columns.arm)}
+    free: dict[Site, list[int]] = {}  # roll and pitch come together
+    for i, column in enumerate(columns.columns):
+        if column.key in known and i not in inside:
+            free.setdefault(column.site, []).append(i)
+    for site, indices in sorted(free.items(), key=lambda each: each[0].kind is not Kind.BASE):
+        name = columns.columns[indices[0]].effect
+        words = "" if site.kind is Kind.BASE else f" {site.words(columns.arm)}"
+        yield SearchMove(tuple(indices), (), f"{name}{words}")

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import LinkInertia, LinkWeight, State, Term, base_directions
+from dvrk_gravity.effects import State, Term, base_directions
 from dvrk_gravity.model.uncertainty import ModelUncertainty, coefficients_of
 
 
@@ -54,16 +55,12 @@ def stated_uncertainty(
     """
     part = (settings or StatedSettings()).part
     bodies = part * base_directions(arm).reshape(len(arm.bodies), rigid_body.PER_LINK, -1)
-    directions = {
-        LinkWeight.NAME: bodies[:, : rigid_body.OF_WEIGHT],
-        LinkInertia.NAME: bodies,
-    }
-    known = [term for term in terms if term.NAME in directions]
+    known = [term for term in terms if term.OF_LINKS]
     count, unknown = bodies.shape[-1], np.full(arm.n, np.nan)
     lower, upper = arm.range
     return ModelUncertainty(
         coefficients_of(known),
-        {name: rows.reshape(-1, count) for name, rows in directions.items()},
+        {term.NAME: bodies[:, : term.OF_LINKS].reshape(-1, count) for term in known},
         np.zeros((arm.n, count)), np.zeros((3, count)), unknown, np.nan, unknown, lower, upper,
         unknown,
     )  # fmt: skip
@@ -71,5 +68,5 @@ def stated_uncertainty(
 
 def stated_weight(arm: Arm, q: Array) -> Array | None:
     """Return (…, n) efforts that hold the masses in an arm's file; ``None`` if it states none."""
-    weight = LinkWeight.stated(arm)
+    weight = effects.stated_weight(arm)
     return None if weight is None else weight.torque(State.of(q))

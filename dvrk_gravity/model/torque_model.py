@@ -21,6 +21,7 @@ from dvrk_gravity.effects import (
     Term,
     as_array,
     sensor_effects,
+    stated_terms,
     terms,
 )
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
@@ -252,7 +253,7 @@ class TorqueModel:
             )
         if arm.inertial_parameters is None:
             raise ConfigError("model", arm.source or arm.name, "an arm's file that states masses")
-        found = tuple(term for effect in terms() if (term := effect.stated(arm)) is not None)
+        found = stated_terms(arm)
         return cls(arm, found, uncertainty=stated_uncertainty(arm, found), of_file=True)
 
     @classmethod

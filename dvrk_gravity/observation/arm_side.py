@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.model import MISPLACED
+from dvrk_gravity.effects import MISPLACED
 from dvrk_gravity.recording import Kind, Note
 
 OTHER_SIDE = {"mtml": "mtmr", "mtmr": "mtml"}

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import PER_LINK, Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import LinearTerm, LinkInertia, LinkWeight, State
+from dvrk_gravity.effects import LinearTerm, State
 from dvrk_gravity.identification import base_parameters
 from dvrk_gravity.model import Columns, ModelUncertainty, TorqueModel, start_columns
 
@@ -296,13 +296,14 @@ class ModelKnowledge(Knowledge):
 
 def _named(model: TorqueModel, known: ModelUncertainty) -> Iterator[tuple[str, str, Array]]:
     """Yield name, unit and (d,) changes of each parameter in the directions of its uncertainty."""
-    arm, bodies = model.arm, known.deviations.get(LinkInertia.NAME)
-    if bodies is not None:
-        for name, unit, row in base_parameters(arm):
-            yield name, arm.own_unit(unit), row @ bodies
+    arm = model.arm
+    for term in model.terms:
+        if term.OF_LINKS == PER_LINK and term.NAME in known.deviations:
+            for name, unit, row in base_parameters(arm):
+                yield name, arm.own_unit(unit), row @ known.deviations[term.NAME]
     for term in model.terms:
         change = known.deviations.get(term.NAME)
-        if change is None or not isinstance(term, LinearTerm) or isinstance(term, _BODIES):
+        if change is None or not isinstance(term, LinearTerm) or term.OF_LINKS:
             continue
         declared = {entry.name: entry for entry in term.schema(arm)}
         moved = [term.with_theta(term.theta + way).parameters() for way in change.T]
@@ -316,6 +317,3 @@ def _named(model: TorqueModel, known: ModelUncertainty) -> Iterator[tuple[str, s
                 yield f"{name}[{site}]", entry.units[k] if entry.units else entry.unit, row
     for joint, row in zip(arm.joints, known.offset, strict=True):
         yield f"joint_offset[{joint.name}]", joint.unit, row
-
-
-_BODIES = (LinkInertia, LinkWeight)  # the same masses: as base parameters

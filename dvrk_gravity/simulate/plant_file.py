@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import LARGEST, PLANTS, Arm, mtm, plausible_plant
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import assumed_inertias, assumed_rotors, terms
+from dvrk_gravity.effects import assumed_inertias, assumed_rotors, stated_terms, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import entries, yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
@@ -102,7 +102,7 @@ class PlantFile:
             plant = cls.load(name)
             values = {**plant.model.parameters(), "arm": arm.source or arm.name}
             return replace(plant, model=TorqueModel.from_parameters(values, arm))
-        stated = [each for term in terms() if term.FRICTION and (each := term.stated(arm))]
+        stated = [term for term in stated_terms(arm) if term.FRICTION]
         nominal = [each for term in terms() if (each := term.nominal(arm))]
         usual = (term for term in nominal if not (stated and term.FRICTION))
         model = TorqueModel(arm, (*usual, *stated))

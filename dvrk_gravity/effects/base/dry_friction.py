@@ -13,6 +13,13 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects.base.arrays import Values, as_array, as_value
+from dvrk_gravity.effects.base.column import (
+    PRIOR_FRACTION,
+    Column,
+    ColumnTable,
+    SearchMove,
+    site_columns,
+)
 from dvrk_gravity.effects.base.dahl import dahl
 from dvrk_gravity.effects.base.friction import (
     Friction,
@@ -22,14 +29,7 @@ from dvrk_gravity.effects.base.friction import (
     sites_with_friction,
     velocities,
 )
-from dvrk_gravity.effects.base.linear_term import (
-    PRIOR_FRACTION,
-    Column,
-    ColumnTable,
-    SearchMove,
-    Unknowns,
-    site_columns,
-)
+from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.site import effort_limits
 from dvrk_gravity.effects.base.term import Term

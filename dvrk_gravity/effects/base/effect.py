@@ -18,6 +18,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values
+from dvrk_gravity.effects.base.column import Column
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, Words
 from dvrk_gravity.effects.base.motion import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
@@ -43,6 +44,8 @@ class Effect(ABC):
         MEANINGS: Unit, neutral value and words of each reported parameter.
         REMEDY: What to do about it, in one line; ``{joint}`` is the first joint of a finding.
         READS_WRONGLY: It is a fault of readings, of which a model may know (``reading.*``).
+        IN_FILES: Formats of others whose files have a place for it, ``console`` (of the dVRK),
+            ``urdf`` and ``mjcf``: a model that is fitted for one may have it.
     """
 
     NAME: ClassVar[str]
@@ -51,6 +54,7 @@ class Effect(ABC):
     MEANINGS: ClassVar[Mapping[str, Meaning]] = {}
     REMEDY: ClassVar[str] = ""
     READS_WRONGLY: ClassVar[bool] = False
+    IN_FILES: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def title(cls) -> str:
@@ -71,6 +75,14 @@ class Effect(ABC):
     def summary(cls, parameters: Mapping[str, Estimate]) -> str:
         """Return a finding's sizes for one row of a table; ``""``: the first listed ones."""
         return ""
+
+    @classmethod
+    def kinematic_columns(cls, arm: Arm) -> tuple[Column, ...]:
+        """Return a fit's columns of what displaces joints or the base, per rad or m.
+
+        Torque is not linear in them: a fit takes slopes about where it assumes them.
+        """
+        return ()
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

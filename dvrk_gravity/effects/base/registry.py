@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from functools import cache
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.sensor import SensorEffect
 from dvrk_gravity.effects.base.term import Term
@@ -51,6 +52,17 @@ def effects() -> tuple[type[Effect], ...]:
 def terms() -> tuple[type[Term], ...]:
     """Return the effects that are terms of a torque model."""
     return tuple(effect for effect in effects() if issubclass(effect, Term))
+
+
+def stated_terms(arm: Arm) -> tuple[Term, ...]:
+    """Return the terms that an arm's own file states."""
+    return tuple(term for effect in terms() if (term := effect.stated(arm)) is not None)
+
+
+def stated_weight(arm: Arm) -> Term | None:
+    """Return the arm's weight as its own file states it; ``None`` if it states none."""
+    weights = (effect.stated(arm) for effect in terms() if effect.WEIGHT_OF_ARM)
+    return next((term for term in weights if term is not None), None)
 
 
 def sensor_effects() -> tuple[type[SensorEffect], ...]:

@@ -13,16 +13,19 @@ from dvrk_gravity.arms import Arm, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     Column,
+    Kind,
     base_directions,
     beta_map,
+    link_columns,
     samples,
+    spring_columns,
     weight_directions,
 )
 from dvrk_gravity.estimation import Solution, Uncertainty
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.quality.uncertainty import NARROW
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
-from dvrk_gravity.model import KINEMATIC, Columns, link_columns
+from dvrk_gravity.model import Columns
 from dvrk_gravity.observation import Design
 
 _NAMED = 6  # parameters in a sentence; the report's table has all
@@ -174,9 +177,7 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
         direction[list(values)] = list(values.values())
         return direction
 
-    springs = {
-        columns.columns[i].index: index[i] for i in columns.select(effect="gravity") if i in index
-    }
+    springs = {columns.columns[i].index: index[i] for i in spring_columns(columns) if i in index}
     if rigid:
         of_beta = beta_map(columns.mounted) @ columns.base if is_mtm(arm) else ()
         for k, line in enumerate(of_beta):
@@ -210,8 +211,8 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
                     divided=i in divided.get((column.site_kind, column.joint), ()),
                 )
             )  # fmt: skip
-        elif column.effect in KINEMATIC:
-            tilt = column.effect == "base_tilt"
+        elif i in columns.kinematic:
+            tilt = column.site.kind is Kind.BASE
             around = kinematics.tilt[column.index] if tilt else kinematics.offset[column.joint]
             unit = "rad" if tilt else arm.units[column.joint]
             name = kinematic_name(columns, column)
@@ -231,9 +232,9 @@ def _is_there(line: Array) -> bool:
 
 def kinematic_name(columns: Columns, column: Column) -> str:
     """Return the name of an encoder offset or of an angle of the base."""
-    if column.effect == "base_tilt":
-        return f"base_tilt.{('roll', 'pitch')[column.index]}"
-    return f"joint_offset[{columns.arm.joint_names[column.joint]}]"
+    if column.site.kind is Kind.BASE:
+        return f"{column.effect}.{('roll', 'pitch')[column.index]}"
+    return f"{column.effect}[{columns.arm.joint_names[column.joint]}]"
 
 
 def _divided(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import MISPLACED
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification.quality.identifiability import kinematic_name
 from dvrk_gravity.identification.trajectories.problem import (
@@ -19,10 +20,9 @@ from dvrk_gravity.identification.trajectories.problem import (
     with_motor_weights,
 )
 from dvrk_gravity.model import (
-    KINEMATIC,
-    MISPLACED,
     Columns,
     KinematicCalibration,
+    kinematic_columns,
     offset_joints,
     starts,
 )
@@ -62,7 +62,8 @@ def calibrate(
         report: Called with the stage and the share of it that is done.
     """
     assumed = problem.selection
-    if not any(assumed.allowed(effect) for effect in KINEMATIC):
+    displaced = kinematic_columns(problem.design.columns.arm)
+    if not any(assumed.allowed(column.effect) for column in displaced):
         return problem, chosen, ()
     report("zeros and tilt", 0.0)
     around, start = started = _moved(problem, chosen, solved(problem, chosen).theta, motions)
@@ -76,7 +77,7 @@ def calibrate(
     report("zeros and tilt", 0.3)
     around, found = _converged(around, found, motions, ROUGH_TOLERANCE)
     columns = around.design.columns
-    moved = [i for i in found if columns.columns[i].effect in KINEMATIC]
+    moved = [i for i in found if i in columns.kinematic]
     plain = [sorted({*initial, *moved}) for initial in starts(columns, around.selection.effects)]
     around.selection.choices = [choice for choice in (*assumed.choices, *choices) if choice.kept]
     around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
@@ -145,7 +146,7 @@ def _converged(
         change = [
             abs(value)
             for i, value in zip(chosen, fitted.tolist(), strict=True)
-            if columns.columns[i].effect in KINEMATIC
+            if i in columns.kinematic
         ]
         if max(change) < within:
             break
@@ -161,7 +162,7 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
         chosen: Columns of the fit; its offsets and tilt, if any, are judged like all others.
     """
     columns = problem.design.columns
-    kinematics = [i for i, column in enumerate(columns.columns) if column.effect in KINEMATIC]
+    kinematics = list(columns.kinematic)
     information = _information(problem, [i for i in chosen if i not in kinematics], kinematics)
     first = NORMAL_95 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -13,14 +13,8 @@ from dvrk_gravity.arms import BODIES as TREE_LINKS
 from dvrk_gravity.arms import PER_LINK, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.effects import (
-    Column,
-    CoulombFriction,
-    Gravity,
-    RotorInertia,
-    Term,
-    ViscousFriction,
-)
+from dvrk_gravity.effects import Column, LinearTerm, Term
+from dvrk_gravity.effects import effects as all_effects
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
@@ -35,19 +29,16 @@ from dvrk_gravity.estimation import (
     reweighted,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection, FoldSums
-from dvrk_gravity.model import KINEMATIC, Columns
+from dvrk_gravity.model import Columns
 from dvrk_gravity.observation import Design, Observation, build_design
 
+ForFile = Literal["console", "urdf", "mjcf"]
 # Choices of what depends on the other terms' torque, which change with it. Chosen: a third changes
 # nothing on the arms of `make peers`.
 _ROUNDS = 3
 # Part of a motor's torque that a model leaves, at first. Chosen: the iteration forgets it.
 _FIRST_GUESS = 0.1
 
-CONSOLE_EFFECTS = (
-    "coulomb_friction", "elastic_cable", "presliding_hysteresis", "rotor_inertia",
-    "viscous_friction",
-)  # fmt: skip
 # Link 7's first moments across its axis are what beta 11 and 12 consist of.
 _ACROSS = tuple(PER_LINK * TREE_LINKS.index("link7") + k for k in (1, 2))
 
@@ -61,24 +52,42 @@ def _require_console_arm(arm: Arm) -> None:
         )
 
 
-class BodyColumns(Columns):
-    """Columns that an MJCF has: bodies, without what springs add to their weight, and friction."""
+class FileColumns(Columns):
+    """Columns that files of a format of others have.
+
+    Class attributes:
+        FORM: The format, as effects call it (``IN_FILES``).
+    """
+
+    FORM: ClassVar[ForFile]
 
     def offers(self, column: Column) -> bool:
-        """Whether the file has such a column: dry friction there is full at once."""
-        builds_up = column.effect == CoulombFriction.NAME and column.index > 0
-        return column.effect != Gravity.NAME and not builds_up and super().offers(column)
+        """Whether the file has such a column."""
+        own = next((t for t in self.terms_looked_for if column.effect == t.NAME), None)
+        return (own is None or own.in_file(self.FORM, column)) and super().offers(column)
+
+
+class BodyColumns(FileColumns):
+    """Columns that an MJCF has: bodies, without what springs add to their weight, and friction."""
+
+    FORM: ClassVar[ForFile] = "mjcf"
+
+    def offers(self, column: Column) -> bool:
+        """Whether the file has such a column."""
+        return column not in self.rigid.springs and super().offers(column)
 
 
 class UrdfColumns(BodyColumns):
     """Columns that a URDF has: no friction of motors that move several joints."""
+
+    FORM: ClassVar[ForFile] = "urdf"
 
     def offers(self, column: Column) -> bool:
         """Whether the file has such a column."""
         return column.site_kind != "motor" and super().offers(column)
 
 
-class ConsoleColumns(Columns):
+class ConsoleColumns(FileColumns):
     """Columns that cannot leave the dVRK console's form at rest.
 
     At rest the console has gravity with ten parameters on an upright base, and for each of joints 1
@@ -87,21 +96,20 @@ class ConsoleColumns(Columns):
     friction of motors, say, gravity would compensate for it.
     """
 
+    FORM: ClassVar[ForFile] = "console"
     ABSENT = _ACROSS  # link 7 is balanced about its own axis
 
     def offers(self, column: Column) -> bool:
         """Whether the console has such a column at rest."""
-        if column.effect == "elastic_cable":
+        if any(term.POWERS and column.effect == term.NAME for term in self.terms_looked_for):
             return column.index < N_POWERS and column.joint < N_POLYNOMIALS
-        if column.effect == "coulomb_friction":
-            return column.site_kind == "joint"  # a motor's is the same as presliding
         return super().offers(column)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
         """Return the model's terms, gravity with ten parameters."""
         return tuple(
-            Gravity(term.arm, term.beta[:N_GRAVITY], term.vector)
-            if isinstance(term, Gravity)
+            term.with_theta(term.theta[:N_GRAVITY])
+            if term.WEIGHT_OF_ARM and isinstance(term, LinearTerm)
             else term
             for term in super().terms(theta, links)
         )
@@ -113,19 +121,21 @@ class Form:
 
     Attributes:
         columns: Its columns.
-        effects: Effects besides the rigid body.
         words: What was fitted, for a person.
         of_bodies: Whether it holds links as bodies.
     """
 
-    columns: type[Columns]
-    effects: tuple[str, ...]
+    columns: type[FileColumns]
     words: str
     of_bodies: bool = True
 
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Effects besides the rigid body."""
+        form = self.columns.FORM
+        return tuple(effect.NAME for effect in all_effects() if form in effect.IN_FILES)
 
-ForFile = Literal["console", "urdf", "mjcf"]
-_OF_BODIES = (CoulombFriction.NAME, ViscousFriction.NAME, *KINEMATIC)
+
 _WORDS = (
     "fitted for {}, all of which `convert` writes: bodies, zeros, mounting, friction at joints{}; "
     "what else the arm does is in the errors"
@@ -133,15 +143,12 @@ _WORDS = (
 FORMS: Mapping[ForFile, Form] = {
     "console": Form(
         ConsoleColumns,
-        CONSOLE_EFFECTS,
         "fitted for the dVRK console: at rest only gravity of ten parameters, and polynomials of "
         "degree four of joints 1 to 6; what `convert` cannot write acts in motion only",
         of_bodies=False,
     ),
-    "urdf": Form(UrdfColumns, _OF_BODIES, _WORDS.format("a URDF", "")),
-    "mjcf": Form(
-        BodyColumns, (*_OF_BODIES, RotorInertia.NAME), _WORDS.format("an MJCF", ", motors, rotors")
-    ),
+    "urdf": Form(UrdfColumns, _WORDS.format("a URDF", "")),
+    "mjcf": Form(BodyColumns, _WORDS.format("an MJCF", ", motors, rotors")),
 }
 
 

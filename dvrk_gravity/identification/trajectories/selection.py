@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import SearchMove, is_friction
+from dvrk_gravity.effects import RigidColumns, SearchMove, is_friction
 from dvrk_gravity.estimation import (
     Folds,
     HeldOutSums,
@@ -21,7 +21,7 @@ from dvrk_gravity.estimation import (
     select,
 )
 from dvrk_gravity.identification.result import Choice, improvement
-from dvrk_gravity.model import RIGID, Columns, kinematic_moves, term_moves
+from dvrk_gravity.model import Columns, kinematic_moves, term_moves
 from dvrk_gravity.observation import Design, training_equations
 
 Moves = Callable[[Columns, set[int]], Iterator[SearchMove]]
@@ -137,7 +137,7 @@ class ColumnSelection:
 
     def allowed(self, effect: str) -> bool:
         """Whether an effect may be used."""
-        return self.effects is None or effect in RIGID or effect in self.effects
+        return self.effects is None or effect in RigidColumns.EFFECTS or effect in self.effects
 
     def score(self, chosen: Sequence[int]) -> Array:
         """Return (folds, m) held-out sums of squared errors."""
