@@ -12,7 +12,7 @@ from support import syntax
 from dvrk_gravity import effects
 
 PACKAGE = Path(effects.__file__).resolve().parents[1]
-MOST = 3  # modules beside an effect's own file
+MOST = 2  # modules beside an effect's own file
 # Rooms whose very subject some effects are; within effects/ one may rest on another.
 ROOMS: Mapping[str, str] = {
     "console/": "the console's file format is made of gravity, cables by direction and friction",
@@ -20,7 +20,6 @@ ROOMS: Mapping[str, str] = {
     "effects/": "merging one effect changes others' parameters",
     "identification/poses/": "what poses determine: weight, cables, held load",
     "exports/": "a URDF and an MJCF are made of bodies, friction at joints, rotors and springs",
-    "simulate/model_plant.py": "bodies that can exist are made of a model's inertia",
 }
 # Words that are no effect's name there: a section of a file, a kind of warning, a parameter.
 OTHER_WORDS = {
@@ -32,7 +31,7 @@ OTHER_WORDS = {
 }
 # What handles all effects equally.
 NAMELESS = (
-    "effects/base/", "compensate/", "simulate/plant.py", "simulate/effects.py",
+    "effects/base/", "compensate/", "simulate/",
     "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py", "report/findings.py",
     "diagnosis/inference/selection.py", "diagnosis/inference/cross_validation.py",
     "model/", "identification/trajectories/", "identification/quality/",

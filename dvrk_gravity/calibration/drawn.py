@@ -8,11 +8,10 @@ from itertools import product
 
 import numpy as np
 import pinocchio as pin
-from numpy.polynomial import Polynomial
 
 from dvrk_gravity.arms import Arm, build_tree, gravity_in_base
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import ElasticCable, LinearTerm, Range, State, Term
+from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.effects import terms as effect_terms
 from dvrk_gravity.simulate import PlantFile, Sensors
 
@@ -71,7 +70,7 @@ def drawn_arm(plant: PlantFile, seed: int, settings: DrawSettings | None = None)
     vector = _tilted(arm, of.tilt * random.standard_normal(2))
     terms = (
         *(_drawn(term, arm, links, vector, random, of) for term in _kept(plant, of)),
-        _cables(arm, random, of.cable),
+        *(each for effect in effect_terms() if (each := effect.drawn(arm, random, of.cable))),
     )
     offset = of.zero * arm.scale * random.standard_normal(arm.n)
     model = replace(plant.model, terms=terms, joint_offset=plant.model.joint_offset + offset)
@@ -123,14 +122,3 @@ def _with_weight(term: LinearTerm, arm: Arm, links: Mapping[str, pin.Inertia]) -
     assert isinstance(level, LinearTerm)
     columns = level.regressor(State(q)).reshape(len(torque), -1)
     return term.with_theta(np.linalg.lstsq(columns, torque, rcond=None)[0])
-
-
-def _cables(arm: Arm, random: np.random.Generator, part: float) -> ElasticCable:
-    lowest, highest = (np.clip(end, -2.0 * np.pi, 2.0 * np.pi) for end in arm.range)
-    coefficients = part * arm.effort_limit * random.uniform(-1.0, 1.0, (4, arm.n))
-    rows = [
-        Polynomial(each, [low, high], [-1.0, 1.0]).convert().coef
-        for each, low, high in zip(coefficients.T, lowest, highest, strict=True)
-    ]
-    ends = Range(np.full(arm.n, -np.inf), np.full(arm.n, np.inf))
-    return ElasticCable(arm, np.array(rows, dtype=float).T, ends)

@@ -7,6 +7,7 @@ from .base.arrays import as_value as as_value
 from .base.arrays import diagonal_columns as diagonal_columns
 from .base.arrays import evaluate as evaluate
 from .base.arrays import joint_array as joint_array
+from .base.arrays import motor_columns as motor_columns
 from .base.arrays import position_offset as position_offset
 from .base.arrays import write_rows as write_rows
 from .base.column import MISPLACED as MISPLACED
@@ -51,11 +52,13 @@ from .base.registry import from_other_packages as from_other_packages
 from .base.registry import is_friction as is_friction
 from .base.registry import named as named
 from .base.registry import rank as rank
+from .base.registry import reading_effect as reading_effect
 from .base.registry import register as register
 from .base.registry import sensor_effects as sensor_effects
 from .base.registry import stated_terms as stated_terms
 from .base.registry import stated_weight as stated_weight
 from .base.registry import terms as terms
+from .base.registry import unexplained as unexplained
 from .base.sensor import SensorEffect as SensorEffect
 from .base.site import THE_ARM as THE_ARM
 from .base.site import THE_BASE as THE_BASE

@@ -73,6 +73,18 @@ class ElasticCable(LinearTerm):
         return cls(arm, torque[None], Range(np.full(arm.n, -np.inf), np.full(arm.n, np.inf)))
 
     @classmethod
+    def drawn(cls, arm: Arm, random: np.random.Generator, part: float) -> ElasticCable:
+        """Polynomials of degree three of each joint's position, from -1 to 1 over its range."""
+        lowest, highest = (np.clip(end, -2.0 * np.pi, 2.0 * np.pi) for end in arm.range)
+        coefficients = part * arm.effort_limit * random.uniform(-1.0, 1.0, (4, arm.n))
+        rows = [
+            np.polynomial.Polynomial(each, [low, high], [-1.0, 1.0]).convert().coef
+            for each, low, high in zip(coefficients.T, lowest, highest, strict=True)
+        ]
+        ends = Range(np.full(arm.n, -np.inf), np.full(arm.n, np.inf))
+        return cls(arm, np.array(rows, dtype=float).T, ends)
+
+    @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         return (
             *declare_coefficients(arm, cls.NAME, "elastic torque k0, k1, …"),

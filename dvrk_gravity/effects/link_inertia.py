@@ -119,8 +119,7 @@ class LinkInertia(LinearTerm):
         )  # fmt: skip
 
     def plant(self) -> PlantPart:
-        """Nothing: the plant's bodies have it."""
-        return PlantPart()
+        return PlantPart(inertia=self.links)
 
     @property
     def theta(self) -> Array:

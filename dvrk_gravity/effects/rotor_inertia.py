@@ -78,8 +78,7 @@ class RotorInertia(LinearTerm):
         return self.arm.joint_effort(turning), np.zeros(q.shape)
 
     def plant(self) -> PlantPart:
-        """Nothing: the plant's bodies have it."""
-        return PlantPart()
+        return PlantPart(rotors=self.motor)
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:

@@ -1,8 +1,4 @@
-"""The arm that a torque model describes, as a plant that moves.
-
-The model's two effects of inertia are known here by class: it is not their torques but their
-parameters that are sought after, as bodies and rotors that can exist.
-"""
+"""The arm that a torque model describes, as a plant that moves: with bodies that can exist."""
 
 from __future__ import annotations
 
@@ -12,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import Arm, link_frames
+from dvrk_gravity.arms import Arm, link_frames, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import LinkInertia, RotorInertia, State, assumed_rotors, prior_scale
+from dvrk_gravity.effects import assumed_rotors, motor_columns, prior_scale
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel
@@ -77,14 +73,16 @@ class ModelArm:
             ConfigError: Inertia that is not finite, or no arm's.
         """
         settings = settings or CompletionSettings()
-        links, rotors = model.term(LinkInertia.NAME), model.term(RotorInertia.NAME)
-        own = tuple(t for t in model.terms if not isinstance(t, LinkInertia | RotorInertia))
+        parts = [(term, term.plant()) for term in model.terms]
+        links = {term.NAME: part.inertia for term, part in parts if part.inertia is not None}
+        rotors = [part.rotors for _, part in parts if part.rotors is not None]
+        own = tuple(t for t, part in parts if part.inertia is None and part.rotors is None)
         still = replace(model, terms=own).physical()
         known = PlantFile.of(model.arm)
-        if not isinstance(links, LinkInertia):
+        if not links:
             return cls(still, known.links, known.rotor_inertia, None, known.source)
-        motor = rotors.motor if isinstance(rotors, RotorInertia) else 0.0 * known.rotor_inertia
-        return cls(still, *_completed(links, motor, known, settings), known.source)
+        motor = np.sum([0.0 * known.rotor_inertia, *rotors], axis=0)
+        return cls(still, *_completed(model.arm, links, motor, known, settings), known.source)
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
         """Return it at zero position, at rest, with a factor on every friction."""
@@ -92,29 +90,38 @@ class ModelArm:
 
 
 def _completed(
-    links: LinkInertia, motor: Array, known: PlantFile, settings: CompletionSettings
-) -> tuple[dict[str, pin.Inertia], Array, Array]:
-    """Return links and rotors that can exist, and by what part their torque is another."""
-    arm, frames = links.arm, link_frames(links.arm)
+    arm: Arm, links: Mapping[str, Array], motor: Array, known: PlantFile,
+    settings: CompletionSettings,
+) -> tuple[dict[str, pin.Inertia], Array, Array]:  # fmt: skip
+    """Return links and rotors that can exist, and by what part their torque is another.
+
+    Args:
+        arm: The arm.
+        links: (bodies, 10) parameters by the names of the effects that state them.
+        motor: (n,) reflected inertia at the motors.
+        known: What is known of the arm.
+        settings: How they are found.
+    """
+    frames, own = link_frames(arm), np.sum(list(links.values()), axis=0).ravel()
     nothing = pin.Inertia.Zero()
     middle = np.concatenate(
         [frames[name].act(known.links.get(name, nothing)).toDynamicParameters()
          for name in arm.body_names]
     )  # fmt: skip
-    state, count = _states(arm, settings), settings.states
+    (q, qd, qdd), count = _motion(arm, settings), settings.states
     size = np.where(known.rotor_inertia > 0.0, known.rotor_inertia, assumed_rotors(arm))
-    of_links = links.regressor(state)
-    of_rotors = RotorInertia(arm, size).regressor(state) * size
+    of_links = rigid_body.regressor(arm, q, qd, qdd, np.zeros(3))
+    of_rotors = motor_columns(arm, arm.actuator_position(qdd) * size)
     # Each joint's torque in proportion to what is usual there: the roll's counts as the yaw's.
     usual = np.sqrt(np.mean((of_links @ middle + of_rotors.sum(axis=2)) ** 2, axis=0))
     per_row = 1.0 / (usual[:, None] * np.sqrt(count))
     of_links, of_rotors = (
         (columns * per_row).reshape(count * len(motor), -1) for columns in (of_links, of_rotors)
     )
-    right = of_links @ links.theta + of_rotors @ (motor / size)
+    right = of_links @ own + of_rotors @ (motor / size)
     if not np.abs(right).max() < settings.absurd:
         raise ConfigError(
-            links.NAME,
+            ", ".join(links),
             f"{np.abs(right).max() * np.sqrt(count):.2g} times the torque of the links of "
             f"{known.source}",
             "the inertia of an arm",
@@ -129,7 +136,7 @@ def _completed(
     def exist(both: Array) -> bool:
         return min(certificate(arm, both[:bodies]).values()) > 0.0 and both[bodies:].min() >= 0.0
 
-    theta = np.concatenate([links.theta, motor / size])
+    theta = np.concatenate([own, motor / size])
     if not exist(theta):
         theta = np.concatenate(
             nearest_bodies(
@@ -150,9 +157,10 @@ def _completed(
     return inertia, theta[bodies:] * size, off
 
 
-def _states(arm: Arm, settings: CompletionSettings) -> State:
-    """Return states all over the joints' range, moving."""
+def _motion(arm: Arm, settings: CompletionSettings) -> tuple[Array, Array, Array]:
+    """Return (states, n) positions all over the joints' range, velocities and accelerations."""
     random = np.random.default_rng(0)
     shape = (settings.states, arm.n)
     q = random.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), shape)
-    return State(q, *(settings.fastest * arm.scale * random.uniform(-1.0, 1.0, (2, *shape))))
+    qd, qdd = settings.fastest * arm.scale * random.uniform(-1.0, 1.0, (2, *shape))
+    return q, qd, qdd

@@ -18,10 +18,9 @@ from dvrk_gravity.diagnosis.data.loading import LoadSettings, load
 from dvrk_gravity.effects import (
     Estimate,
     ReadingErrors,
-    TimeScale,
-    VelocityScale,
-    WrongCoordinates,
+    SensorEffect,
     or_extended,
+    reading_effect,
     readings,
 )
 from dvrk_gravity.errors import RecordingError
@@ -153,9 +152,11 @@ def correct_recordings(
                     f"{decision.reason}, as those that the model was identified from"
                 )
             elif given is None and decision.errors is not None:
-                fault = _wrong_coordinates(model.arm, decision.coordinates, decision.errors)
                 right_one = ReadingErrors.none(model.arm.n)
-                note(fault, head, replace(right_one, coordinates=decision.coordinates))
+                errors = replace(right_one, coordinates=decision.coordinates)
+                effect = reading_effect(model.arm, errors)
+                fault = _wrong_coordinates(model.arm, effect, decision.coordinates, decision.errors)
+                note(fault, head, errors)
             elif given is None:
                 text = f"{decision.reason}: --coordinates overrides this"
                 warnings.append(Note("coordinates", None, {}, text))
@@ -185,6 +186,10 @@ def _errors(fault: VelocityFault, arm: Arm) -> ReadingErrors:
     return replace(right, velocity=np.where(wrong, fault.exact, 1.0))
 
 
+def _effect(fault: VelocityFault, arm: Arm) -> type[SensorEffect]:
+    return reading_effect(arm, _errors(fault, arm))
+
+
 def beginning(recording: Recording) -> Recording:
     """Return the part of a recording that is looked at."""
     time = recording.time
@@ -210,9 +215,10 @@ def _velocity_fault(
                 "velocities of all joints equally too large or too small would look the "
                 "same, and the model's torques do not separate the two: a stopwatch does"
             )
-            alternatives = ((VelocityScale.NAME, fault.joints, why),)
+            other = _effect(replace(fault, clock=False), model.arm)
+            alternatives = ((other.NAME, fault.joints, why),)
     shown, rate = fault.factor.shown, recording.rate or 0.0
-    effect: type[TimeScale | VelocityScale] = TimeScale if fault.clock else VelocityScale
+    effect = _effect(fault, model.arm)
     joints = () if fault.clock else fault.joints
     if fault.clock:
         place = "clock"
@@ -235,7 +241,9 @@ def _velocity_fault(
     )  # fmt: skip
 
 
-def _wrong_coordinates(arm: Arm, right: Coordinates, errors: CoordinateErrors) -> Fault:
+def _wrong_coordinates(
+    arm: Arm, effect: type[SensorEffect], right: Coordinates, errors: CoordinateErrors
+) -> Fault:
     """Return the fault that a recording is in other coordinates than it was taken for."""
     reading = next(
         each for each in readings(arm, np.ones(arm.n, dtype=bool)) if each.coordinates == right
@@ -253,7 +261,7 @@ def _wrong_coordinates(arm: Arm, right: Coordinates, errors: CoordinateErrors) -
         "plain model leaves on held-out blocks is gone"
     )
     return Fault(
-        WrongCoordinates.NAME, (), reading.words, (removed, low, high), p_value, sentence,
+        effect.NAME, (), reading.words, (removed, low, high), p_value, sentence,
         reading.remedy,
     )  # fmt: skip
 

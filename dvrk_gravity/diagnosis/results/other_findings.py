@@ -31,7 +31,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Known,
     PayloadCheck,
 )
-from dvrk_gravity.effects import Estimate, Kind, Unknown, is_friction, or_extended
+from dvrk_gravity.effects import Estimate, Kind, is_friction, or_extended, unexplained
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.parameters import FRICTION_RATIO
@@ -87,7 +87,7 @@ def unexplained_error(
     rms = float(np.sqrt(after**2 - least**2))
     name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
     return Finding(
-        effect=Unknown.NAME,
+        effect=unexplained().NAME,
         joints=(name,),
         place="nothing that was tried",
         parameters={"rms": Estimate(rms, rms, rms, unit)},
@@ -97,7 +97,7 @@ def unexplained_error(
         sentence=sentences.unknown_error(name, quantity(after, unit), after / least, words),
         picture=None,
         left_out=NO_TERM,
-        remedy=Unknown.REMEDY,
+        remedy=unexplained().REMEDY,
     )
 
 

@@ -7,6 +7,7 @@ from functools import cache
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.sensor import SensorEffect
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import EffectError
@@ -68,6 +69,23 @@ def stated_weight(arm: Arm) -> Term | None:
 def sensor_effects() -> tuple[type[SensorEffect], ...]:
     """Return the effects that are faults of readings."""
     return tuple(effect for effect in effects() if issubclass(effect, SensorEffect))
+
+
+def reading_effect(arm: Arm, errors: ReadingErrors) -> type[SensorEffect]:
+    """Return the effect that an arm's readings have, of errors that are one effect's.
+
+    Raises:
+        EffectError: They are none's.
+    """
+    found = [effect for effect in sensor_effects() if effect.written(arm, errors)]
+    if not found:
+        raise EffectError("of readings", "has none of these errors")
+    return found[0]
+
+
+def unexplained() -> type[Effect]:
+    """Return the effect that stands for what no other explains."""
+    return next(effect for effect in effects() if effect.UNEXPLAINED)
 
 
 def named(name: str) -> type[Effect]:

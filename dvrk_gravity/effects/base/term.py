@@ -52,6 +52,9 @@ class PlantPart:
             ``None``.
         weight: Tree whose gravity torques are a smooth torque at q.
         links: Bodies that links carry, by link, each in the link's frame.
+        inertia: (bodies, 10) parameters of the arm's own bodies, in their joints' frames and
+            Pinocchio's order, whose inertia is the plant's; their weight is another part.
+        rotors: (n,) reflected inertia at the motors, kg·m^2 (kg), which is the plant's.
         damping: (n, n) symmetric, positive semidefinite, N·m·s/rad: torque damping v+.
         dry: (2, 2 n) levels of dry friction, N·m, moving up and moving down: at the joints, then
             at the motors. Up to its level it holds a joint still; beyond that it is constant.
@@ -67,6 +70,8 @@ class PlantPart:
     at: Callable[[Array, Array], tuple[Array, Array | None]] | None = None
     weight: Tree | None = None
     links: Mapping[str, pin.Inertia] = field(default_factory=dict)
+    inertia: Array | None = None
+    rotors: Array | None = None
     damping: Array | None = None
     dry: Array | None = None
     fade: Callable[[Array], Array] | None = None
@@ -160,6 +165,17 @@ class Term(Effect):
     @classmethod
     def stated(cls, arm: Arm) -> Term | None:
         """Return the term that the arm's own file states."""
+        return None
+
+    @classmethod
+    def drawn(cls, arm: Arm, random: np.random.Generator, part: float) -> Term | None:
+        """Return what an arm has that differs from the next, drawn; ``None``: it is not drawn.
+
+        Args:
+            arm: The arm.
+            random: What it is drawn from.
+            part: Greatest coefficient, as a part of each joint's effort limit.
+        """
         return None
 
     # Compensated.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.effects import LinkWeight, as_value, weight_directions
+from dvrk_gravity.effects import as_value, weight_directions, weight_of
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.quality.identifiability import base_weights
 from dvrk_gravity.observation import observe, require_measured, warnings_of
@@ -227,7 +227,7 @@ class LinkColumns(GravityColumns):
     def parameters(self, theta: Array) -> Mapping[str, Value]:
         """Return the links' masses and first moments."""
         links = (self._directions @ theta).reshape(-1, rigid_body.OF_WEIGHT)
-        return LinkWeight(self.arm, links, self.arm.gravity).parameters()
+        return weight_of(self.arm, links).parameters()
 
 
 def gravity_of(arm: Arm) -> GravityColumns:
