@@ -23,7 +23,6 @@ ROOMS: Mapping[str, str] = {
     "identification/quality/identifiability.py": "data leave sums of certain effects open",
     "identification/poses/": "what poses determine: weight, cables, held load",
     "identification/trajectories/problem.py": "what a console's file, a URDF and an MJCF hold",
-    "exports/": "a URDF and an MJCF are made of bodies, friction at joints, rotors and springs",
     "simulate/model_plant.py": "bodies that can exist are made of a model's inertia",
 }
 # Words that are no effect's name there: a section of a file, a kind of warning, a parameter.
@@ -36,7 +35,7 @@ OTHER_WORDS = {
 }
 # What handles all effects equally.
 NAMELESS = (
-    "effects/base/", "compensate/", "simulate/plant.py", "simulate/effects.py",
+    "effects/base/", "compensate/", "exports/", "simulate/plant.py", "simulate/effects.py",
     "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py", "report/findings.py",
     "diagnosis/inference/selection.py", "diagnosis/inference/cross_validation.py",
     "model/columns.py", "model/torque_model.py",

@@ -16,6 +16,7 @@ from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
 from .base.effect import or_extended as or_extended
 from .base.effect import spread as spread
+from .base.joint_dynamics import JointDynamics as JointDynamics
 from .base.linear_term import PRIOR_FRACTION as PRIOR_FRACTION
 from .base.linear_term import Column as Column
 from .base.linear_term import ColumnTable as ColumnTable

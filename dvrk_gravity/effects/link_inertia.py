@@ -42,6 +42,7 @@ class LinkInertia(LinearTerm):
         inertia=size("kg·m^2", MORE),
         **{f"inertia_{axis}{axis}": size("kg·m^2", MORE) for axis in AXES},
     )
+    INERTIA_OF_ARM = True
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 
     arm: Arm
@@ -104,6 +105,10 @@ class LinkInertia(LinearTerm):
             arm=motion.arm, site=THE_ARM, form="inertia of all links",
             prior_std=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
         )  # fmt: skip
+
+    @property
+    def inertial_parameters(self) -> Array:
+        return self.links
 
     def plant(self) -> PlantPart:
         """Nothing: the plant's bodies have it."""

@@ -13,6 +13,7 @@ import pinocchio as pin
 from dvrk_gravity.arms import Arm, Tree
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -90,6 +91,7 @@ class Term(Effect):
             belongs to a sensor.
         AT_POSES: Static poses determine it.
         WEIGHT_OF_ARM: The arm's own weight, without which nothing is compensated.
+        INERTIA_OF_ARM: The inertia of the arm's own links.
         OF_OTHERS: It depends on the torque of the model's other terms (:meth:`with_terms`): a fit
             tries it once it has these.
         NOT_FITTED: Why trajectories are not fitted with it, for whoever asks for that.
@@ -100,6 +102,7 @@ class Term(Effect):
     COMPENSATED: ClassVar[bool] = True
     AT_POSES: ClassVar[bool] = False
     WEIGHT_OF_ARM: ClassVar[bool] = False
+    INERTIA_OF_ARM: ClassVar[bool] = False
     OF_OTHERS: ClassVar[bool] = False
     NOT_FITTED: ClassVar[str] = ""
 
@@ -211,6 +214,24 @@ class Term(Effect):
 
     def prepare_parts(self, part: Array) -> Evaluator | None:
         """Return an evaluator of both parts of :meth:`split`, (2, n), if the term has both."""
+        return None
+
+    # Exported.
+    @property
+    def inertial_parameters(self) -> Array | None:
+        """(bodies, 10) of what it has of rigid bodies, in their joints' frames; ``None``: nothing.
+
+        In Pinocchio's order: m kg, m c (3) kg·m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg·m^2.
+        """
+        return None
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics | None:
+        """Return the nearest torque that a URDF or an MJCF can hold; ``None``: they hold nothing.
+
+        Args:
+            arm: The arm.
+            q: (N, n) true positions, evenly over the range that the model is good for.
+        """
         return None
 
     # Simulated.
