@@ -19,7 +19,6 @@ ROOMS: Mapping[str, str] = {
     "arms/mtm/": "beta in closed form is the MTM's weight",
     "effects/": "merging one effect changes others' parameters",
     "identification/poses/": "what poses determine: weight, cables, held load",
-    "exports/": "a URDF and an MJCF are made of bodies, friction at joints, rotors and springs",
 }
 # Words that are no effect's name there: a section of a file, a kind of warning, a parameter.
 OTHER_WORDS = {
@@ -31,7 +30,7 @@ OTHER_WORDS = {
 }
 # What handles all effects equally.
 NAMELESS = (
-    "effects/base/", "compensate/", "simulate/",
+    "effects/base/", "compensate/", "exports/", "simulate/",
     "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py", "report/findings.py",
     "diagnosis/inference/selection.py", "diagnosis/inference/cross_validation.py",
     "model/", "identification/trajectories/", "identification/quality/",

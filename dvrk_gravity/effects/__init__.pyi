@@ -22,6 +22,7 @@ from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
 from .base.effect import or_extended as or_extended
 from .base.effect import spread as spread
+from .base.joint_dynamics import JointDynamics as JointDynamics
 from .base.linear_term import LinearTerm as LinearTerm
 from .base.linear_term import Unknowns as Unknowns
 from .base.links import assumed_inertias as assumed_inertias

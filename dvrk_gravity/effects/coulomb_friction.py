@@ -29,6 +29,7 @@ from dvrk_gravity.effects.base.friction import (
     friction_sites,
     removable,
 )
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
@@ -187,6 +188,14 @@ class CoulombFriction(DryFriction):
             return part.ravel().dot(spread)
 
         return evaluate
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics:
+        """The mean of both directions."""
+        up, down = self._by_direction
+        return JointDynamics(
+            arm, friction=0.5 * (up + down).reshape(2, -1), omits="its difference by direction",
+            directions=lambda state: self.ways(state, self.past(state)),
+        )  # fmt: skip
 
     def plant(self) -> PlantPart:
         """Its levels, the transition being a compensator's smoothing alone.

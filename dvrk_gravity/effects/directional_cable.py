@@ -23,6 +23,7 @@ from dvrk_gravity.effects.base.arrays import (
     prepare_powers,
     read_coefficients,
 )
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
@@ -222,6 +223,10 @@ class DirectionalCable(LinearTerm):
             return sum_up(coefficients * factors)
 
         return evaluate
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics:
+        omits = "its curvature and its difference by direction: the file has a straight line"
+        return replace(self.elastic().joint_dynamics(arm, q), omits=omits)
 
     def plant(self) -> PlantPart:
         """The mean, and half of the difference as dry friction.

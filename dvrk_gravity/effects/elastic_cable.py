@@ -26,6 +26,7 @@ from dvrk_gravity.effects.base.arrays import (
 )
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable, SearchMove, site_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
@@ -142,6 +143,18 @@ class ElasticCable(LinearTerm):
         powers = prepare_powers(self.valid, len(coefficients))
         sum_up = np.ones(len(coefficients)).dot
         return lambda q, qd: sum_up(coefficients * powers(q))
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics:
+        """The straight lines nearest to the torque at these positions."""
+        torque, held = self.torque(State(q)), self.valid.hold(q)
+        lines = np.zeros((2, arm.n))
+        for joint, powers in enumerate(self.coefficients.T):
+            if powers[2:].any() or (held[:, joint] != q[:, joint]).any():
+                lines[:, joint] = np.polynomial.polynomial.polyfit(q[:, joint], torque[:, joint], 1)
+            else:
+                lines[: len(powers), joint] = powers[:2]
+        omits = "its curvature: the file has the nearest straight line"
+        return JointDynamics(arm, constant=lines[0], stiffness=lines[1], omits=omits)
 
     def plant(self) -> PlantPart:
         values = prepare_polynomials(self.valid, self.coefficients)

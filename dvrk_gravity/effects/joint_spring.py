@@ -20,6 +20,7 @@ from dvrk_gravity.effects.base.arrays import (
     write_rows,
 )
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
@@ -117,6 +118,9 @@ class JointSpring(LinearTerm):
     def prepare(self) -> Evaluator:
         by_position, constant = self.stiffness.dot, self.constant
         return lambda q, qd: by_position(q) + constant
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics:
+        return JointDynamics(arm, constant=self.constant, coupling=self.stiffness)
 
     @property
     def theta(self) -> Array:

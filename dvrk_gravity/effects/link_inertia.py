@@ -118,8 +118,13 @@ class LinkInertia(LinearTerm):
             prior_std=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
         )  # fmt: skip
 
+    @property
+    def inertial_parameters(self) -> Array:
+        return self.links
+
     def plant(self) -> PlantPart:
-        return PlantPart(inertia=self.links)
+        """Nothing: the plant's bodies have it."""
+        return PlantPart()
 
     @property
     def theta(self) -> Array:

@@ -147,6 +147,10 @@ class Payload(Term):
         gravity = self.vector if self.weighs else _WEIGHTLESS
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
 
+    @property
+    def inertial_parameters(self) -> Array:
+        return self._links.reshape(-1, rigid_body.PER_LINK)
+
     def prepare(self) -> Evaluator:
         return weight_evaluator(self.weight)
 

@@ -20,6 +20,7 @@ from dvrk_gravity.effects.base.arrays import (
 )
 from dvrk_gravity.effects.base.column import ColumnTable, SearchMove, site_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.links import rotors_beside_links
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
@@ -76,6 +77,9 @@ class RotorInertia(LinearTerm):
     def momentum(self, q: Array, qd: Array) -> tuple[Array, Array]:
         turning = self.motor * self.arm.actuator_position(qd)
         return self.arm.joint_effort(turning), np.zeros(q.shape)
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics:
+        return JointDynamics(arm, inertia=np.array([np.zeros(arm.n), self.motor]))
 
     def plant(self) -> PlantPart:
         return PlantPart(rotors=self.motor)

@@ -14,6 +14,7 @@ from dvrk_gravity.effects.base.arrays import Range, Values, added, as_array, as_
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import Friction, columns_at_sites, friction_sites, removable
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import effort_limits, unit_travel
@@ -77,6 +78,9 @@ class ViscousFriction(Friction):
     def prepare(self) -> Evaluator:
         damping = self._damping
         return lambda q, qd: np.zeros(len(damping)) if qd is None else qd.dot(damping)
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics:
+        return JointDynamics(arm, damping=np.array([self.joint, self.motor]))
 
     def plant(self) -> PlantPart:
         return PlantPart(damping=self._damping)

@@ -12,16 +12,19 @@ that miss the least squares of it, at rest first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arms import PER_LINK, Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State, Term, link_sizes, prior_scale
+from dvrk_gravity.effects import State, link_sizes, prior_scale
 from dvrk_gravity.identification import pseudo_inertia
 from dvrk_gravity.simulate import PlantFile
+
+Torque = Callable[[State], Array]
+"""(…, n) torques at a state with true positions, N·m or N."""
 
 _STATES = 60  # at rest, and as many in motion: 840 torques of an MTM for 90 parameters
 _FASTEST = 2.0  # rad/s and rad/s^2 (``Arm.scale``), by which weight and inertia are of one size
@@ -43,14 +46,12 @@ _SOLID = 1e-6  # the same of a body that can stand for a plausible one
 _BASIS = np.array([pseudo_inertia(unit) for unit in np.eye(PER_LINK)])
 
 
-def physical_bodies(
-    arm: Arm, rigid: Sequence[Term], known: Array, gravity: Array, moves: bool
-) -> Array:
+def physical_bodies(arm: Arm, rigid: Torque, known: Array, gravity: Array, moves: bool) -> Array:
     """Return (bodies, 10) inertial parameters of bodies that can exist, in their joint frames.
 
     Args:
         arm: The arm.
-        rigid: The terms whose torque they are to have.
+        rigid: The torque that they are to have.
         known: (bodies, 10) parameters that are taken unchanged if they are bodies with that torque.
         gravity: (3,) in the base frame, m/s^2.
         moves: Whether the torque has the bodies' inertia; else what that is, is as plausible.
@@ -88,7 +89,7 @@ def _is_body(row: Array, size: float, least: float) -> bool:
     return bool(values[0] >= least * values[-1] and (least < 0.0 or values[-1] > 0.0))
 
 
-def _equations(arm: Arm, rigid: Sequence[Term], gravity: Array, moves: bool) -> tuple[Array, Array]:
+def _equations(arm: Arm, rigid: Torque, gravity: Array, moves: bool) -> tuple[Array, Array]:
     """Return (r, 10 bodies) rows and (r,) torques, in parts of each joint's RMS torque."""
     random = np.random.default_rng(0)
     q = random.uniform(*arm.range, (_STATES, arm.n))
@@ -99,9 +100,8 @@ def _equations(arm: Arm, rigid: Sequence[Term], gravity: Array, moves: bool) -> 
     rows, right = [], []
     for state, weight in zip(states, (_REST, 1.0), strict=False):
         columns = rigid_body.regressor(arm, state.q, state.qd, state.qdd, gravity)
-        torque = np.sum([term.torque(state) for term in rigid], axis=0) + np.zeros(q.shape)
         rows.append(weight * columns)
-        right.append(weight * torque)
+        right.append(weight * rigid(state))
     size = np.sqrt(np.mean(right[-1] ** 2, axis=0))
     size = np.maximum(size, 1e-6 * size.max(initial=1e-9))
     return (

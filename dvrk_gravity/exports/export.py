@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State, Term
+from dvrk_gravity.effects import State
 from dvrk_gravity.exports import mjcf, urdf, urdf_edit
-from dvrk_gravity.exports.form import Format, LeftOut, calibrated_range, project
+from dvrk_gravity.exports.form import FileModel, LeftOut, calibrated_range, project
+from dvrk_gravity.exports.formats import Format
 from dvrk_gravity.model import TorqueModel
 
 SUFFIXES: dict[str, Format] = {".urdf": "URDF", ".xml": "MJCF", ".mjcf": "MJCF"}
@@ -30,7 +31,7 @@ class Exported:
     Attributes:
         text: Content of the file.
         form: Its format.
-        held: The terms that it has, as a model.
+        held: What it has of the model.
         torque: (n,) RMS torque of the model over the range, N·m or N.
         left_out: What the file does not have, by cause.
         total: (n,) RMS of all of it together.
@@ -41,7 +42,7 @@ class Exported:
 
     text: str
     form: Format
-    held: TorqueModel
+    held: FileModel
     torque: Array
     left_out: tuple[LeftOut, ...]
     total: Array
@@ -91,16 +92,15 @@ def export_model(model: TorqueModel, form: Format, folder: Path = Path()) -> Exp
     Raises:
         ConfigError: A model that no file of that format can hold any part of.
     """
-    projected = project(model, form)
-    held, notes = projected.model, list(projected.notes)
+    held, parts, notes = project(model, form)
     lower, upper = calibrated_range(model)
     measured = _states(model, lower, upper)
     true = State(measured.q - model.joint_offset, measured.qd, measured.qdd)
     rest = State(true.q)
     left_out, total = list[LeftOut](), np.zeros(true.q.shape)
-    for part in projected.parts:
+    for part in parts:
         state = true if part.moves else rest
-        missed = _sum(part.given, state) - _sum(part.held, state)
+        missed = part.given(state) - part.held(state)
         total += missed
         rms = np.sqrt(np.mean(missed**2, axis=0))
         if rms.max() > _NOTHING:
@@ -118,10 +118,6 @@ def export_model(model: TorqueModel, form: Format, folder: Path = Path()) -> Exp
         content, form, held, np.sqrt(np.mean(model.torque_at(measured) ** 2, axis=0)),
         tuple(left_out), np.sqrt(np.mean(total**2, axis=0)), lower, upper, tuple(notes),
     )  # fmt: skip
-
-
-def _sum(terms: tuple[Term, ...], state: State) -> Array:
-    return np.sum([np.zeros(state.q.shape), *(term.torque(state) for term in terms)], axis=0)
 
 
 def _states(model: TorqueModel, lower: Array, upper: Array) -> State:

@@ -1,61 +1,56 @@
-"""The nearest model that a URDF or an MJCF can hold, and what it leaves out, by cause.
-
-Both have rigid bodies, and at each joint viscous and dry friction, the same in both directions. An
-MJCF has rotors, linear springs, and motors that move several joints (fixed tendons) as well.
-"""
+"""The nearest that a URDF or an MJCF can hold of a model, and what it leaves out, by cause."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
-from dvrk_gravity.arms import OF_WEIGHT, PER_LINK, Arm
+from dvrk_gravity.arms import PER_LINK, Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import (
-    CoulombFriction,
-    DirectionalCable,
-    ElasticCable,
-    Gravity,
-    JointSpring,
-    LinkInertia,
-    LinkWeight,
-    Payload,
-    Range,
-    RotorInertia,
-    State,
-    Term,
-    ViscousFriction,
-    rotors_beside_links,
-)
+from dvrk_gravity.effects import JointDynamics, Range, State, Term, terms
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.exports.bodies import physical_bodies
-from dvrk_gravity.exports.links import at_joints
+from dvrk_gravity.exports.bodies import Torque, physical_bodies
+from dvrk_gravity.exports.formats import FORMATS, FileFormat, Format
 from dvrk_gravity.model import TorqueModel
 
-Format = Literal["URDF", "MJCF"]
-EARTH = 9.81  # m/s^2 by which readers of a URDF let it fall; it states none
-_RIGID = (Gravity, LinkWeight, LinkInertia, Payload)
+
+@dataclass(frozen=True, eq=False)
+class FileModel:
+    """What a file has of a model.
+
+    Attributes:
+        arm: The arm.
+        joint_offset: (n,) rad, measured minus true positions.
+        gravity: (3,) in the base frame, m/s^2.
+        links: (bodies, 10) inertial parameters, in the bodies' joint frames.
+        dynamics: Of the joints and motors, those of springs by measured positions.
+    """
+
+    arm: Arm
+    joint_offset: Array
+    gravity: Array
+    links: Array
+    dynamics: JointDynamics
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Terms of a model, what the file holds of them, and why not all.
+    """A torque of a model, what the file holds of it, and why not all.
 
     Attributes:
         name: Of the cause, an effect's name.
         why: What the file cannot hold, in words.
-        given: The model's terms.
-        held: What the file has for them.
+        given: The model's.
+        held: What the file has for it.
         moves: Whether they are compared in motion; else at rest.
     """
 
     name: str
     why: str
-    given: tuple[Term, ...]
-    held: tuple[Term, ...] = ()
+    given: Torque
+    held: Torque
     moves: bool = True
 
 
@@ -76,23 +71,12 @@ class LeftOut:
     largest: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Form:
-    """A model in the form of a file.
+def project(model: TorqueModel, form: Format) -> tuple[FileModel, list[Part], list[str]]:
+    """Return the nearest that a file of a format can hold of a model.
 
-    Attributes:
-        model: The terms that the file holds; ``joint_offset`` is kept.
-        parts: The model's terms and their likenesses in the file.
-        notes: What else the file does not say as the model does, a line each.
-    """
-
-    model: TorqueModel
-    parts: tuple[Part, ...]
-    notes: tuple[str, ...] = ()
-
-
-def project(model: TorqueModel, form: Format) -> Form:
-    """Return the nearest model that a file of a format can hold.
+    Returns:
+        What the file has, the model's torques beside what the file has for them, and what else the
+        file does not say as the model does, a line each.
 
     Raises:
         ConfigError: A model in another unit than N·m, or without the weight or inertia of links.
@@ -102,113 +86,88 @@ def project(model: TorqueModel, form: Format) -> Form:
         raise ConfigError(
             "effort_unit", arm.read_in, f"N·m for {form}: identify with --drive-gains"
         )
-    if any(getattr(term, "enabled", True) is False for term in model.terms):
+    if any(term.parameters().get("gravity_enabled") is False for term in model.terms):
         raise ConfigError("gravity_enabled", False, f"true: bodies in {form} weigh something")
-    rigid, notes = _rigid_part(model, form)
-    parts = [rigid]
-    for term in model.terms:
-        if not isinstance(term, _RIGID) and (part := _part(term, form, model)) is not None:
-            parts.append(part)
-    held = tuple(term for part in parts for term in part.held)
-    return Form(replace(model, terms=held, uncertainty=None), tuple(parts), notes)
-
-
-def _rigid_part(model: TorqueModel, form: Format) -> tuple[Part, tuple[str, ...]]:
-    arm, vector, notes = model.arm, model.gravity, list[str]()
-    rigid: tuple[Term, ...] = tuple(term for term in model.terms if isinstance(term, _RIGID))
+    rigid = [term for term in model.terms if _is_rigid(term)]
     if not rigid:
         raise ConfigError("terms", "no weight and no inertia", f"links' parameters for {form}")
-    moves = any(isinstance(term, LinkInertia) for term in rigid)
+    q = np.linspace(*calibrated_range(model), 201) - model.joint_offset
+    parts, dynamics = list[Part](), JointDynamics(arm)
+    for term in model.terms:
+        if not _is_rigid(term):
+            part, of_term = _part(term, arm, q, FORMATS[form])
+            parts.append(part)
+            dynamics = _sum(dynamics, of_term, model.joint_offset)
+    held, bodies, notes = _with_bodies(model, rigid, dynamics, FORMATS[form])
+    return held, [bodies, *parts], notes
+
+
+def _is_rigid(term: Term) -> bool:
+    return term.WEIGHT_OF_ARM or term.inertial_parameters is not None
+
+
+def _with_bodies(
+    model: TorqueModel, rigid: list[Term], dynamics: JointDynamics, file: FileFormat
+) -> tuple[FileModel, Part, list[str]]:
+    """Return what a file has, its bodies those of a model's rigid terms, and notes on them."""
+    arm, vector, notes = model.arm, model.gravity, list[str]()
+    moves = any(term.OF_LINKS == PER_LINK for term in rigid)
     if not moves:
-        notes.append("the model has no link_inertia: the inertia in the file is plausible only")
-    rotors = model.term(RotorInertia.NAME)
-    known, exact = _known_bodies(arm, rigid), rigid
-    if form == "URDF" and isinstance(rotors, RotorInertia) and moves:
-        beside = np.isin(np.arange(arm.n), rotors_beside_links(arm))
-        if (rotors.motor[~beside] > 0.0).any():
-            inside = RotorInertia(arm, np.where(beside, 0.0, rotors.motor))
-            names = [n for n, own in zip(arm.joint_names, inside.motor, strict=True) if own]
-            notes.append(f"links' inertia has the rotors of {', '.join(names)} in it: same torque")
-            exact = (*rigid, inside)
-    links = physical_bodies(arm, exact, known, vector, moves)
+        lacking = " or ".join(term.NAME for term in terms() if term.OF_LINKS == PER_LINK)
+        notes.append(f"the model has no {lacking}: the inertia in the file is plausible only")
+    exact = [term.torque for term in rigid]
+    if not file.motors:
+        rotors = dynamics.inertia  # those that turn like links
+        dynamics = replace(dynamics, inertia=0.0 * rotors)
+        if moves and rotors.any():
+            names = ", ".join(arm.joint_names[i] for i in np.flatnonzero(rotors[1]).tolist())
+            notes.append(f"links' inertia has the rotors of {names} in it: same torque")
+            exact.append(JointDynamics(arm, inertia=rotors).torque)
+    stated = [rows for term in rigid if (rows := term.inertial_parameters) is not None]
+    known = np.sum([np.zeros((len(arm.bodies), PER_LINK)), *stated], axis=0)
+
+    def given(state: State) -> Array:
+        return np.asarray(np.sum([torque(state) for torque in exact], axis=0))
+
+    links = physical_bodies(arm, given, known, vector, moves)
     strength = float(np.linalg.norm(vector))
-    down = vector / strength * EARTH if form == "URDF" and strength > 0.0 else vector
+    down = vector / strength * file.gravity if file.gravity and strength > 0.0 else vector
     if np.abs(down - vector).max() > 1e-9:
-        notes.append(f"gravity of {strength:g} m/s^2: readers of a URDF take {EARTH:g}")
-    held = (LinkWeight(arm, links[:, :OF_WEIGHT].copy(), down), LinkInertia(arm, links))
+        taken = f"readers of {file.title} take {file.gravity:g}"
+        notes.append(f"gravity of {strength:g} m/s^2: {taken}")
+
+    def of_bodies(state: State) -> Array:
+        return rigid_body.torque(arm, links.ravel(), state.q, state.qd, state.qdd, down)
+
     why = "no bodies have this weight and inertia; the nearest that can exist"
-    return Part("rigid bodies", why, exact, held, moves), tuple(notes)
+    bodies = Part("rigid bodies", why, given, of_bodies, moves)
+    held = FileModel(arm, model.joint_offset, down, links, dynamics)
+    return held, bodies, notes
 
 
-def _known_bodies(arm: Arm, rigid: tuple[Term, ...]) -> Array:
-    """Return (bodies, 10) parameters that the terms state, as far as they do."""
-    known = np.zeros((len(arm.bodies), PER_LINK))
-    for term in rigid:
-        if isinstance(term, LinkInertia):
-            known += term.links
-        elif isinstance(term, Payload):
-            row = arm.body(term.link).frame.act(term.inertia).toDynamicParameters()
-            known[arm.body_names.index(term.link)] += row
-    return known
+def _part(term: Term, arm: Arm, q: Array, file: FileFormat) -> tuple[Part, JointDynamics]:
+    """Return a term that is no rigid body's, and what files of a format hold of it."""
+    nearest = term.joint_dynamics(arm, q)
+    if nearest is None:
+        reading = term.plant().reading is not None
+        why = "a reading's, not the arm's" if reading else f"{file.title} has nothing for it"
+        held = JointDynamics(arm)
+    else:
+        why, held = file.missing(nearest), file.held(nearest)
+    return Part(term.NAME, why, term.torque, held.torque), held
 
 
-def _part(term: Term, form: Format, model: TorqueModel) -> Part | None:
-    """Return what a file holds of a term that is no rigid body's."""
-    mjcf, arm = form == "MJCF", model.arm
-    if isinstance(term, RotorInertia):
-        if mjcf:
-            return Part(term.NAME, "", (term,), (term,))
-        beside = np.isin(np.arange(arm.n), rotors_beside_links(arm))
-        rest = RotorInertia(arm, np.where(beside, term.motor, 0.0))
-        return Part(term.NAME, "a URDF has no rotors", (rest,)) if rest.motor.any() else None
-    if isinstance(term, ViscousFriction):
-        joint, motor = at_joints(arm, term.joint, term.motor, 2)
-        motor = motor if mjcf else 0.0 * motor
-        why = "that of motors that move several joints"
-        return Part(term.NAME, why, (term,), (replace(term, joint=joint, motor=motor),))
-    if isinstance(term, CoulombFriction):
-        joint = 0.5 * (term.joint_positive + term.joint_negative)
-        motor = 0.5 * (term.motor_positive + term.motor_negative)
-        joint, motor = at_joints(arm, joint, motor, 1)
-        motor = motor if mjcf else 0.0 * motor
-        held = replace(
-            term, joint_positive=joint, joint_negative=joint, motor_positive=motor,
-            motor_negative=motor,
-        )  # fmt: skip
-        why = "its difference by direction" + ("" if mjcf else ", and motors' that move several")
-        return Part(term.NAME, why, (term,), (held,))
-    if not mjcf:
-        why = "a reading's, not the arm's" if _of_reading(term) else "a URDF has nothing for it"
-        return Part(term.NAME, why, (term,))
-    if isinstance(term, JointSpring):
-        return Part(term.NAME, "", (term,), (term,))
-    if isinstance(term, ElasticCable):
-        why = "its curvature: the file has the nearest straight line"
-        return Part(term.NAME, why, (term,), (_line(term, model),))
-    if isinstance(term, DirectionalCable) and model.term(ElasticCable.NAME) is None:
-        why = "its curvature and its difference by direction: the file has a straight line"
-        return Part(term.NAME, why, (term,), (_line(term.elastic(), model),))
-    why = "a reading's, not the arm's" if _of_reading(term) else "an MJCF has nothing for it"
-    return Part(term.NAME, why, (term,))
-
-
-def _of_reading(term: Term) -> bool:
-    return term.plant().reading is not None
-
-
-def _line(cable: ElasticCable, model: TorqueModel) -> ElasticCable:
-    """Return the straight lines nearest to a cable's torque over the calibrated range."""
-    lower, upper = calibrated_range(model)
-    q = np.linspace(lower, upper, 201) - model.joint_offset
-    torque = cable.torque(State(q))
-    lines = np.zeros((2, model.arm.n))
-    for joint, powers in enumerate(cable.coefficients.T):
-        if powers[2:].any() or (cable.valid.hold(q)[:, joint] != q[:, joint]).any():
-            lines[:, joint] = np.polynomial.polynomial.polyfit(q[:, joint], torque[:, joint], 1)
-        else:
-            lines[: len(powers), joint] = powers[:2]
-    everywhere = np.full(model.arm.n, np.inf)
-    return replace(cable, coefficients=lines, valid=Range(-everywhere, everywhere))
+def _sum(one: JointDynamics, more: JointDynamics, offset: Array) -> JointDynamics:
+    """Return the sum of two, the second one's springs by true positions, the sum's by measured."""
+    return JointDynamics(
+        one.arm,
+        damping=one.damping + more.damping,
+        friction=one.friction + more.friction,
+        inertia=one.inertia + more.inertia,
+        constant=one.constant + more.constant - more.stiffness * offset - more.coupling @ offset,
+        stiffness=one.stiffness + more.stiffness,
+        coupling=one.coupling + more.coupling,
+    )
 
 
 def calibrated_range(model: TorqueModel) -> tuple[Array, Array]:

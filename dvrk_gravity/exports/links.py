@@ -11,7 +11,7 @@ import pinocchio as pin
 from dvrk_gravity.arms import Arm, gravity_in_base
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import links_of_joints
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.exports.form import FileModel
 
 _SAME = 1e-9  # m/s^2, of a base that is mounted as the arm's file says
 
@@ -52,9 +52,9 @@ class FileLink:
     axes: tuple[Axis, ...]
 
 
-def links(model: TorqueModel) -> tuple[FileLink, ...]:
-    """Return the links of a model's arm, zeros of the joints where encoders have them."""
-    arm = model.arm
+def links(held: FileModel) -> tuple[FileLink, ...]:
+    """Return the links of an arm, zeros of the joints where encoders have them."""
+    arm = held.arm
     own = _own_links(arm)
     names = set(arm.joint_names)
     found = []
@@ -69,7 +69,7 @@ def links(model: TorqueModel) -> tuple[FileLink, ...]:
             name = unused(f"{body.name}_{arm.joint_names[joint]}", names)
             names.add(name)
             axes.append(Axis(name, joint, float(body.row[joint]), False))
-        shift = -float(body.row @ model.joint_offset)
+        shift = -float(body.row @ held.joint_offset)
         placement = body.placement * along(body.kind, shift)
         found.append(FileLink(body.name, body.parent, placement, body.kind, tuple(axes)))
     return tuple(found)
@@ -98,31 +98,16 @@ def unused(name: str, names: set[str] | Sequence[str]) -> str:
     return name
 
 
-def mounting(model: TorqueModel) -> Array:
+def mounting(held: FileModel) -> Array:
     """Return (3, 3) the base in a world with z up: as the arm's file has it, if gravity is so."""
-    vector = model.gravity
+    vector = held.gravity
     strength = float(np.linalg.norm(vector))
     if strength == 0.0:
         return np.eye(3)
-    rpy = model.arm.base_rpy
+    rpy = held.arm.base_rpy
     if np.abs(vector / strength - gravity_in_base(*rpy) / np.linalg.norm(gravity_in_base(*rpy))
               ).max() < _SAME:  # fmt: skip
         return np.asarray(pin.rpy.rpyToMatrix(*rpy))
     up = np.array([0.0, 0.0, 1.0])
     turn = pin.Quaternion.FromTwoVectors(-vector / strength, up)
     return np.asarray(turn.toRotationMatrix())
-
-
-def at_joints(arm: Arm, joint: Array, motor: Array, power: int) -> tuple[Array, Array]:
-    """Return (n,) levels at the joints and at those motors that move several joints.
-
-    Args:
-        arm: The arm.
-        joint: (n,) levels at the joints.
-        motor: (n,) levels at the motors.
-        power: Of a gear ratio in a level: 1 of a torque, 2 of an inertia or a damping.
-    """
-    ratio = arm.joint_to_actuator
-    alone = np.count_nonzero(ratio, axis=1) == 1
-    moved = (np.abs(ratio) ** power).T @ np.where(alone, motor, 0.0)
-    return joint + moved, np.where(alone, 0.0, motor)

@@ -13,17 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import (
-    CoulombFriction,
-    ElasticCable,
-    JointSpring,
-    LinkInertia,
-    RotorInertia,
-    ViscousFriction,
-)
-from dvrk_gravity.exports.links import FileLink, at_joints, links, mounting, unused
-from dvrk_gravity.exports.urdf import friction, numbers, written
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.exports.form import FileModel
+from dvrk_gravity.exports.links import FileLink, links, mounting, unused
+from dvrk_gravity.exports.urdf import numbers, written
 
 # kg and kg·m^2. MuJoCo refuses moving bodies without either (mjMINVAL, 1e-15): what torque does not
 # show at 1e-9 N·m.
@@ -36,7 +28,7 @@ _STOPS_IN = 0.004
 _SOFT = 1e-12
 
 
-def text(held: TorqueModel) -> str:
+def text(held: FileModel) -> str:
     """Return the MJCF of a model in its form; body frames are joint frames, z along the axis."""
     arm = held.arm
     root = Element("mujoco", model=arm.name)
@@ -45,11 +37,9 @@ def text(held: TorqueModel) -> str:
     names = {*arm.body_names, *arm.joint_names}
     base = SubElement(SubElement(root, "worldbody"), "body", name=unused("base", names))
     _place(base, pin.SE3(mounting(held), np.zeros(3)))
-    rows = held.term(LinkInertia.NAME)
-    assert isinstance(rows, LinkInertia)
     tree = links(held)
     bodies: list[Element] = []
-    for link, row in zip(tree, rows.links, strict=True):
+    for link, row in zip(tree, held.links, strict=True):
         body = SubElement(base if link.parent < 0 else bodies[link.parent], "body", name=link.name)
         bodies.append(body)
         _place(body, link.placement)
@@ -66,13 +56,11 @@ def text(held: TorqueModel) -> str:
     return written(root)
 
 
-def massless(held: TorqueModel) -> tuple[str, ...]:
+def massless(held: FileModel) -> tuple[str, ...]:
     """Return the moving links to which the file gives the least mass, or inertia, there may be."""
-    rows = held.term(LinkInertia.NAME)
-    assert isinstance(rows, LinkInertia)
     return tuple(
         link.name
-        for link, row in zip(links(held), rows.links, strict=True)
+        for link, row in zip(links(held), held.links, strict=True)
         if link.axes and _too_light(row)
     )
 
@@ -105,7 +93,7 @@ def _inertial(body: Element, row: Array, moves: bool) -> None:
     )
 
 
-def _joint(body: Element, link: FileLink, name: str, own: int | None, held: TorqueModel) -> None:
+def _joint(body: Element, link: FileLink, name: str, own: int | None, held: FileModel) -> None:
     """Write a joint; one that follows others has nothing of its own."""
     kind = "hinge" if link.kind == "revolute" else "slide"
     joint = SubElement(body, "joint", name=name, type=kind, axis="0 0 1")
@@ -117,38 +105,25 @@ def _joint(body: Element, link: FileLink, name: str, own: int | None, held: Torq
     lower, upper = float(arm.lower[own]), float(arm.upper[own])
     if math.isfinite(lower) and math.isfinite(upper):
         joint.set("range", numbers(lower, upper))
-    rotors = held.term(RotorInertia.NAME)
-    if isinstance(rotors, RotorInertia):
-        armature = at_joints(arm, np.zeros(arm.n), rotors.motor, 2)[0]
-        if armature[own]:
-            joint.set("armature", numbers(armature[own]))
-    damping, dry = friction(held)
-    if damping[own]:
-        joint.set("damping", numbers(damping[own]))
-    if dry[own]:
-        joint.set("frictionloss", numbers(dry[own]))
+    dynamics = held.dynamics
+    armature, damping, dry = (
+        float(levels[0, own]) for levels in (dynamics.inertia, dynamics.damping, dynamics.friction)
+    )
+    if armature:
+        joint.set("armature", numbers(armature))
+    if damping:
+        joint.set("damping", numbers(damping))
+    if dry:
+        joint.set("frictionloss", numbers(dry))
         joint.set("solreffriction", numbers(_STOPS_IN, 1.0))
-    constant, stiffness = _springs(held)
-    if constant[own] or stiffness[own]:
-        soft = float(stiffness[own]) or _SOFT * float(constant[own])
+    constant, stiffness = float(dynamics.constant[own]), float(dynamics.stiffness[own])
+    if constant or stiffness:
+        soft = stiffness or _SOFT * constant
         joint.set("stiffness", numbers(soft))
-        joint.set("springref", numbers(-float(constant[own]) / soft))
+        joint.set("springref", numbers(-constant / soft))
 
 
-def _springs(held: TorqueModel) -> tuple[Array, Array]:
-    """Return (n,) constants, N·m, and (n,) stiffnesses of joints by measured positions."""
-    cable, spring = held.term(ElasticCable.NAME), held.term(JointSpring.NAME)
-    constant, stiffness = np.zeros((2, held.arm.n))
-    if isinstance(cable, ElasticCable):
-        padded = np.pad(cable.coefficients, ((0, 2), (0, 0)))
-        stiffness = padded[1]
-        constant = padded[0] - stiffness * held.joint_offset
-    if isinstance(spring, JointSpring):
-        constant = constant + spring.constant - spring.stiffness @ held.joint_offset
-    return constant, stiffness
-
-
-def _coupled(root: Element, tree: tuple[FileLink, ...], held: TorqueModel) -> None:
+def _coupled(root: Element, tree: tuple[FileLink, ...], held: FileModel) -> None:
     """Write the constraints of joints that follow others."""
     followers = [axis for link in tree for axis in link.axes if not axis.own]
     if not followers:
@@ -161,25 +136,17 @@ def _coupled(root: Element, tree: tuple[FileLink, ...], held: TorqueModel) -> No
         )  # fmt: skip
 
 
-def _tendons(root: Element, held: TorqueModel) -> None:
+def _tendons(root: Element, held: FileModel) -> None:
     """Write motors that move several joints, and springs between joints."""
-    arm, nothing = held.arm, np.zeros(held.arm.n)
-    rotors, viscous, dry = (
-        held.term(kind.NAME) for kind in (RotorInertia, ViscousFriction, CoulombFriction)
-    )
-    armature = (
-        at_joints(arm, nothing, rotors.motor, 2)[1] if isinstance(rotors, RotorInertia) else nothing
-    )
-    damping = viscous.motor if isinstance(viscous, ViscousFriction) else nothing
-    loss = dry.motor_positive if isinstance(dry, CoulombFriction) else nothing
+    arm, dynamics = held.arm, held.dynamics
     found: list[tuple[str, Array, dict[str, str]]] = []
     for index, name in enumerate(arm.joint_names):
         of_motor = {
             key: numbers(values[index])
-            for key, values in (
-                ("armature", armature),
-                ("damping", damping),
-                ("frictionloss", loss),
+            for key, (_, values) in (
+                ("armature", dynamics.inertia),
+                ("damping", dynamics.damping),
+                ("frictionloss", dynamics.friction),
             )
             if values[index]
         }
@@ -187,13 +154,11 @@ def _tendons(root: Element, held: TorqueModel) -> None:
             of_motor["solreffriction"] = numbers(_STOPS_IN, 1.0)
         if of_motor:
             found.append((f"{name}_motor", arm.joint_to_actuator[index], of_motor))
-    spring = held.term(JointSpring.NAME)
-    if isinstance(spring, JointSpring):
-        sizes, ways = np.linalg.eigh(spring.stiffness)
-        for index, (size, way) in enumerate(zip(sizes.tolist(), ways.T, strict=True)):
-            if abs(size) > 1e-12 * np.abs(sizes).max():
-                of_spring = {"stiffness": numbers(size), "springlength": "0.0"}
-                found.append((f"spring_{index + 1}", way, of_spring))
+    sizes, ways = np.linalg.eigh(dynamics.coupling)
+    for index, (size, way) in enumerate(zip(sizes.tolist(), ways.T, strict=True)):
+        if abs(size) > 1e-12 * np.abs(sizes).max():
+            of_spring = {"stiffness": numbers(size), "springlength": "0.0"}
+            found.append((f"spring_{index + 1}", way, of_spring))
     if not found:
         return
     tendons = SubElement(root, "tendon")

@@ -15,15 +15,14 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import attribute
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import CoulombFriction, LinkInertia, ViscousFriction
+from dvrk_gravity.exports.form import FileModel
 from dvrk_gravity.exports.links import Axis, links, mounting, unused
-from dvrk_gravity.model import TorqueModel
 
 _INERTIA = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # as in a row of inertial parameters
 _TURNS = 4.0 * math.pi  # rad, beyond which readers take a range for degrees
 
 
-def text(held: TorqueModel) -> str:
+def text(held: FileModel) -> str:
     """Return the URDF of a model in its form; link frames are joint frames, z along the axis."""
     arm = held.arm
     robot = Element("robot", name=arm.name)
@@ -31,10 +30,8 @@ def text(held: TorqueModel) -> str:
     base = unused("base", names)
     SubElement(robot, "link", name=base)
     mount(robot, base, held)
-    rows = held.term(LinkInertia.NAME)
-    assert isinstance(rows, LinkInertia)
     tree = links(held)
-    for link, row in zip(tree, rows.links, strict=True):
+    for link, row in zip(tree, held.links, strict=True):
         parent, placement = base if link.parent < 0 else tree[link.parent].name, link.placement
         for place, axis in enumerate(link.axes):
             last = place == len(link.axes) - 1
@@ -53,7 +50,7 @@ def text(held: TorqueModel) -> str:
     return written(robot)
 
 
-def mount(robot: Element, base: str, held: TorqueModel) -> None:
+def mount(robot: Element, base: str, held: FileModel) -> None:
     """Put a base as it is mounted on a new link with z up, unless it is upright."""
     turn = mounting(held)
     if (turn == np.eye(3)).all():
@@ -115,17 +112,7 @@ def inertial(link: Element, row: Array) -> None:
     SubElement(part, "inertia", dict(zip(_INERTIA, map(numbers, six), strict=True)))
 
 
-def friction(held: TorqueModel) -> tuple[Array, Array]:
-    """Return (n,) viscous and (n,) dry friction at the joints."""
-    viscous, dry = (held.term(kind.NAME) for kind in (ViscousFriction, CoulombFriction))
-    nothing = np.zeros(held.arm.n)
-    return (
-        viscous.joint if isinstance(viscous, ViscousFriction) else nothing,
-        dry.joint_positive if isinstance(dry, CoulombFriction) else nothing,
-    )
-
-
-def _motion(joint: Element, kind: str, axis: Axis, held: TorqueModel) -> None:
+def _motion(joint: Element, kind: str, axis: Axis, held: FileModel) -> None:
     """Write a joint's kind, limits and friction, or what it follows."""
     of = held.arm.joints[axis.joint]
     edges = sorted((axis.factor * of.lower, axis.factor * of.upper))
@@ -142,13 +129,14 @@ def _motion(joint: Element, kind: str, axis: Axis, held: TorqueModel) -> None:
         limit |= {"lower": numbers(edges[0]), "upper": numbers(edges[1])}
     SubElement(joint, "limit", limit)
     if axis.own:
-        dynamics(joint, *(values[axis.joint] for values in friction(held)))
+        dynamics(joint, held, axis.joint)
     else:
         SubElement(joint, "mimic", joint=of.name, multiplier=numbers(axis.factor), offset="0.0")
 
 
-def dynamics(joint: Element, damping: float, dry: float) -> None:
-    """Write a joint's friction."""
+def dynamics(joint: Element, held: FileModel, index: int) -> None:
+    """Write the friction of the arm's joint of that index."""
     for old in joint.findall("dynamics"):
         joint.remove(old)
+    damping, dry = held.dynamics.damping[0, index], held.dynamics.friction[0, index]
     SubElement(joint, "dynamics", damping=numbers(damping), friction=numbers(dry))

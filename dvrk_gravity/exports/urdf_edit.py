@@ -14,18 +14,17 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arms import attribute, read_joints, read_limits, read_robot
-from dvrk_gravity.effects import LinkInertia
 from dvrk_gravity.exports import urdf
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.exports.form import FileModel
 
 
-def editable(held: TorqueModel) -> bool:
+def editable(held: FileModel) -> bool:
     """Return whether the URDF of a model's arm is still there, and no joint of it is held."""
     arm = held.arm
     return bool(arm.urdf) and Path(arm.urdf).is_file() and not arm.held
 
 
-def text(held: TorqueModel, folder: Path) -> str:
+def text(held: FileModel, folder: Path) -> str:
     """Return the URDF of a model, for a folder that meshes are found from.
 
     Raises:
@@ -34,10 +33,7 @@ def text(held: TorqueModel, folder: Path) -> str:
     arm, path = held.arm, Path(held.arm.urdf)
     robot = read_robot(path)
     joints = read_joints(robot)
-    rows = held.term(LinkInertia.NAME)
-    assert isinstance(rows, LinkInertia)
-    bodies = {body.name: (body, row) for body, row in zip(arm.bodies, rows.links, strict=True)}
-    damping, dry = urdf.friction(held)
+    bodies = {body.name: (body, row) for body, row in zip(arm.bodies, held.links, strict=True)}
     for name, joint in joints.items():
         child = str(attribute(joint, "child", "link"))
         if joint.get("type") == "fixed":
@@ -48,8 +44,7 @@ def text(held: TorqueModel, folder: Path) -> str:
         body, _ = bodies[child]
         _shift(joint, -float(body.row @ held.joint_offset))
         if name in arm.joint_names:
-            index = arm.joint_names.index(name)
-            urdf.dynamics(joint, float(damping[index]), float(dry[index]))
+            urdf.dynamics(joint, held, arm.joint_names.index(name))
     parents = {
         str(attribute(j, "child", "link")): str(attribute(j, "parent", "link"))
         for j in joints.values()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import Arm, link_frames, rigid_body
+from dvrk_gravity.arms import PER_LINK, Arm, link_frames, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import assumed_rotors, motor_columns, prior_scale
 from dvrk_gravity.errors import ConfigError
@@ -73,15 +73,15 @@ class ModelArm:
             ConfigError: Inertia that is not finite, or no arm's.
         """
         settings = settings or CompletionSettings()
-        parts = [(term, term.plant()) for term in model.terms]
-        links = {term.NAME: part.inertia for term, part in parts if part.inertia is not None}
-        rotors = [part.rotors for _, part in parts if part.rotors is not None]
-        own = tuple(t for t, part in parts if part.inertia is None and part.rotors is None)
+        inertia = [term for term in model.terms if term.OF_LINKS == PER_LINK]
+        rotors = {term: r for term in model.terms if (r := term.plant().rotors) is not None}
+        own = tuple(t for t in model.terms if t not in inertia and t not in rotors)
         still = replace(model, terms=own).physical()
         known = PlantFile.of(model.arm)
-        if not links:
+        if not inertia:
             return cls(still, known.links, known.rotor_inertia, None, known.source)
-        motor = np.sum([0.0 * known.rotor_inertia, *rotors], axis=0)
+        links = {t.NAME: rows for t in inertia if (rows := t.inertial_parameters) is not None}
+        motor = np.sum([0.0 * known.rotor_inertia, *rotors.values()], axis=0)
         return cls(still, *_completed(model.arm, links, motor, known, settings), known.source)
 
     def plant(self, friction_scale: float = 1.0) -> Plant:

@@ -10,7 +10,7 @@ import numpy as np
 from made_up_arm import random_inertia
 from robots import PANDA, UR5
 
-from dvrk_gravity.arms import Arm, gravity_in_base, is_mtm
+from dvrk_gravity.arms import Arm, gravity_in_base, is_mtm, rigid_body
 from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
@@ -21,9 +21,11 @@ from dvrk_gravity.effects import (
     Payload,
     Range,
     RotorInertia,
+    State,
     ViscousFriction,
     beta_map,
 )
+from dvrk_gravity.exports import Exported
 from dvrk_gravity.model import TorqueModel
 
 
@@ -79,6 +81,14 @@ def without_dry(model: TorqueModel) -> TorqueModel:
     """Return a model without dry friction, which MuJoCo has as a soft constraint."""
     terms = tuple(term for term in model.terms if not isinstance(term, CoulombFriction))
     return replace(model, terms=terms)
+
+
+def held_torque(exported: Exported, q, qd, qdd, dry: bool = True) -> np.ndarray:
+    """Return the torque of what a file has: its bodies by true positions, the rest by measured."""
+    held = exported.held
+    dynamics = held.dynamics if dry else replace(held.dynamics, friction=np.zeros((2, held.arm.n)))
+    bodies = (held.arm, held.links.ravel(), q - held.joint_offset, qd, qdd, held.gravity)
+    return rigid_body.torque(*bodies) + dynamics.torque(State(q, qd, qdd))
 
 
 def by_mujoco(text: str, arm: Arm, q, qd, qdd) -> np.ndarray:

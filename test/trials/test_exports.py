@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from exported import by_mujoco, load, most, physical, states, whole, without_dry
+from exported import by_mujoco, held_torque, load, most, physical, states, whole, without_dry
 from made_up_arm import write
 
 from dvrk_gravity.arms import Arm, gravity_in_base
@@ -16,9 +17,12 @@ from dvrk_gravity.command_line import run
 from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
+    JointDynamics,
     LinkInertia,
     LinkWeight,
     Range,
+    State,
+    Term,
     base_directions,
     prior_scale,
 )
@@ -69,7 +73,7 @@ def test_an_exported_urdf_is_an_arm_with_the_same_torque(made_up, tmp_path):
         again = TorqueModel.load(tmp_path / "out.urdf")
         order = [model.arm.joint_names.index(joint) for joint in again.arm.joint_names]
         motion = tuple(values[:, order] for values in states(model.arm))
-        smooth = without_dry(exported.held).torque(*states(model.arm))[:, order]
+        smooth = held_torque(exported, *states(model.arm), dry=False)[:, order]
         assert most(without_dry(again).torque(*motion) - smooth) < 1e-9, name
         assert sorted(again.arm.joint_names) == sorted(model.arm.joint_names)
         saved = TorqueModel.from_parameters(again.parameters(), again.arm)
@@ -132,6 +136,57 @@ def test_what_is_left_out_costs_its_own_torque():
     assert left["elastic_cable"][1] == pytest.approx(2.0 * 2.0 * a**3 / (5 * 7**0.5), rel=0.1)
     bare = {part.name: part.rms for part in export_model(model, "URDF").left_out}
     assert bare["elastic_cable"][1] == pytest.approx(2.0 * a**3 / 7**0.5, rel=0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class GasSpring(Term):
+    """An effect from outside the package: a spring along each joint, and its damper."""
+
+    NAME = "gas_spring"
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+
+    @classmethod
+    def schema(cls, arm):
+        return ()
+
+    @classmethod
+    def from_parameters(cls, arm, values):
+        return None
+
+    def parameters(self):
+        return {}
+
+    def torque(self, state: State) -> np.ndarray:
+        damper = 0.0 if state.qd is None else self.damping * state.qd
+        return self.stiffness * state.q + damper
+
+    def joint_dynamics(self, arm, q) -> JointDynamics:
+        damping = np.array([self.damping, np.zeros(arm.n)])
+        return JointDynamics(arm, damping=damping, stiffness=self.stiffness)
+
+
+def test_an_effect_from_outside_is_exported_by_one_method(made_up):
+    arm = load("made_up", made_up)
+    stiffness, damping = np.random.default_rng(3).uniform(0.5, 2.0, (2, arm.n))
+    model = without_dry(whole(arm))
+    model = replace(model, terms=(*model.terms, GasSpring(stiffness, damping)))
+    exported, motion = export_model(model, "MJCF"), states(arm)
+    assert most(by_mujoco(exported.text, arm, *motion) - model.torque(*motion)) < 1e-9
+    assert exported.left_out == ()
+    bare = export_model(model, "URDF")
+    plain = export_model(replace(model, terms=model.terms[:-1]), "URDF")
+    with_it, without = (
+        np.array([float(tree.find(f"joint[@name='{name}']/dynamics").get("damping"))
+                  for name in arm.joint_names])
+        for tree in (ElementTree.fromstring(each.text) for each in (bare, plain))
+    )  # fmt: skip
+    np.testing.assert_allclose(with_it - without, damping)
+    (left,) = (part for part in bare.left_out if part.name == GasSpring.NAME)
+    assert "its springs" in left.why
+    farthest = np.abs(arm.range).max(axis=0) + np.abs(model.joint_offset)
+    np.testing.assert_array_less(left.largest, stiffness * farthest)
 
 
 def test_convert_writes_a_model_by_the_ending_and_its_cost_as_json(tmp_path, capsys):

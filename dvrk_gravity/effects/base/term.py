@@ -13,6 +13,7 @@ import pinocchio as pin
 from dvrk_gravity.arms import Arm, Tree
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -52,8 +53,6 @@ class PlantPart:
             ``None``.
         weight: Tree whose gravity torques are a smooth torque at q.
         links: Bodies that links carry, by link, each in the link's frame.
-        inertia: (bodies, 10) parameters of the arm's own bodies, in their joints' frames and
-            Pinocchio's order, whose inertia is the plant's; their weight is another part.
         rotors: (n,) reflected inertia at the motors, kg·m^2 (kg), which is the plant's.
         damping: (n, n) symmetric, positive semidefinite, N·m·s/rad: torque damping v+.
         dry: (2, 2 n) levels of dry friction, N·m, moving up and moving down: at the joints, then
@@ -70,7 +69,6 @@ class PlantPart:
     at: Callable[[Array, Array], tuple[Array, Array | None]] | None = None
     weight: Tree | None = None
     links: Mapping[str, pin.Inertia] = field(default_factory=dict)
-    inertia: Array | None = None
     rotors: Array | None = None
     damping: Array | None = None
     dry: Array | None = None
@@ -230,6 +228,24 @@ class Term(Effect):
 
     def prepare_parts(self, part: Array) -> Evaluator | None:
         """Return an evaluator of both parts of :meth:`split`, (2, n), if the term has both."""
+        return None
+
+    # Exported.
+    @property
+    def inertial_parameters(self) -> Array | None:
+        """(bodies, 10) of what it has of rigid bodies, in their joints' frames; ``None``: nothing.
+
+        In Pinocchio's order: m kg, m c (3) kg·m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg·m^2.
+        """
+        return None
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics | None:
+        """Return the nearest torque that a URDF or an MJCF can hold; ``None``: they hold nothing.
+
+        Args:
+            arm: The arm.
+            q: (N, n) true positions, evenly over the range that the model is good for.
+        """
         return None
 
     # Simulated.
