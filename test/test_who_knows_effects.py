@@ -15,7 +15,7 @@ PACKAGE = Path(effects.__file__).resolve().parents[1]
 MOST = 2  # modules beside an effect's own file
 # Rooms whose very subject some effects are; within effects/ one may rest on another.
 ROOMS: Mapping[str, str] = {
-    "console/": "the console's file format is made of gravity, cables by direction and friction",
+    "console/file.py": "the fields of the console's file are gravity's and a cable's parameters",
     "arms/mtm/": "beta in closed form is the MTM's weight",
     "effects/": "merging one effect changes others' parameters",
     "identification/poses/": "what poses determine: weight, cables, held load",
@@ -31,6 +31,8 @@ OTHER_WORDS = {
 # What handles all effects equally.
 NAMELESS = (
     "effects/base/", "compensate/", "exports/", "simulate/",
+    "console/answer.py", "console/check.py", "console/configuration.py", "console/conversion.py",
+    "console/exported.py", "console/projection.py",
     "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py", "report/findings.py",
     "diagnosis/inference/selection.py", "diagnosis/inference/cross_validation.py",
     "model/", "identification/trajectories/", "identification/quality/",

@@ -21,7 +21,7 @@ from dvrk_gravity.console.file import (
     sample_torques,
     with_arm,
 )
-from dvrk_gravity.effects import DirectionalCable, evaluate
+from dvrk_gravity.effects import evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel
@@ -98,16 +98,13 @@ def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFindi
 
 def _growth(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
     """Yield joints whose polynomials grow outside the calibrated range, as the console has them."""
-    cable = model.term(DirectionalCable.NAME)
-    if console.lower is None or not isinstance(cable, DirectionalCable):
-        return
-    arm = model.arm
+    arm, polynomials = model.arm, console.polynomials
     q = np.linspace(arm.lower, arm.upper, 2001)
-    held = cable.valid.hold(q)
+    held = console.valid.hold(q)
     # Joint 2's linear column is only half of a pair; beta1 and beta2 hold the other half.
     growth = np.zeros(len(JOINT_NAMES))
     inside = np.zeros(len(JOINT_NAMES))
-    for coefficients in (cable.positive, cable.negative):
+    for coefficients in (polynomials.positive, polynomials.negative):
         value, edge = (_own_torque(console, coefficients, x) for x in (q, held))
         growth = np.maximum(growth, np.abs(value - edge).max(axis=0))
         inside = np.maximum(inside, np.ptp(edge, axis=0))
@@ -117,7 +114,7 @@ def _growth(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding
         ):
             continue
         severe = growth[i] > SETTINGS.serious_growth * arm.effort_limit[i]
-        edges = np.degrees([cable.valid.lower[i], cable.valid.upper[i]])
+        edges = np.degrees([console.valid.lower[i], console.valid.upper[i]])
         text = (
             f"outside {edges[0]:.0f} … {edges[1]:.0f} deg the torque grows by {growth[i]:.2f} N·m; "
             f"inside, it varies by {inside[i]:.2f}"
@@ -143,12 +140,9 @@ def _pair(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
         return
     sums = gravity + linear
     # Held at the edge, the linear column stops there while beta1's sine goes on.
-    cable = model.term(DirectionalCable.NAME)
-    growth = 0.0
-    if isinstance(cable, DirectionalCable):
-        q = np.linspace(model.arm.lower, model.arm.upper, 2001)
-        held = cable.valid.hold(q)
-        growth = float(np.abs(gravity * (np.sin(q) - np.sin(held)))[:, 1].max())
+    q = np.linspace(model.arm.lower, model.arm.upper, 2001)
+    held = console.valid.hold(q)
+    growth = float(np.abs(gravity * (np.sin(q) - np.sin(held)))[:, 1].max())
     text = (
         f"9.81 beta1 = {gravity:.2f} and k2 = {linear[0]:.2f}/{linear[1]:.2f} (up/down): only "
         f"their sum {sums[0]:.3f}/{sums[1]:.3f} N·m/rad was determined"
@@ -293,7 +287,7 @@ def _console_quirks(console: ConsoleFile) -> Iterator[ConsoleFinding]:
             "its blend falls again with the sine instead of staying full"
         )
         yield ConsoleFinding("version_1", Severity.WARNING, "version", text)
-    if console.lower is None:
+    if np.isinf(console.valid.lower).any():
         text = "no joint_position_lower/upper_limit: the calibrated range is not known"
         yield ConsoleFinding("no_range", Severity.WARNING, SECTION, text)
 
@@ -306,12 +300,12 @@ def _hand(console: ConsoleFile, arm: Arm) -> Iterator[ConsoleFinding]:
         name = console.arm.upper()
         text = f"beta6 is {beta6:+.4f} kg·m, expected about {expected:+.3f} on an {name}"
         yield ConsoleFinding("other_hand", Severity.SERIOUS, "beta6", text, {"beta6_kg_m": beta6})
-    if console.lower is None or console.upper is None:
+    if np.isinf(console.valid.lower).any():
         return
     slack = np.radians(1.0)
     mirror = Arm.load(_OTHER[console.arm])
     for i, joint in enumerate(JOINT_NAMES):
-        low, high = console.lower[i], console.upper[i]
+        low, high = console.valid.lower[i], console.valid.upper[i]
         if arm.lower[i] - slack <= low and high <= arm.upper[i] + slack:
             continue
         fits = mirror.lower[i] - slack <= low and high <= mirror.upper[i] + slack

@@ -26,7 +26,6 @@ from dvrk_gravity.console.projection import (
     uniform_poses,
     within_limits,
 )
-from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.units import quantity
@@ -138,7 +137,7 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
     if model.reading_errors.any:
         note = _cost_of_wrong_readings(model, lower, upper)
         file = replace(file, notes=(*file.notes, note))
-    joints = cost(model, ConsoleFile.from_document(file.document).model(), lower, upper)
+    joints = cost(model, ConsoleFile.from_document(file.document), lower, upper)
     _refuse_what_costs_too_much(model, joints)
     serious = tuple(
         finding for finding in check(file.document) if finding.severity is Severity.SERIOUS
@@ -148,12 +147,14 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
     return Conversion(file, exact, joints, lower, upper, serious)
 
 
-def cost(model: TorqueModel, form: TorqueModel, lower: Array, upper: Array) -> dict[str, JointCost]:
+def cost(
+    model: TorqueModel, console: ConsoleFile, lower: Array, upper: Array
+) -> dict[str, JointCost]:
     """Compare what the compensator commands with a model and with a console file's model.
 
     Args:
         model: The model.
-        form: That of the console's file.
+        console: The console's file.
         lower: (7,) lower edge of the range over which they are compared, rad.
         upper: (7,) upper edge.
     """
@@ -162,9 +163,8 @@ def cost(model: TorqueModel, form: TorqueModel, lower: Array, upper: Array) -> d
     # What is largest tends to lie where some joints are at an edge.
     index = random.integers(0, 4, uniform.shape)
     edges = np.choose(index, [lower, upper, uniform, uniform])
-    cable = form.term(DirectionalCable.NAME)
-    assert isinstance(cable, DirectionalCable)
-    speed = cable.saturation_velocity * random.choice([-1.0, 1.0], uniform.shape)
+    form = console.model()
+    speed = console.blend.saturation_velocity * random.choice([-1.0, 1.0], uniform.shape)
     torque = np.sqrt(np.mean(sent(model, uniform) ** 2, axis=0))
     found = []
     for motion in (None, speed):

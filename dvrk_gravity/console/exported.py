@@ -15,6 +15,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.file import (
     ARMS,
     BLEND_FIELDS,
+    LEVEL,
     N_GRAVITY,
     N_POLYNOMIALS,
     N_POWERS,
@@ -23,7 +24,7 @@ from dvrk_gravity.console.file import (
     ConsoleFile,
     safe_limits,
 )
-from dvrk_gravity.effects import DirectionalCable, ElasticCable, Gravity, Range, evaluate
+from dvrk_gravity.effects import Blend, JointPolynomials, Range, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel
@@ -85,7 +86,7 @@ def export(model: TorqueModel, serial: str = "") -> Export:
     """
     name = require_arm(model.arm)
     beta = _beta(model)
-    cable = _cable(model)
+    polynomials, blend = _polynomials(model)
     document = json_file.loads(model.document) if model.document else _skeleton(model, serial)
     notes = [f"left out, settings of the nodes: {', '.join(model.node)}"] if model.node else []
     if model.document:
@@ -95,30 +96,32 @@ def export(model: TorqueModel, serial: str = "") -> Export:
             raise ConfigError("console.document", str(error), "a console file") from error
         if version == 1:
             document["version"] = "2.0"
-    if cable.shape == "sine":
-        cable, note = _as_line(model, cable)
+    if blend.shape == "sine":
+        blend, note = _as_line(model, polynomials, blend)
         notes.append(note)
     document["ARM_NAME"] = name
-    _fill(document[SECTION], beta, cable)
+    _fill(document[SECTION], beta, polynomials, blend)
     return Export(document, tuple(notes))
 
 
-def _fill(section: dict[str, Any], beta: Array, cable: DirectionalCable) -> None:
+def _fill(
+    section: dict[str, Any], beta: Array, polynomials: JointPolynomials, blend: Blend
+) -> None:
     """Write the model's numbers into the controller's section."""
-    for side, given in (("pos", cable.positive), ("neg", cable.negative)):
+    for side, given in (("pos", polynomials.positive), ("neg", polynomials.negative)):
         field = f"gc_dynamic_params_{side}"
         old = section.get(field, [])
-        polynomials = given[:, :N_POLYNOMIALS].T.ravel()
         section[field] = [
             *_kept(old[:N_GRAVITY], beta, lambda p: p * GRAVITY, lambda b: b / GRAVITY),
-            *_kept(old[N_GRAVITY:], polynomials),
+            *_kept(old[N_GRAVITY:], given[:, :N_POLYNOMIALS].T.ravel()),
         ]
-    blend = (cable.dead_band, cable.saturation_velocity, cable.ratio)
-    for field, row in zip(BLEND_FIELDS[2], blend, strict=True):
+    ramp = (blend.dead_band, blend.saturation_velocity, blend.ratio)
+    for field, row in zip(BLEND_FIELDS[2], ramp, strict=True):
         section[field] = _kept(section.get(field, []), row)
     # A range has to have a width: that of a joint that stood still gets a degree.
-    still = np.where(cable.valid.lower == cable.valid.upper, np.radians(0.5), 0.0)
-    edges = (cable.valid.lower - still, cable.valid.upper + still)
+    valid = polynomials.valid
+    still = np.where(valid.lower == valid.upper, np.radians(0.5), 0.0)
+    edges = (valid.lower - still, valid.upper + still)
     for field, row in zip(RANGE_FIELDS, edges, strict=True):
         if np.isfinite(row).all():
             section[field] = _kept(section.get(field, []), row, math.radians, math.degrees)
@@ -144,66 +147,72 @@ def _kept(
 
 def _beta(model: TorqueModel) -> Array:
     """Return the (10,) gravity parameters, N·m."""
-    term = model.term(Gravity.NAME)
-    if not isinstance(term, Gravity):
-        return np.zeros(N_GRAVITY)
-    if not term.enabled:
-        raise ConfigError("gravity_enabled", False, "true: the console cannot leave gravity out")
-    if not np.array_equal(term.vector, [0.0, 0.0, -GRAVITY]):
-        raise FormError(
-            "gravity_vector",
-            term.vector.tolist(),
-            f"[0, 0, -{GRAVITY}]: the console's arm is level",
-        )
-    for index in np.flatnonzero(term.beta[N_GRAVITY:]) + N_GRAVITY:
-        raise FormError(
-            f"beta[{index}]", float(term.beta[index]), "0: the console has ten gravity columns"
-        )
-    return term.beta[:N_GRAVITY]
+    total = np.zeros(N_GRAVITY)
+    for term in model.terms:
+        beta = term.gravity_beta
+        if beta is None:
+            continue
+        if beta.any() and not term.carries_arm:
+            expected = "true: the console cannot leave gravity out"
+            raise ConfigError("gravity_enabled", False, expected)
+        if not np.array_equal(model.gravity, LEVEL):
+            expected = f"[0, 0, -{GRAVITY}]: the console's arm is level"
+            raise FormError("gravity_vector", model.gravity.tolist(), expected)
+        for index in np.flatnonzero(beta[N_GRAVITY:]) + N_GRAVITY:
+            expected = "0: the console has ten gravity columns"
+            raise FormError(f"beta[{index}]", float(beta[index]), expected)
+        total += beta[:N_GRAVITY]
+    return total
 
 
-def _cable(model: TorqueModel) -> DirectionalCable:
-    """Return all that depends on a joint's own position, as two sets of quartics."""
+def stated_polynomials(model: TorqueModel) -> list[tuple[str, JointPolynomials]]:
+    """Return the polynomials of compensated terms, with these terms' names; zeros if none has any.
+
+    The first has the blend, if there is one.
+
+    Raises:
+        ConfigError: Two terms have a blend.
+    """
+    zeros, everywhere = np.zeros((N_POWERS, N_JOINTS)), np.full(N_JOINTS, np.inf)
+    nothing = JointPolynomials(zeros, zeros, Range(-everywhere, everywhere))
+    found = [
+        (term.NAME, term.polynomials)
+        for term in model.terms
+        if term.COMPENSATED and term.polynomials is not None
+    ]
+    found.sort(key=lambda each: each[1].blend is None)
+    blended = [name for name, polynomials in found if polynomials.blend is not None]
+    if len(blended) > 1:
+        expected = f"none but that of {blended[0]}: the console has one"
+        raise ConfigError(blended[1], "a blend of two directions", expected)
+    return found or [("", nothing)]
+
+
+def _polynomials(model: TorqueModel) -> tuple[JointPolynomials, Blend]:
+    """Return all that depends on a joint's own position, as two sets of quartics, and the blend."""
     if model.joint_offset.any():
         offset = model.joint_offset.tolist()
         raise FormError("joint_offset", offset, "zeros: the console has its own encoder offsets")
     for term in model.terms:
-        if not isinstance(term, Gravity | ElasticCable | DirectionalCable):
-            raise FormError(
-                term.NAME,
-                "a term of the model",
-                "gravity, elastic_cable and directional_cable only: the console has no other",
-            )
-    elastic = model.term(ElasticCable.NAME)
-    cable = model.term(DirectionalCable.NAME)
-    if isinstance(cable, DirectionalCable):
-        cable = replace(
-            cable,
-            positive=_quartic(f"{cable.NAME}.positive", cable.positive),
-            negative=_quartic(f"{cable.NAME}.negative", cable.negative),
-        )
-    else:
-        zeros = np.zeros((N_POWERS, N_JOINTS))
-        everywhere = np.full(N_JOINTS, np.inf)
-        valid = (
-            elastic.valid if isinstance(elastic, ElasticCable) else Range(-everywhere, everywhere)
-        )
-        # The same set for both directions: any blend does.
-        blend = (np.full(N_JOINTS, 0.02), np.full(N_JOINTS, 0.2), np.zeros(N_JOINTS))
-        cable = DirectionalCable(model.arm, zeros, zeros, valid, *blend)
-    if isinstance(elastic, ElasticCable):
-        edges = ((elastic.valid.lower, cable.valid.lower), (elastic.valid.upper, cable.valid.upper))
+        if term.gravity_beta is None and term.polynomials is None:
+            expected = "beta, or polynomials of a joint's own position: the console has no other"
+            raise FormError(term.NAME, "a term of the model", expected)
+    stated = stated_polynomials(model)
+    first, valid = stated[0][0], stated[0][1].valid
+    positive, negative = np.zeros((2, N_POWERS, N_JOINTS))
+    for name, each in stated:
+        edges = ((each.valid.lower, valid.lower), (each.valid.upper, valid.upper))
         if not all(np.array_equal(*pair) for pair in edges):
-            raise FormError(
-                "elastic_cable.valid_lower",
-                elastic.valid.lower.tolist(),
-                "the range of directional_cable: the console has one for both",
-            )
-        both = _quartic(elastic.NAME, elastic.coefficients)
-        cable = replace(cable, positive=cable.positive + both, negative=cable.negative + both)
-    if np.isfinite(cable.valid.lower).all() != np.isfinite(cable.valid.upper).all():
-        raise FormError("directional_cable.valid_lower", None, "both edges of the range, or none")
-    return cable
+            expected = f"the range of {first}: the console has one for both"
+            raise FormError(f"{name}.valid_lower", each.valid.lower.tolist(), expected)
+        up, down = (".positive", ".negative") if each.blend else ("", "")
+        positive += _quartic(name + up, each.positive)
+        negative += _quartic(name + down, each.negative)
+    if np.isfinite(valid.lower).all() != np.isfinite(valid.upper).all():
+        raise FormError(f"{first}.valid_lower", None, "both edges of the range, or none")
+    # The same set for both directions: any blend does.
+    blend = Blend(np.full(N_JOINTS, 0.02), np.full(N_JOINTS, 0.2), np.zeros(N_JOINTS))
+    return JointPolynomials(positive, negative, valid), stated[0][1].blend or blend
 
 
 def _quartic(prefix: str, coefficients: Array) -> Array:
@@ -241,19 +250,20 @@ def _skeleton(model: TorqueModel, serial: str) -> dict[str, Any]:
     }
 
 
-def _as_line(model: TorqueModel, cable: DirectionalCable) -> tuple[DirectionalCable, str]:
+def _as_line(model: TorqueModel, polynomials: JointPolynomials, blend: Blend) -> tuple[Blend, str]:
     """Return version 1's blend as version 2's, and what that does to the torque."""
-    q = np.linspace(cable.valid.hold(model.arm.lower), cable.valid.hold(model.arm.upper), 1001)
-    gap = 0.5 * cable.ratio * np.abs(evaluate(cable.positive - cable.negative, q))
+    hold = polynomials.valid.hold
+    q = np.linspace(hold(model.arm.lower), hold(model.arm.upper), 1001)
+    gap = 0.5 * blend.ratio * np.abs(evaluate(polynomials.positive - polynomials.negative, q))
     worst = (SINE_MINUS_LINE * gap).max(axis=0)
     joint = int(worst.argmax())
     note = (
         f"version 1's sine blend becomes a line, full at {SINE_TO_LINE} of its amplitude: "
         f"torques of moving joints change by up to {worst[joint]:.2g} N·m ({JOINT_NAMES[joint]})"
     )
-    rise = cable.saturation_velocity - cable.dead_band
-    saturation = cable.dead_band + SINE_TO_LINE * rise
-    return replace(cable, saturation_velocity=saturation, shape="linear"), note
+    rise = blend.saturation_velocity - blend.dead_band
+    saturation = blend.dead_band + SINE_TO_LINE * rise
+    return replace(blend, saturation_velocity=saturation, shape="linear"), note
 
 
 def _dump(document: Any, indent: str = "") -> str:

@@ -19,18 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arms import GRAVITY, JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms import GRAVITY, N_JOINTS, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.configuration import refuse_configuration
-from dvrk_gravity.effects import DirectionalCable, as_value
+from dvrk_gravity.effects import Blend, DirectionalCable, Gravity, JointPolynomials, Range
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.parameters import Value
 
 N_PARAMETERS = 40
 N_GRAVITY = 10
 N_POWERS = 5
+LEVEL = (0.0, 0.0, -GRAVITY)  # gravity in the base frame, m/s^2: the console's arm is upright
 N_POLYNOMIALS = 6  # the console's regressor has no polynomial for joint 7
 SECTION = "GC_controller"
 N_POSES = 20_000
@@ -64,11 +64,8 @@ class ConsoleFile:
         negative: (40,) parameters while it moves down.
         safe_lower: (7,) the console clips its torques to these, N·m.
         safe_upper: (7,) likewise.
-        dead_band: (7,) rad/s; zero in version 1.
-        saturation: (7,) velocity of full blend, rad/s: version 1's ``beta_vel_amplitude``.
-        ratio: (7,) part of the difference that is applied; one in version 1.
-        lower: (7,) lower edge of the calibrated range, rad; ``None`` in early files.
-        upper: (7,) upper edge, rad.
+        blend: How it chooses between the two; version 1's has no dead band, and is a sine.
+        valid: The calibrated range; early files have none, and this no edges.
     """
 
     document: Mapping[str, Any]
@@ -78,11 +75,8 @@ class ConsoleFile:
     negative: Array
     safe_lower: Array
     safe_upper: Array
-    dead_band: Array
-    saturation: Array
-    ratio: Array
-    lower: Array | None
-    upper: Array | None
+    blend: Blend
+    valid: Range
 
     @classmethod
     def load(cls, path: str | Path) -> ConsoleFile:
@@ -112,13 +106,16 @@ class ConsoleFile:
         def row(name: str) -> Array:
             return np.array(section[name], dtype=float)
 
-        zeros, ones = np.zeros(N_JOINTS), np.ones(N_JOINTS)
-        blend = (
-            (zeros, row("beta_vel_amplitude"), ones)
-            if version == 1
-            else tuple(row(name) for name in BLEND_FIELDS[2])
+        if version == 1:
+            zeros, ones = np.zeros(N_JOINTS), np.ones(N_JOINTS)
+            blend = Blend(zeros, row("beta_vel_amplitude"), ones, "sine")
+        else:
+            dead_band, saturation, ratio = (row(name) for name in BLEND_FIELDS[2])
+            blend = Blend(dead_band, saturation, ratio)
+        lower, upper = (
+            np.radians(row(name)) if name in section else np.full(N_JOINTS, none)
+            for name, none in zip(RANGE_FIELDS, (-np.inf, np.inf), strict=True)
         )
-        ranges = [np.radians(row(name)) if name in section else None for name in RANGE_FIELDS]
         return cls(
             document,
             ARMS[document["ARM_NAME"]],
@@ -127,12 +124,22 @@ class ConsoleFile:
             row("gc_dynamic_params_neg"),
             row("safe_lower_torque_limit"),
             row("safe_upper_torque_limit"),
-            *blend,
-            *ranges,
+            blend,
+            Range(lower, upper),
         )
 
-    def parameters(self) -> dict[str, Value]:
-        """Return the values from which :class:`TorqueModel` is built.
+    @property
+    def polynomials(self) -> JointPolynomials:
+        """Its polynomials, five coefficients for each of seven joints, and the calibrated range."""
+        # A column of zeros: none for joint 7.
+        positive, negative = (
+            np.pad(side[N_GRAVITY:].reshape(N_POLYNOMIALS, N_POWERS), ((0, 1), (0, 0))).T
+            for side in (self.positive, self.negative)
+        )
+        return JointPolynomials(positive, negative, self.valid)
+
+    def model(self) -> TorqueModel:
+        """Return the torque model: inside the calibrated range the console's, unclipped.
 
         Raises:
             ConfigError: The gravity parameters differ between the two directions.
@@ -144,32 +151,28 @@ class ConsoleFile:
                 float(self.negative[index]),
                 f"{self.positive[index]:.17g}, as in gc_dynamic_params_pos: gravity is one",
             )
-        values: dict[str, Value] = {
-            "arm": self.arm,
-            "beta": as_value(self.positive[:N_GRAVITY] * GRAVITY),
-            "gravity_vector": (0.0, 0.0, -GRAVITY),
-        }
-        for name, given in (("positive", self.positive), ("negative", self.negative)):
-            rows = given[N_GRAVITY:].reshape(N_POLYNOMIALS, N_POWERS)
-            for joint, coefficients in zip(JOINT_NAMES, rows, strict=False):
-                values[f"directional_cable.{name}.{joint}"] = as_value(coefficients)
-        if self.lower is not None and self.upper is not None:
-            values["directional_cable.valid_lower"] = as_value(self.lower)
-            values["directional_cable.valid_upper"] = as_value(self.upper)
-        values["directional_cable.dead_band"] = as_value(self.dead_band)
-        values["directional_cable.saturation_velocity"] = as_value(self.saturation)
-        values["directional_cable.ratio"] = as_value(self.ratio)
-        values["directional_cable.blend"] = "sine" if self.version == 1 else "linear"
-        values["console.document"] = json.dumps(self.document, separators=(",", ":"))
-        return values
+        beta = self.positive[:N_GRAVITY] * GRAVITY
+        form = form_model(Arm.load(self.arm), beta, self.polynomials, self.blend)
+        document = json.dumps(self.document, separators=(",", ":"))
+        # By way of its parameters, which are checked.
+        values = form.parameters() | {"console.document": document}
+        return TorqueModel.from_parameters(values, form.arm)
 
-    def model(self) -> TorqueModel:
-        """Return the torque model: inside the calibrated range the console's, unclipped.
 
-        Raises:
-            ConfigError: The gravity parameters differ between the two directions.
-        """
-        return TorqueModel.from_parameters(self.parameters())
+def form_model(arm: Arm, beta: Array, polynomials: JointPolynomials, blend: Blend) -> TorqueModel:
+    """Return the model that the console's numbers are.
+
+    Args:
+        arm: The arm.
+        beta: (10,) base parameters of gravity, N·m.
+        polynomials: Two sets of (5, 7) coefficients, and their range.
+        blend: How the console chooses between them.
+    """
+    cable = DirectionalCable(
+        arm, polynomials.positive, polynomials.negative, polynomials.valid,
+        blend.dead_band, blend.saturation_velocity, blend.ratio, blend.shape,
+    )  # fmt: skip
+    return TorqueModel(arm, (Gravity(arm, beta, np.array(LEVEL)), cable))
 
 
 def sample_torques(model: TorqueModel) -> Array:
@@ -182,10 +185,10 @@ def sample_torques(model: TorqueModel) -> Array:
         (3, N, 7) torques, N·m: moving down, at rest and moving up, at N poses uniform over the
         calibrated range within the arm's limits, the same ones each time.
     """
-    cable = model.term(DirectionalCable.NAME)
     lower, upper = model.arm.lower, model.arm.upper
-    if isinstance(cable, DirectionalCable):
-        lower, upper = cable.valid.hold(lower), cable.valid.hold(upper)
+    for term in model.terms:
+        if (valid := term.fitted_range) is not None:
+            lower, upper = valid.hold(lower), valid.hold(upper)
     q = np.random.default_rng(0).uniform(lower, upper, (N_POSES, N_JOINTS))
     motions = (np.full_like(q, speed) for speed in (-FAST, 0.0, FAST))
     return np.stack([model.torque(q, motion) for motion in motions])

@@ -9,7 +9,7 @@ is lost.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -18,23 +18,14 @@ import numpy as np
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.arms.mtm import gravity
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.console.file import N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.effects import (
-    CoulombFriction,
-    DirectionalCable,
-    ElasticCable,
-    Gravity,
-    HeldLoad,
-    Range,
-    State,
-    evaluate,
-)
+from dvrk_gravity.console.exported import stated_polynomials
+from dvrk_gravity.console.file import LEVEL, N_GRAVITY, N_POLYNOMIALS, N_POWERS, form_model
+from dvrk_gravity.effects import Blend, JointPolynomials, PlantPart, Range, State, Term, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameters import node_parameters
 
 RATIO, DEAD_BAND = "friction_compensation.ratio", "friction_compensation.dead_band"
-LEVEL = (0.0, 0.0, -gravity.GRAVITY)
 
 
 @dataclass(frozen=True)
@@ -75,17 +66,19 @@ def project(model: TorqueModel) -> tuple[TorqueModel, tuple[str, ...]]:
     """
     valid = calibrated_range(model)
     lower, upper = within_limits(model, valid)
-    given = model.term(DirectionalCable.NAME)
-    cable = given if isinstance(given, DirectionalCable) else _still_cable(model)
-    beta, mean = _at_rest(model, lower, upper)
-    half = _quartics(0.5 * (cable.positive - cable.negative), model.joint_offset, lower, upper)
-    level = _friction_level(model)
-    ratio, notes = _ratio(model, cable, level, half)
+    stated = [polynomials for _, polynomials in stated_polynomials(model)]
+    blend = stated[0].blend or _own_blend(model)
+    beta, mean = _at_rest(model, stated, lower, upper)
+    half = np.zeros((N_POWERS, N_JOINTS))
+    for each in stated:
+        half += _quartics(each.half_difference, model.joint_offset, lower, upper)
+    level, smaller = _dry_friction(model)
+    ratio, notes = _ratio(model, blend, level, smaller, half)
     half[0] += level
-    cable = replace(cable, positive=mean + half, negative=mean - half, valid=valid, ratio=ratio)
-    terms = (Gravity(model.arm, beta, np.array(LEVEL)), cable)
+    polynomials = JointPolynomials(mean + half, mean - half, valid)
+    form = form_model(model.arm, beta, polynomials, replace(blend, ratio=ratio))
     node = {name: value for name, value in model.node.items() if name not in (RATIO, DEAD_BAND)}
-    return TorqueModel(model.arm, terms, node, model.document), notes
+    return replace(form, node=node, document=model.document), notes
 
 
 def within_limits(model: TorqueModel, valid: Range) -> tuple[Array, Array]:
@@ -109,9 +102,9 @@ def calibrated_range(model: TorqueModel) -> Range:
     """Return the measured positions on which all of a model was fitted, else the arm's limits."""
     lower, upper = np.full(N_JOINTS, -np.inf), np.full(N_JOINTS, np.inf)
     for term in model.terms:
-        if isinstance(term, ElasticCable | DirectionalCable | HeldLoad):
-            lower = np.maximum(lower, term.valid.lower + model.joint_offset)
-            upper = np.minimum(upper, term.valid.upper + model.joint_offset)
+        if term.fitted_range is not None:
+            lower = np.maximum(lower, term.fitted_range.lower + model.joint_offset)
+            upper = np.minimum(upper, term.fitted_range.upper + model.joint_offset)
     # An edge a full turn beyond the joint's limits is none: model files have finite numbers.
     far = 2.0 * np.pi + np.abs([model.arm.lower, model.arm.upper]).max(axis=0)
     return Range(
@@ -148,7 +141,7 @@ def left_out(model: TorqueModel) -> tuple[str, ...]:
     speed = [
         term.NAME
         for term in model.terms
-        if term.FRICTION and term.COMPENSATED and not isinstance(term, CoulombFriction)
+        if term.FRICTION and term.COMPENSATED and _dry(term) is None
     ]
     notes = []
     if never:
@@ -172,17 +165,16 @@ def _setting(model: TorqueModel, name: str) -> tuple[float, ...]:
     return value
 
 
-def _still_cable(model: TorqueModel) -> DirectionalCable:
-    """Return a cable without torque, with the blend of the compensator's friction."""
-    zeros, everywhere = np.zeros((N_POWERS, N_JOINTS)), np.full(N_JOINTS, np.inf)
+def _own_blend(model: TorqueModel) -> Blend:
+    """Return the blend of the compensator's friction; none of a difference is applied."""
     dead_band = np.array(_setting(model, DEAD_BAND))
-    return DirectionalCable(
-        model.arm, zeros, zeros, Range(-everywhere, everywhere),
-        dead_band, np.maximum(SETTINGS.saturation, 2.0 * dead_band), np.zeros(N_JOINTS),
-    )  # fmt: skip
+    saturation = np.maximum(SETTINGS.saturation, 2.0 * dead_band)
+    return Blend(dead_band, saturation, np.zeros(N_JOINTS))
 
 
-def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Array]:
+def _at_rest(
+    model: TorqueModel, stated: Iterable[JointPolynomials], lower: Array, upper: Array
+) -> tuple[Array, Array]:
     """Fit what the compensator commands at rest, beginning with what the console has, too.
 
     Returns:
@@ -192,13 +184,10 @@ def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Arr
     able = model.arm.effort_limit
     beta, mean = np.zeros(N_GRAVITY), np.zeros((N_POWERS, N_JOINTS))
     for term in model.terms:
-        if isinstance(term, Gravity):
-            beta += term.beta[:N_GRAVITY]
-        elif isinstance(term, ElasticCable):
-            mean += _quartics(term.coefficients, model.joint_offset, lower, upper)
-        elif isinstance(term, DirectionalCable):
-            both = 0.5 * (term.positive + term.negative)
-            mean += _quartics(both, model.joint_offset, lower, upper)
+        if term.gravity_beta is not None:
+            beta += term.gravity_beta[:N_GRAVITY]
+    for each in stated:
+        mean += _quartics(each.mean, model.joint_offset, lower, upper)
     y = gravity.regressor(q, LEVEL, N_GRAVITY)
     rest = sent(model, q) - y @ beta - evaluate(mean, q)
     columns = [y / able[:, None]]
@@ -266,20 +255,37 @@ def _without_rounding(coefficients: Array, lower: Array, upper: Array) -> Array:
     return np.where(np.abs(coefficients) * reach < SETTINGS.nothing, 0.0, coefficients)
 
 
-def _friction_level(model: TorqueModel) -> Array:
-    """Return (7,) Coulomb friction as levels of joints by themselves, N·m.
+def _dry_friction(model: TorqueModel) -> tuple[Array, Array]:
+    """Return dry friction as levels of joints by themselves, N·m, and the levels that it has.
 
     Friction of a motor that several joints turn follows none of their directions alone; its
     level at each is the least-squares one over all directions.
+
+    Returns:
+        (7,) levels of joints by themselves, and (14,) those of joints and of motors, of both
+        directions the smaller.
     """
-    term = model.term(CoulombFriction.NAME)
-    if not isinstance(term, CoulombFriction):
-        return np.zeros(N_JOINTS)
-    ways = _directions()
-    torque = term.torque(State(np.zeros(ways.shape), direction=ways))
-    level = (ways * torque).mean(axis=0)
+    ways, level, smaller = _directions(), np.zeros(N_JOINTS), np.zeros(2 * N_JOINTS)
+    for term in model.terms:
+        dry = _dry(term)
+        if dry is not None:
+            torque = term.torque(State(np.zeros(ways.shape), direction=ways))
+            level += (ways * torque).mean(axis=0)
+            smaller += dry.min(axis=0)
     level[N_POLYNOMIALS:] = 0.0
-    return level
+    return level, smaller
+
+
+def _dry(term: Term) -> Array | None:
+    """Return (2, 14) levels, N·m, of friction that the compensator applies at any speed.
+
+    Moving up and moving down, at the joints and then at the motors. ``None``: the term is no such
+    friction.
+    """
+    friction = term.split(np.ones(N_JOINTS))[1] if term.COMPENSATED else None
+    plant = PlantPart() if friction is None else friction.plant()
+    with_speed = (plant.fade, plant.damping, plant.drag)
+    return plant.dry if all(part is None for part in with_speed) else None
 
 
 def _directions() -> Array:
@@ -291,24 +297,20 @@ def _directions() -> Array:
 
 
 def _ratio(
-    model: TorqueModel, cable: DirectionalCable, level: Array, half: Array
+    model: TorqueModel, blend: Blend, level: Array, smaller: Array, half: Array
 ) -> tuple[Array, tuple[str, ...]]:
     """Return (7,) parts of the differences that are applied, and what was done to them.
 
-    In no motion may the console put more power into the arm than the model's Coulomb friction
+    In no motion may the console put more power into the arm than the model's dry friction
     takes out. Both are linear between the planes on which a joint or a motor stands still, so
     that the worst motion lies on an edge where those planes meet.
     """
     wanted = np.array(_setting(model, RATIO))
     # Of a cable's friction the compensator applies the smaller of both parts.
-    least = np.minimum(wanted, cable.ratio)
-    ratio = np.where(half.any(axis=0), least, np.where(level > 0.0, wanted, cable.ratio))
-    term = model.term(CoulombFriction.NAME)
-    if not isinstance(term, CoulombFriction):
-        return ratio, ()
+    least = np.minimum(wanted, blend.ratio)
+    ratio = np.where(half.any(axis=0), least, np.where(level > 0.0, wanted, blend.ratio))
     to_motor = model.arm.joint_to_actuator
-    joint = np.minimum(term.joint_positive, term.joint_negative)
-    motor = np.minimum(term.motor_positive, term.motor_negative)
+    joint, motor = np.split(smaller, 2)
     before = ratio.copy()
     for motion in _edges(to_motor):
         taken = float(joint @ np.abs(motion) + motor @ np.abs(to_motor @ motion))

@@ -46,6 +46,8 @@ from .base.meaning import size as size
 from .base.motion import Motion as Motion
 from .base.motion import Residual as Residual
 from .base.motion import State as State
+from .base.polynomials import Blend as Blend
+from .base.polynomials import JointPolynomials as JointPolynomials
 from .base.reading_errors import ReadingErrors as ReadingErrors
 from .base.registry import ENTRY_POINTS as ENTRY_POINTS
 from .base.registry import effects as effects

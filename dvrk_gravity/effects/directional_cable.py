@@ -26,6 +26,7 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import Blend, JointPolynomials
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.errors import ConfigError
@@ -131,9 +132,14 @@ class DirectionalCable(LinearTerm):
             f"{self.NAME}.blend": self.shape,
         }
 
+    @cached_property
+    def polynomials(self) -> JointPolynomials:
+        blend = Blend(self.dead_band, self.saturation_velocity, self.ratio, self.shape)
+        return JointPolynomials(self.positive, self.negative, self.valid, blend)
+
     def elastic(self) -> ElasticCable:
         """Return the mean of both directions: what depends on the position alone."""
-        return ElasticCable(self.arm, self._mean, self.valid)
+        return ElasticCable(self.arm, self.polynomials.mean, self.valid)
 
     def scaled(self, part: Array) -> DirectionalCable:
         """Return the rest, which is friction, with at most (n,) parts of it left at each joint.
@@ -141,7 +147,7 @@ class DirectionalCable(LinearTerm):
         ``ratio`` is a part of the same friction: where it is the smaller, it stays. With
         :meth:`elastic` and all parts at 1 it makes up the whole term.
         """
-        half = self._half_difference
+        half = self.polynomials.half_difference
         ratio = np.minimum(self.ratio, part)
         return replace(self, positive=half, negative=-half, ratio=ratio)
 
@@ -168,7 +174,7 @@ class DirectionalCable(LinearTerm):
 
     @property
     def full_speed(self) -> Array:
-        return np.where(self._half_difference.any(axis=0), self.saturation_velocity, 0.0)
+        return np.where(self.polynomials.half_difference.any(axis=0), self.saturation_velocity, 0.0)
 
     @property
     def theta(self) -> Array:
@@ -190,10 +196,10 @@ class DirectionalCable(LinearTerm):
     def torque(self, state: State) -> Array:
         """Return (…, n) cable torques, N·m."""
         q = self.valid.hold(state.q)
-        torque = evaluate(self._mean, q)
+        torque = evaluate(self.polynomials.mean, q)
         blend = self.blend(state)
         if blend is not None:
-            torque += blend * evaluate(self._half_difference, q)
+            torque += blend * evaluate(self.polynomials.half_difference, q)
         return torque
 
     def prepare(self) -> Evaluator:
@@ -235,7 +241,8 @@ class DirectionalCable(LinearTerm):
         compensator's caution. Where a fit made it negative its size counts, since friction takes
         energy.
         """
-        values = prepare_polynomials(self.valid, self._mean, self._half_difference)
+        sets = self.polynomials.mean, self.polynomials.half_difference
+        values = prepare_polynomials(self.valid, *sets)
         n = self.positive.shape[1]
 
         def at(q: Array, qd: Array) -> tuple[Array, Array | None]:
@@ -247,11 +254,3 @@ class DirectionalCable(LinearTerm):
     @cached_property
     def _slope(self) -> Array:
         return 1.0 / (self.saturation_velocity - self.dead_band)
-
-    @cached_property
-    def _mean(self) -> Array:
-        return 0.5 * (self.positive + self.negative)
-
-    @cached_property
-    def _half_difference(self) -> Array:
-        return 0.5 * (self.positive - self.negative)

@@ -30,6 +30,7 @@ from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import JointPolynomials
 from dvrk_gravity.effects.base.site import Kind, Site, effort_limits
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
@@ -102,6 +103,10 @@ class ElasticCable(LinearTerm):
     def parameters(self) -> dict[str, Value]:
         coefficients = write_rows(self.arm, self.NAME, self.coefficients)
         return coefficients | self.valid.parameters(self.NAME)
+
+    @property
+    def polynomials(self) -> JointPolynomials:
+        return JointPolynomials(self.coefficients, self.coefficients, self.valid)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) elastic torques, N·m."""

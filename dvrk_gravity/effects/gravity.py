@@ -73,6 +73,10 @@ class Gravity(LinearTerm):
     def gravity_vector(self) -> Array:
         return self.vector
 
+    @property
+    def gravity_beta(self) -> Array:
+        return self.beta
+
     def torque(self, state: State) -> Array:
         """Return (…, n) gravity torques: one pose by Pinocchio, many in closed form."""
         if not self.enabled:

@@ -119,6 +119,10 @@ class HeldLoad(Term):
             {f"{self.NAME}.orders": orders} | mean | difference | self.valid.parameters(self.NAME)
         )
 
+    @property
+    def fitted_range(self) -> Range:
+        return self.valid
+
     def torque(self, state: State) -> Array:
         """Return (…, n) torques, N·m: both parts, the mean, or zero, by what is known."""
         if state.direction is None and state.qd is not None:

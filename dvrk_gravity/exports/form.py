@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import PER_LINK, Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import JointDynamics, Range, State, Term, terms
+from dvrk_gravity.effects import JointDynamics, State, Term, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.exports.bodies import Torque, physical_bodies
 from dvrk_gravity.exports.formats import FORMATS, FileFormat, Format
@@ -184,5 +184,5 @@ def _ranges(model: TorqueModel) -> Iterator[tuple[Array, Array]]:
     if model.uncertainty is not None:
         yield model.uncertainty.lower + offset, model.uncertainty.upper + offset
     for term in model.terms:
-        if isinstance(valid := getattr(term, "valid", None), Range):
+        if (valid := term.fitted_range) is not None:
             yield valid.lower + offset, valid.upper + offset

@@ -69,8 +69,8 @@ def test_what_the_console_reads_is_read(tmp_path):
         found = ConsoleFile.load(path)
         assert (found.arm, found.version) == ("mtmr", 2), case
         assert (found.positive == expected.positive).all(), case
-        assert (found.dead_band == expected.dead_band).all(), case
-        assert (found.lower == expected.lower).all(), case
+        assert (found.blend.dead_band == expected.blend.dead_band).all(), case
+        assert (found.valid.lower == expected.valid.lower).all(), case
         assert ("text" in codes(path)) == warned, case
         assert check_file(path).answer.use is Use.USABLE, case
 

@@ -12,9 +12,11 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import Arm, Tree
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import Range
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import JointPolynomials
 from dvrk_gravity.parameters import Parameter, Value
 
 Evaluator = Callable[[Array, "Array | None"], Array]
@@ -153,6 +155,22 @@ class Term(Effect):
     def with_terms(self, terms: Sequence[Term]) -> Term:
         """Return the term in a model with others; the same unless it depends on their torque."""
         return self
+
+    # What files of other programs can hold.
+    @property
+    def gravity_beta(self) -> Array | None:
+        """(10,) or more base parameters of gravity, N·m, if its torque is gY(q) beta."""
+        return None
+
+    @property
+    def polynomials(self) -> JointPolynomials | None:
+        """Its torque, if that is a polynomial of each joint's own position."""
+        return None
+
+    @property
+    def fitted_range(self) -> Range | None:
+        """Positions on which it was fitted; ``None``: not stated."""
+        return None if self.polynomials is None else self.polynomials.valid
 
     # Without a measurement.
     @classmethod
