@@ -26,11 +26,14 @@ from dvrk_gravity.monitoring import (
     monitor,
     whitened,
 )
+from dvrk_gravity.monitoring.trials import moments
+from dvrk_gravity.monitoring.wrench import Tip
 
 RATE = 50.0
 SECONDS = 40.0
 ONSET = 24.5
 LOAD = 1.5  # kg
+FORCE = np.array([0.3, 0.3, -0.3])  # N
 
 
 def rows_of(recording) -> Rows:
@@ -195,6 +198,36 @@ def test_the_push_of_a_hand_is_a_push():
     assert (event.kind, event.joints) == ("push", ("pitch",))
     assert event.onset == pytest.approx(ONSET, abs=0.5)
     assert event.end == pytest.approx(ONSET + 1.0, abs=2.5)
+
+
+def test_gains_of_moments_are_chi_squared_of_one_and_of_a_force_s_three():
+    rows, random = rows_of(ecm.recorded(2, SECONDS)), np.random.default_rng(6)
+    band = Band(np.full(ecm.ARM.n, 1e-6), np.full(ecm.ARM.n, 0.05), np.full(ecm.ARM.n, FASTEST))
+    alone, force = [], []
+    for _ in range(20):
+        noise = ecm.NOISE * random.standard_normal(rows.q.shape)
+        window = Window.of(ecm.model(), rows, noise, band, Sampling())
+        window = replace(window, torque=noise[: len(window.time)], open=np.zeros_like(window.open))
+        window = replace(window, error=ecm.NOISE, larger=np.ones_like(window.larger))
+        known = ChangeTest(window.uncertain, window.residual)
+        gain = moments(window, known, 0, Tip(ecm.ARM)).gain
+        heard_whole = gain[(gain > 0.0).all(axis=1)]
+        alone.append(heard_whole[:, :-1].mean())
+        force.append(heard_whole[:, -1].mean())
+    assert np.mean(alone) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(force) == pytest.approx(3.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("size", "joint"), [(1.0, None), (4.0, None), (1.0, ecm.INSERTION)])
+def test_a_force_that_no_joint_shows_alone_is_a_push_and_a_larger_one_no_friction(size, joint):
+    def force(q, qd, qdd):
+        torque = np.einsum("mkn,k->mn", Tip(ecm.ARM).velocity_jacobian(q), size * FORCE)
+        torque[round((ONSET + 1.0) * 100.0) :] = 0.0
+        return torque if joint is None else torque * (np.arange(ecm.ARM.n) == joint)
+
+    events = heard(later(force))
+    assert [event.kind for event in events] == ["push"] * (joint is None)
+    assert all(event.onset == pytest.approx(ONSET, abs=0.7) for event in events)
 
 
 @pytest.mark.parametrize(("part", "kinds"), [(1.0, []), (8.0, ["push"])])

@@ -10,14 +10,16 @@ from dvrk_gravity.monitoring.observer import MomentumObserver
 from dvrk_gravity.monitoring.rows import Rows
 from dvrk_gravity.monitoring.trials import Key, Limits, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
+from dvrk_gravity.monitoring.wrench import Tip
 
 _STEP = 4.0  # s, between two looks at the calibration
 _SHORTEST = 10.0  # s, of a part that shows what recurs: as long as a monitor learns
 
 
 def calibration_limits(
-    model: TorqueModel, band: Band, sampling: Sampling, longest: float, limits: Limits
-) -> Limits:
+    model: TorqueModel, band: Band, sampling: Sampling, longest: float, limits: Limits,
+    tip: Tip | None,
+) -> Limits:  # fmt: skip
     """Return limits that the calibration's own samples do not exceed.
 
     What the model lacks recurs in other motions, and not as white noise: after reversals, say.
@@ -28,12 +30,13 @@ def calibration_limits(
         sampling: Of observer and windows.
         longest: s, of a window.
         limits: Those by chance.
+        tip: Where a hand may push.
     """
     kept = None if model.uncertainty is None else model.uncertainty.calibration
     if kept is None or model.of_file:
         return limits
     of_causes = dict[Key, float]()
-    of_pushes = np.zeros(model.arm.n)
+    of_pushes = np.zeros(model.arm.n + 1)
     for part in kept.parts:
         time = np.arange(part.start, part.stop) / kept.rate
         samples = (kept.q[part], kept.qd[part], kept.effort[part])
@@ -54,6 +57,6 @@ def calibration_limits(
                     possible = trial.possible(window)
                     if possible is not None:
                         of_causes[key] = max(of_causes.get(key, 0.0), possible.evidence.gain)
-            found = moments(window.with_rests(), test, 0)
+            found = moments(window.with_rests(), test, 0, tip)
             of_pushes = np.maximum(of_pushes, found.gain.max(axis=0))
     return Limits(limits.false_alarms, of_causes, of_pushes)

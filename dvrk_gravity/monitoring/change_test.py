@@ -101,6 +101,10 @@ class ChangeTest:
         found = solve_triangular(self._factor, directions.T, lower=True, check_finite=False)
         return np.asarray(np.sqrt(np.sum(found**2, axis=0)))
 
+    def covariance_of(self, directions: Array) -> Array:
+        """Return the (r, r) covariance of (r, d) combinations of the uncertain directions."""
+        return np.asarray(directions @ self._solve(directions.T))
+
     def likelihood(self, columns: Array) -> tuple[Array, Array]:
         """Return (k, k) A and (k,) b of the log-likelihood b' theta - theta' A theta / 2.
 

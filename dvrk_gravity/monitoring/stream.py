@@ -23,11 +23,19 @@ from dvrk_gravity.monitoring.observer import (
     white_noise,
 )
 from dvrk_gravity.monitoring.rows import Rows
-from dvrk_gravity.monitoring.trials import Limits, likeliest, moments, trials
+from dvrk_gravity.monitoring.trials import (
+    LONGEST_MOMENT,
+    Limits,
+    UsualGains,
+    likeliest,
+    moments,
+    trials,
+)
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
+from dvrk_gravity.monitoring.wrench import Tip
 
 _MOVES = 0.01  # rad (Arm.scale), in a second or two, of an arm that moves. Chosen
-_OVERLAP = 0.3  # s, by which looks at pushes overlap: one may begin just before its look
+_ASIDE = 0.3  # s, before a push seems to begin, that may have something of it. Chosen
 
 
 @dataclass(frozen=True)
@@ -114,14 +122,19 @@ class _Push:
     Attributes:
         begin: s.
         peak: (n,) largest torque, N·m.
-        end: s; ``None``: it goes on.
+        end: s, so far.
         impulse: Integral of the torque's norm, N·m·s.
     """
 
     begin: float
     peak: Array
-    end: float | None = None
+    end: float
     impulse: float = 0.0
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when it may act, s."""
+        return self.begin - 0.5, self.end + 0.5
 
 
 class Monitor:
@@ -139,6 +152,7 @@ class Monitor:
         self.changes: tuple[Change, ...] = ()
         sampling, n = self.settings.sampling, model.arm.n
         gain = np.full(n, FASTEST)  # until noise is known
+        self._tip = None if model.arm.read_in else Tip(model.arm)
         self._observer = MomentumObserver(model, gain, 5.0 / sampling.row_rate)
         self._rows, self._unexpected, self._momentum = Rows.none(n), *np.zeros((2, 0, n))
         self._listened, self._moved = 0.0, 0.0  # s, and s of motion
@@ -148,6 +162,7 @@ class Monitor:
         self._limits = Limits(self.settings.false_alarms / 3600.0)
         self._baseline: Sums | None = None  # of what has left the window since the last change
         self._pending: float | None = None  # since when a cause has passed
+        self._usual = UsualGains.begin(n)
         self._push: _Push | None = None
         self._over: tuple[_Push, ...] = ()
         self._left_out: tuple[tuple[float, float], ...] = ()
@@ -221,16 +236,13 @@ class Monitor:
             measured = np.sqrt(np.mean(self._unexpected**2, axis=0))
             self._band = Band.of(self.model, measured, gain)
             self._limits = calibration_limits(
-                self.model, self._band, sampling, self.settings.longest, self._limits
+                self.model, self._band, sampling, self.settings.longest, self._limits, self._tip
             )
-        window = self._beside_changes(
-            Window.of(
-                self.model, self._rows, self._unexpected, self._band, sampling, self._left_out
-            )
-        )
+        window = self._window(self._left_out)
         test = ChangeTest(window.uncertain, window.residual, self._baseline)
+        self._look_for_push(window, new)
         events = list(self._changed(window, test)) if self.ready else []
-        events = events or list(self._pushed(window, new))
+        events = events or list(self._pushed(window))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
             self._baseline = self._kept(window, new)
         each = sampling.averaged
@@ -238,8 +250,15 @@ class Monitor:
         deviation = np.repeat(window.deviation(test, last), each, axis=0)[-new:]
         return np.pad(deviation, ((new - len(deviation), 0), (0, 0)), mode="edge"), events
 
-    def _beside_changes(self, window: Window) -> Window:
-        """Return the window without the torque of reported changes, whose sizes stay uncertain."""
+    def _window(self, without: tuple[tuple[float, float], ...]) -> Window:
+        """Return the rows less some spans of time, and less the torque of reported changes.
+
+        Whose sizes stay uncertain.
+        """
+        assert self._band is not None  # since it was judged
+        window = Window.of(
+            self.model, self._rows, self._unexpected, self._band, self.settings.sampling, without
+        )
         for change in self.changes:
             columns = window.columns(change.hypothesis, change.since)
             torque = columns @ change.theta
@@ -301,8 +320,11 @@ class Monitor:
         explains = best.left(window.usable) < settings.remains
         if not explains and now - self._pending < settings.give_up:
             return
+        since_onset = [push for push in self._over if push.begin >= onset - 1.0]
+        if not all(self._outlasts(push, best.hypothesis) for push in since_onset):
+            return
         self._pending, self._push = None, None
-        self._over = tuple(push for push in self._over if push.begin < onset - 1.0)
+        self._over = tuple(push for push in self._over if push not in since_onset)
         joints = best.joints()
         known = {change.hypothesis.key: change for change in self.changes}
         again = known.get(best.hypothesis.key)
@@ -328,6 +350,18 @@ class Monitor:
             tuple(each.alternative() for each in rivals),
         )  # fmt: skip
 
+    def _outlasts(self, push: _Push, cause: Hypothesis | None = None) -> bool:
+        """Return whether what seems a push is a change: some cause shows without it as well."""
+        window = self._window((*self._left_out, push.span))
+        test = ChangeTest(window.uncertain, window.residual, self._baseline)
+        first = int(np.searchsorted(window.time, push.begin))
+        found = trials(window, test, [first] if first else self._onsets(window), self._limits)
+        return any(
+            trial.excess > 0.0 and trial.possible(window) is not None
+            for trial in found
+            if cause is None or trial.hypothesis.key == cause.key
+        )
+
     def _onsets(self, window: Window) -> list[int]:
         """Return the samples with which a cause may have begun, rising."""
         settings, now = self.settings, float(window.time[-1])
@@ -337,52 +371,70 @@ class Monitor:
         firsts = np.searchsorted(window.time, now - np.array(settings.spans))
         return np.unique(firsts[firsts > 0]).tolist()
 
-    def _pushed(self, window: Window, new: int) -> Iterator[Event]:
+    def _pushed(self, window: Window) -> Iterator[Event]:
         """Yield pushes that are over, and are no change."""
+        now = float(window.time[-1])
+        for push in self._over:
+            waits = self._pending is not None and now - push.end <= self.settings.patience
+            if waits:
+                continue
+            self._over = tuple(other for other in self._over if other is not push)
+            if self._pending is None or not self._outlasts(push):
+                self._left_out = (*self._left_out, push.span)
+                yield self._event(push, now)
+        self._left_out = tuple(s for s in self._left_out if s[1] > window.time[0] - 2.0)
+
+    def _look_for_push(self, window: Window, new: int) -> None:
+        """Begin a push, go on with it, or end it, by what the last rows show."""
         settings, now = self.settings, float(window.time[-1])
         rate = settings.sampling.row_rate
-        since = now - new / rate - _OVERLAP
+        first_new = int(np.searchsorted(window.time, now - new / rate))
+        earliest = float(window.time[max(first_new - LONGEST_MOMENT, 0)])
         # What a push adds must not pass for what is uncertain anyway.
-        until = since if self._push is None else min(since, self._push.begin - _OVERLAP)
+        pushes = self._over if self._push is None else (*self._over, self._push)
+        until = min([earliest, *(push.begin - _ASIDE for push in pushes)])
         before = (window.time < until)[:, None]
         uncertain = window.uncertain * before[:, :, None]
         known = ChangeTest(uncertain, window.residual * before, self._baseline)
-        found = moments(window.with_rests(), known, int(np.searchsorted(window.time, since)))
-        limit = self._limits.push(found.gain.size)
-        excluded = np.isin(self.model.arm.joint_names, list(self._unexplained))
-        acts = (found.gain > limit) & ~excluded
+        blind = [self.model.arm.joint_names.index(name) for name in self._unexplained]
+        found = moments(window.with_rests(), known, first_new, self._tip, blind)
+        limit = self._limits.push(found.gain, self._usual.of(found))
+        over = max((push.end for push in self._over), default=-np.inf)
+        begins = window.time[found.begin]
+        excess = np.where(begins[:, None] > over, found.gain / limit, 0.0)
+        acts = excess > 1.0
+        goes_on = acts[begins > window.time[first_new] - _ASIDE].any()
+        forgotten = new / rate / settings.forget
+        self._usual = self._usual.after(found, limit, float(np.exp(-forgotten)))
         if acts.any():
-            begin = float(window.time[int(found.begin[acts.any(axis=1)][0])])
-            peak = np.max(np.abs(np.where(acts, found.torque, 0.0)), axis=0)
-            old = self._push or _Push(begin, peak)
+            clearest = int(excess.max(axis=1).argmax())
+            begin, end = float(begins[clearest]), found.end[clearest] - 1
+            felt = np.any(acts, axis=1, keepdims=True) & (found.gain[:, :-1] > NORMAL_95**2)
+            peak = np.max(np.abs(np.where(felt, found.torque, 0.0)), axis=0)
+            if not peak.any():  # a little at several
+                peak = np.abs(window.torque[found.begin[clearest] : end].mean(axis=0))
+            old = self._push or _Push(begin, peak, now)
             inside = window.time >= max(begin, now - new / rate)
             step = 1.0 / settings.sampling.sample_rate
             torque = np.linalg.norm(window.torque[inside], axis=1)
             self._push = replace(
-                old, peak=np.maximum(old.peak, peak), impulse=old.impulse + step * torque.sum()
-            )
-        elif self._push is not None:
+                old, peak=np.maximum(old.peak, peak), end=float(window.time[end]),
+                impulse=old.impulse + step * torque.sum(),
+            )  # fmt: skip
+        if self._push is not None and not goes_on:
             if now - self._push.begin < settings.push + 2.0:
-                self._over = (*self._over, replace(self._push, end=now - new / rate))
+                self._over = (*self._over, self._push)
             self._push = None
-        ready = [
-            push
-            for push in self._over
-            if self._pending is None or now - (push.end or now) > settings.patience
-        ]
-        self._over = tuple(push for push in self._over if push not in ready)
-        for push in ready:
-            end = push.end or now
-            self._left_out = (*self._left_out, (push.begin - 0.5, end + 0.5))
-            arm, order = self.model.arm, np.argsort(-push.peak)
-            names = arm.joint_names
-            joints = tuple(names[j] for j in order if push.peak[j] > 0.2 * push.peak.max())
-            values = {
-                names[j]: Estimate(float(push.peak[j]), np.nan, np.nan, arm.effort_units[j])
-                for j in order
-                if push.peak[j] > 0.0
-            }
-            yield Event(
-                "push", push.begin, now, joints, end=end, values=values, impulse=push.impulse
-            )
-        self._left_out = tuple(s for s in self._left_out if s[1] > window.time[0] - 2.0)
+
+    def _event(self, push: _Push, now: float) -> Event:
+        arm, order = self.model.arm, np.argsort(-push.peak)
+        names = arm.joint_names
+        joints = tuple(names[j] for j in order if push.peak[j] > 0.2 * push.peak.max())
+        values = {
+            names[j]: Estimate(float(push.peak[j]), np.nan, np.nan, arm.effort_units[j])
+            for j in order
+            if push.peak[j] > 0.0
+        }
+        return Event(
+            "push", push.begin, now, joints, end=push.end, values=values, impulse=push.impulse
+        )

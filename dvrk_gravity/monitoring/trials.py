@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from dvrk_gravity.arrays import Array, Mask
@@ -17,6 +18,7 @@ from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
 from dvrk_gravity.monitoring.events import Alternative
 from dvrk_gravity.monitoring.window import Window
+from dvrk_gravity.monitoring.wrench import Tip
 
 Key = tuple[str, tuple[int, ...], str]
 
@@ -24,8 +26,12 @@ Key = tuple[str, tuple[int, ...], str]
 _GAIN = OTHER_MOTION**2
 _CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
 _SHAPE = 0.05  # of a cause's power: a column that is off by a fifth of itself. Chosen
-# Samples, of moments at which any torque may act: a third and two thirds of a second.
-_LENGTHS = (4, 8)
+# Samples, of moments at which any torque may act: a third of a second to two.
+_LENGTHS = (4, 8, 16, 25)
+_BEFORE = 50.0  # moments of a length, of gain one, that count as known before any. Chosen: 10 s
+LONGEST_MOMENT = max(_LENGTHS)
+_FLAT = 1e-9  # of the largest information on a force, that is rounding: no joint feels that way
+_SAYS = 0.75  # part of a moment's samples that has to say something. Chosen
 _APART = 3  # samples between two such moments
 
 
@@ -36,7 +42,7 @@ class Limits:
     Attributes:
         false_alarms: Tests of one second that may pass by chance, by white errors.
         of_causes: The largest gain that the calibration itself shows, by cause.
-        of_pushes: (n,) likewise of torque at one joint for a moment.
+        of_pushes: (n + 1,) likewise of what acts for a moment, at each joint and at the tip.
     """
 
     false_alarms: float
@@ -48,10 +54,16 @@ class Limits:
         chance = float(chi2.isf(self.false_alarms / count, k))
         return max(chance, _GAIN * self.of_causes.get(hypothesis.key, 0.0))
 
-    def push(self, count: int) -> Array:
-        """Return (n,) or (1,) gains from which on one of so many moments is no chance."""
-        chance = chi2.isf(self.false_alarms / max(count, 1), 1)
-        return np.maximum(chance, _GAIN * self.of_pushes)
+    def push(self, gain: Array, usual: Array) -> Array:
+        """Return (p, n + 1) limits from which on one of as many gains of moments is no chance.
+
+        Args:
+            gain: (p, n + 1) gains.
+            usual: (p, n + 1) their mean where nothing happens, over the degrees of freedom.
+        """
+        freedom = np.append(np.ones(gain.shape[1] - 1), 3.0)
+        chance = chi2.isf(self.false_alarms / max(gain.size, 1), freedom)
+        return np.maximum(chance * usual, _GAIN * self.of_pushes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,47 +266,113 @@ def trials(
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Torque of any origin that acts for a moment.
+    """Torque of any origin that acts for a moment: at one joint, or of a force at the tip.
 
     Attributes:
-        begin: Index of each moment's first sample.
-        gain: (moments, n) of torque at one joint; 0 where it is not known.
-        torque: (moments, n) of it, N·m.
+        begin: (p,) index of each moment's first sample.
+        end: (p,) of the one after its last.
+        gain: (p, n + 1) of torque at each joint alone, then of a force; 0 where it is not known.
+        torque: (p, n) torque at each joint alone, N·m; 0 where it is not known.
     """
 
-    begin: Array
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
     gain: Array
     torque: Array
 
 
-def moments(window: Window, known: ChangeTest, since: int) -> Moments:
-    """Return what acts at one joint or another for a moment, since a sample.
+@dataclass(frozen=True, eq=False)
+class UsualGains:
+    """Mean gains of moments in which nothing happens, which are one where errors are as known.
+
+    A model's error may last longer than it knows: the longer a moment, the larger its gain then.
+
+    Attributes:
+        total: (lengths, n + 1) sums of gains.
+        count: (lengths, n + 1) how many that are known.
+    """
+
+    total: Array
+    count: Array
+
+    @classmethod
+    def begin(cls, n: int) -> UsualGains:
+        """Return those of n joints of which nothing is known: as of some moments of gain one."""
+        count = np.full((len(_LENGTHS), n + 1), _BEFORE)
+        return cls(count * np.append(np.ones(n), 3.0), count)
+
+    def after(self, found: Moments, limit: Array, kept: float) -> UsualGains:
+        """Return these, of which a part is kept, with other moments' up to (p, n + 1) limits."""
+        length = _length_of(found)
+        total, count = kept * self.total, kept * self.count
+        np.add.at(total, length, np.minimum(found.gain, limit))
+        np.add.at(count, length, found.gain > 0.0)
+        return UsualGains(total, count)
+
+    def of(self, found: Moments) -> Array:
+        """Return (p, n + 1) what is usual for moments, over the degrees of freedom.
+
+        At least one: where it is less, rare errors (after reversals) are as large all the same.
+        """
+        usual = self.total / self.count
+        usual[:, -1] /= 3.0  # a force has three components
+        return np.maximum(usual, 1.0)[_length_of(found)]
+
+
+def _length_of(found: Moments) -> NDArray[np.int64]:
+    """Return (p,) the indices of moments' lengths."""
+    return np.searchsorted(_LENGTHS, found.end - found.begin)
+
+
+def moments(
+    window: Window, known: ChangeTest, since: int, tip: Tip | None, blind: Sequence[int] = ()
+) -> Moments:
+    """Return what acts for moments that end after a sample.
 
     Args:
         window: The samples.
-        known: The uncertain directions as samples before those determine them.
-        since: Index of the first sample.
+        known: The uncertain directions as samples before the moments determine them.
+        since: Index of the sample.
+        tip: Where a force may act; ``None``: nowhere.
+        blind: Indices of joints that are not looked at.
     """
     m, n = window.usable.shape
     parts = [
         slice(start, start + length)
-        for start in range(max(since, 0), m - _LENGTHS[0] + 1, _APART)
         for length in _LENGTHS
-        if start + length <= m
+        for start in range(max(since - length + 1, 0), m - length + 1, _APART)
     ]
+    at_joints = np.ones((m, n, 1))
+    by_force = np.zeros((m, n, 3))
+    if tip is not None:
+        recent = slice(max(since - LONGEST_MOMENT, 0), m)
+        jacobians = tip.velocity_jacobian(window.motion.true_q[recent])
+        by_force[recent] = jacobians.transpose(0, 2, 1)
+    columns = np.concatenate([at_joints, by_force], axis=2)
+    columns[:, list(blind)] = 0.0
+    inner, first = window.white(columns), window.white_alone(columns)
     uncertain = window.uncertain
     unexpected = window.residual - uncertain @ known.directions
-    gain, torque = np.zeros((2, len(parts), n))
+    gain, torque = np.zeros((len(parts), n + 1)), np.zeros((len(parts), n))
     for index, part in enumerate(parts):
-        act = np.zeros((m, n))
-        act[part] = 1.0
-        white = window.white(act)[part]  # what comes after may go on
-        held = np.einsum("mn,mnd->nd", white, uncertain[part])
-        variance = np.sum(white**2, axis=0) + known.deviation_of(held) ** 2
-        score = np.sum(white * unexpected[part], axis=0)
-        usable = window.usable[part].all(axis=0) & (variance > 0.0)
-        gain[index] = np.where(usable, score**2 / np.where(usable, variance, 1.0), 0.0)
-        torque[index] = np.where(
-            usable, score / np.where(usable, np.sum(white**2, axis=0), 1.0), 0.0
-        )
-    return Moments(np.array([part.start for part in parts], dtype=float), gain, torque)
+        # Samples beside many that say nothing say little.
+        usable = np.mean(window.usable[part], axis=0) >= _SAYS
+        white = np.where(usable[:, None], inner[part], 0.0)
+        white[0] = np.where(usable[:, None], first[part.start], 0.0)  # what comes after may go on
+        joint, force = white[:, :, 0], white[:, :, 1:]
+        directions, rest = uncertain[part], unexpected[part]
+        held = np.einsum("mn,mnd->nd", joint, directions)
+        power, score = np.sum(joint**2, axis=0), np.sum(joint * rest, axis=0)
+        power = np.where(power > 0.0, power, 1.0)
+        gain[index, :n] = score**2 / (power + known.deviation_of(held) ** 2)
+        torque[index] = score / power
+        if tip is None:
+            continue
+        square = np.einsum("mnk,mnl->kl", force, force)
+        shared = np.einsum("mnk,mnd->kd", force, directions)
+        pull = np.einsum("mnk,mn->k", force, rest)
+        spread = np.linalg.pinv(square + known.covariance_of(shared), _FLAT, hermitian=True)
+        gain[index, n] = pull @ spread @ pull
+    begin, end = (np.array([getattr(part, side) for part in parts], dtype=np.int64)
+                  for side in ("start", "stop"))  # fmt: skip
+    return Moments(begin, end, gain, torque)

@@ -194,6 +194,17 @@ class Window:
         white = whitened(values / larger, self._follows, self.error, self._correlation)
         return np.where(usable, white, 0.0)
 
+    def white_alone(self, values: Array) -> Array:
+        """Return (m, n, …) samples, each whitened as if there were nothing before it."""
+        beside = (values.ndim - 2) * (1,)
+        usable, larger, follows, kept = (
+            each.reshape(*each.shape, *beside)
+            for each in (self.usable, self.larger, self._follows, self._correlation)
+        )
+        error = self.error.reshape(-1, *beside)
+        alone = values / larger / error / np.sqrt(1.0 - np.where(follows, kept, 0.0) ** 2)
+        return np.where(usable, alone, 0.0)
+
     def deviation(self, test: ChangeTest, rows: slice) -> Array:
         """Return (r, n) standard deviation of the residual in some samples, N·m.
 

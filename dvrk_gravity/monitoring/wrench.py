@@ -90,6 +90,16 @@ class Tip:
         of_tree = pin.computeJointJacobian(tree.model, tree.data, tree.expand @ q, self._joint)
         return np.asarray(self._frame.actionInverse @ of_tree @ tree.expand)
 
+    def velocity_jacobian(self, q: Array) -> Array:
+        """Return (N, 3, n) Jacobians to the tip's velocity in the base at (N, n) true positions."""
+        tree, found = self._tree, np.zeros((len(q), 3, q.shape[1]))
+        for index, pose in enumerate(q):
+            expanded = tree.expand @ pose
+            pin.forwardKinematics(tree.model, tree.data, expanded)
+            turned = tree.data.oMi[self._joint].rotation @ self._frame.rotation
+            found[index] = turned @ self.jacobian(pose)[:3]
+        return found
+
     def wrench(self, q: Array, torque: Array, deviation: Array) -> Wrench:
         """Return the wrench that acts on the arm.
 
