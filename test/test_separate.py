@@ -225,16 +225,6 @@ def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
     assert np.ptp(planned) > 3.0 * np.ptp(held.hypothesis.regressor(wide)[:, 1, 2])
 
 
-def test_a_push_that_happened_once_is_not_expected_again(model):
-    motion = passed(model)
-    push = next(
-        FittedHypothesis(hypothesis, np.ones(1), np.eye(1))
-        for hypothesis in effects.named("thermal_drift").hypotheses(motion)
-    )
-    assert push.hypothesis.transient
-    assert not push.columns(motion).any()
-
-
 def test_a_cause_is_known_in_other_motions_where_a_file_holds_all_of_it(model):
     offset, _ = twins(model)
 
