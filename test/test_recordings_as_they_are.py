@@ -161,24 +161,6 @@ def test_times_that_stand_still_are_refused_with_the_option_that_every_verb_has(
     np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
 
 
-def shifted(rows, seconds):
-    time = START + np.round(CLEAN.time * 1e9).astype(np.int64)
-    time[rows] += round(seconds * 1e9)
-    return time
-
-
-@pytest.mark.parametrize(
-    ("rows", "seconds"),
-    [((600, 605), -2.0), ((600, 605), 100.0), ((1199, 1200), -1.0), ((0, 2), 50.0)],
-)
-def test_stamps_out_of_order_for_a_moment_are_left_out(tmp_path, rows, seconds):
-    found = loaded(tmp_path, messages(CLEAN, stamps=shifted(slice(*rows), seconds)))
-    left = rows[1] - rows[0]
-    assert len(found) == 1200 - left
-    assert found.time[-1] - found.time[0] < 6.1
-    assert ("stamps_back", None, left) in kinds(found)
-
-
 # Readings that no joint can have had
 
 
