@@ -195,6 +195,7 @@ def test_every_hypothesis_is_read_from_json_as_it_was_written():
         text = json.dumps(fit.to_dict(), allow_nan=False)
         again = FittedHypothesis.from_dict(json.loads(text), motion().arm, "findings.json")
         assert type(again.hypothesis) is type(hypothesis)
+        assert all(name in str(again.hypothesis) for name in given.names or ("the arm",))
         for each in fields(hypothesis):
             one, other = (getattr(h, each.name) for h in (hypothesis, again.hypothesis))
             assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recording_samples import ARM, START, joint_state, messages, same, wave, write_messages
-from support import MODEL_FILE
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import JOINT_STATE, BagWriter, Recording, check, prepare
 
@@ -143,22 +141,6 @@ def test_efforts_that_are_renewed_more_slowly_are_interpolated_between_their_ren
         assert [note.kind for note in found.notes] == ["held_readings"]
         np.testing.assert_array_equal(found.effort[::4], CLEAN.effort[::4])
         assert np.abs(found.effort - CLEAN.effort)[:-3].max() < 5e-4  # of 2e-3
-
-
-# Times
-
-
-def test_times_that_stand_still_are_refused_with_the_option_that_every_verb_has(tmp_path, capsys):
-    write_messages(tmp_path / "bag", messages(CLEAN, stamps=np.full(1200, START)))
-    bag, out = str(tmp_path / "bag"), ["--out", str(tmp_path / "x.yaml")]
-    model = ["--model", str(MODEL_FILE)]
-    for verb, words in (
-        ("identify", ["--arm", "mtmr", *out]), ("diagnose", model + out), ("evaluate", model)
-    ):  # fmt: skip
-        assert run(f"dvrk_gravity.cli.{verb}", [bag, *words]) == 2
-        assert "--time-base receive" in capsys.readouterr().err
-    found = Recording.load(bag, time_base="receive")
-    np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
 
 
 # Readings that no joint can have had

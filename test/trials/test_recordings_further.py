@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recording_samples import ARM, START, messages, wave, write_messages
+from support import MODEL_FILE
 
 from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check
 
@@ -74,6 +76,19 @@ def test_late_messages_pairs_and_jitter_are_one_publisher_s(tmp_path):
 
 
 # Times
+
+
+def test_times_that_stand_still_are_refused_with_the_option_that_every_verb_has(tmp_path, capsys):
+    write_messages(tmp_path / "bag", messages(CLEAN, stamps=np.full(1200, START)))
+    bag, out = str(tmp_path / "bag"), ["--out", str(tmp_path / "x.yaml")]
+    model = ["--model", str(MODEL_FILE)]
+    for verb, words in (
+        ("identify", ["--arm", "mtmr", *out]), ("diagnose", model + out), ("evaluate", model)
+    ):  # fmt: skip
+        assert run(f"dvrk_gravity.cli.{verb}", [bag, *words]) == 2
+        assert "--time-base receive" in capsys.readouterr().err
+    found = Recording.load(bag, time_base="receive")
+    np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
 
 
 def shifted(rows, seconds):
