@@ -141,6 +141,7 @@ def test_at_a_place_the_mass_is_half_normal_before_data_and_integrated():
     mean = np.trapezoid(mass * density, mass, axis=1) / whole
     draws = form.draw(np.repeat(places, 20_000, axis=0), random).reshape(len(places), -1)
     assert draws.mean(axis=1) == pytest.approx(mean, rel=0.03)
+    assert replace(form, score=-1e3 * terms[0]).draw(places[:1], random) == 0.0, "hardly a load"
 
 
 def test_a_temperature_rises_until_half_of_the_draws_are_effective_and_no_further_than_wanted():
