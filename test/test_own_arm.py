@@ -199,7 +199,6 @@ def test_a_unit_is_doubted_from_a_factor_of_four_on_and_gains_are_refused_from_t
     for factor, doubted in ((0.04, True), (0.28, False), (3.6, False), (4.4, True), (27.0, True)):
         _, notes = in_their_unit(with_gains, [in_amperes(scaled(factor))])
         assert any(note.kind == "effort_unit" for note in notes) == doubted, factor
-        # Of a model that is not identified, however many recordings: once, but for the unit itself.
         twice = 2 * [in_amperes(scaled(factor))]
         odd = tuple(note for note in notes if note.kind != "effort_read")
         assert require_newtons(TorqueModel.stated(with_gains), twice) == odd

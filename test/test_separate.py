@@ -259,6 +259,8 @@ def test_a_diagnosis_names_what_plans_the_separation_of_each_of_its_causes(model
     assert " --poses " in following(pair, motion=replace(diagnosis.motion, rate=None))[1]
     assert following(pair[:1]) == [None] * 3, "a clear finding"
     assert following(pair, against_reference=True) == [None] * 3
+    said = replace(diagnosis, files=files, misplaced="link2").to_dict()
+    assert (said["misplaced_payload"], said["unseparated"]["model"]) == ("link2", files.model)
 
 
 def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path):
