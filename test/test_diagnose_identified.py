@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 from diagnosed import (
+    INSERTION,
     LAB_SEED,
     PITCH,
+    ROLL,
     YAW,
     another,
     claims,
+    eye,
     holds,
     identified,
     lab,
@@ -22,6 +25,7 @@ from diagnosed import (
     seen,
 )
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis import (
     FRICTION_BY_LOAD,
     Diagnosis,
@@ -33,9 +37,13 @@ from dvrk_gravity.diagnosis import (
 from dvrk_gravity.effects import (
     THE_ARM,
     AllFrictionHypothesis,
+    Hypothesis,
+    OffsetHypothesis,
+    RippleHypothesis,
     Site,
     State,
     TimeDelay,
+    ViscousHypothesis,
     WallHypothesis,
 )
 from dvrk_gravity.errors import ConfigError
@@ -83,28 +91,126 @@ def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path
     again = TorqueModel.load(tmp_path / "extended.yaml")
 
     assert diagnose(recording, again).findings == ()
-    # Errors below the band of those that `evaluate` compares, as of the model before.
-    assert again.uncertainty.band == DEFAULT_CUTOFF
     evaluation = evaluate(again, recording)
     assert set(evaluation.expected) == set(evaluation.joints)
     for joint, expected in evaluation.expected.items():
         assert evaluation.joints[joint].rmse < expected.high, joint
 
 
-def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error():
+def test_where_the_model_was_not_identified_a_function_of_a_joint_s_position_may_be_its_error():
     recording, model = seen(another(3)), identified().model
     least, upper = np.quantile(recording.position[:, YAW], (0.0, 0.7))
-    narrow = replace(model.uncertainty, upper=np.array([upper, *model.uncertainty.upper[1:]]))
-    motion = load([recording], replace(model, uncertainty=narrow))
+    at = {"arm": lab().arm, "site": Site.joint(YAW)}
+    wall = partial(WallHypothesis, **at, side=1.0)
+    ripple = RippleHypothesis(
+        arm=lab().arm, site=Site.motor(YAW), setting={"cycles_per_revolution": 0.1}
+    )
 
-    def doubt(position: float) -> str:
-        wall = WallHypothesis(
-            arm=lab().arm, site=Site.joint(YAW), side=1.0, setting={"position": position}
-        )
-        return beyond_range(motion, wall, np.ones(1))
+    def doubt(hypothesis: Hypothesis, edge: float, **changes: object) -> str:
+        narrow = replace(model.uncertainty, upper=np.array([edge, *model.uncertainty.upper[1:]]))
+        motion = load([recording], replace(model, **{"uncertainty": narrow} | changes))
+        return beyond_range(motion, hypothesis, np.ones(hypothesis.regressor(motion).shape[2]))
 
-    assert JOINTS[YAW] in doubt(upper)
-    assert doubt(least) == ""
+    above = wall(setting={"position": upper})
+    assert JOINTS[YAW] in doubt(above, upper)
+    assert doubt(above, upper, uncertainty=None) == ""
+    assert JOINTS[YAW] in doubt(OffsetHypothesis(**at), least)
+    for elsewhere in (ViscousHypothesis(**at), ripple):
+        assert doubt(elsewhere, least) == ""
+    assert doubt(wall(setting={"position": least}), upper) == "", "most of it acts inside"
+
+
+def test_the_extended_model_s_range_grows_where_it_is_right_and_only_there():
+    """Beyond the range of two joints pitch has a slope that no term of the model has."""
+    truth, model = another(3), identified().model
+    known = model.uncertainty
+    upper = np.array([*np.quantile(truth.q[:, :2], 0.8, axis=0), *known.upper[2:]])
+    extra = 5.0 * np.maximum(truth.q - upper, 0.0) * eye(PITCH)
+    extra += 0.05 * np.tanh(truth.qd / 0.02) * eye(ROLL)
+    recording = seen(truth, 3, extra)
+    narrow = replace(model, uncertainty=replace(known, upper=upper, band=4.0))
+
+    diagnosis = diagnose(recording, narrow)
+
+    finding, now = only(diagnosis), diagnosis.model.uncertainty
+    assert (finding.effect, finding.joints) == ("coulomb_friction", (JOINTS[ROLL],))
+    q = recording.position
+    right = np.maximum(upper, q.max(axis=0)) * (1.0 - eye(PITCH)) + upper * eye(PITCH)
+    assert now.upper == pytest.approx(right, abs=0.01)
+    assert now.lower == pytest.approx(np.minimum(known.lower, q.min(axis=0)), abs=0.01)
+    assert now.band == DEFAULT_CUTOFF, "of errors as `evaluate` compares them"
+
+
+@cache
+def doubtful(times: float) -> TorqueModel:
+    """Return a model that says it is so much less certain than it is, and everywhere alike."""
+    known = identified().model.uncertainty
+    wide = replace(
+        known, deviations={name: times * each for name, each in known.deviations.items()},
+        offset=times * known.offset, gravity=times * known.gravity, calibration=None,
+        lower=known.lower - 9.0, upper=known.upper + 9.0, speed=known.speed + 9.0,
+    )  # fmt: skip
+    return replace(identified().model, uncertainty=wide)
+
+
+def state() -> State:
+    return State(another(6).q, another(6).qd, another(6).qdd)
+
+
+def torques(model: TorqueModel) -> Array:
+    """Return (d, T, n) torques of a motion by which a model may be off, a deviation each."""
+    ways = np.eye(model.uncertainty.size)
+    there = (replace(model, terms=tuple(model.uncertainty.moved(model.terms, way))) for way in ways)
+    return np.array([each.torque_at(state()) for each in there]) - model.torque_at(state())
+
+
+def rms(torque: Array) -> Array:
+    """Return that of (…, T, n) torques; of several, of all together."""
+    return np.sqrt(np.mean(np.atleast_3d(torque.T) ** 2, axis=1).sum(axis=-1))
+
+
+def largest(times: float) -> Array:
+    """Return that of them of which insertion has most."""
+    return max(torques(doubtful(times)), key=lambda torque: rms(torque)[INSERTION])
+
+
+@pytest.mark.parametrize("deviations", [2.0, 3.0])
+def test_what_the_model_s_own_parameters_explain_is_more_than_expected_beyond_1_96(deviations):
+    torque, bound = deviations * largest(8.0), 1.96 * rms(torques(doubtful(8.0)))[INSERTION]
+    size = rms(torque)[INSERTION]
+
+    diagnosis = diagnose(seen(another(6), 6, torque), doubtful(8.0))
+
+    (moved,) = (one for one in diagnosis.known if one.effect == "model_parameters")
+    assert (diagnosis.findings, moved.joints) == ((), (JOINTS[INSERTION],))
+    assert moved.parameters["rms"].value == pytest.approx(size, rel=0.05)
+    shown = re.search(r"up to ([\d.]+) N RMS", moved.sentence)
+    assert float(shown[1]) == pytest.approx(bound, rel=0.03)
+    assert ("explained by" in moved.sentence) == (size < bound) == (deviations < 3.0)
+
+
+def test_an_extended_model_has_moved_to_the_truth_and_is_no_farther_off_than_it_says():
+    """Its own friction at roll may be off by 0.05 N·m, and is by 0.5: only the sum is known."""
+    values, known = dict(identified().model.parameters()), doubtful(3.0).uncertainty
+    levels = {side: f"coulomb_friction.joint_{side}" for side in ("positive", "negative")}
+    for level in levels.values():
+        values[level] = tuple(values[level] + 0.5 * eye(ROLL))
+    own = known.deviations["coulomb_friction"].copy()
+    own[[ROLL, lab().arm.n + ROLL], 0] += 0.05
+    uncertain = replace(known, deviations={**known.deviations, "coulomb_friction": own})
+    given = replace(identified().model, uncertainty=uncertain)
+    own_torque = 0.3 * largest(3.0)
+    effort = TorqueModel.from_parameters(values, lab().arm).torque_at(state()) + own_torque
+
+    diagnosis = diagnose(seen(replace(another(6), effort=effort), 6), given)
+
+    assert only(diagnosis).joints == (JOINTS[ROLL],)
+    missed = rms(diagnosis.model.torque_at(state()) - effort)
+    before, after = (rms(torques(each)) for each in (given, diagnosis.model))
+    assert (after < 0.5 * before).all()
+    assert (missed < after).all()
+    assert (missed > 0.1 * after).all()
+    assert missed[INSERTION] < 0.25 * rms(own_torque)[INSERTION]
 
 
 # What the calibration shows already.

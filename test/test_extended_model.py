@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +12,15 @@ import pytest
 
 from dvrk_gravity import effects
 from dvrk_gravity.compensate import Settings
-from dvrk_gravity.diagnosis import NO_TERM, NOT_AS_FOUND, MeasuredMotion, extended, hypotheses, load
+from dvrk_gravity.diagnosis import (
+    NO_TERM,
+    NOT_AS_FOUND,
+    FittedHypothesis,
+    MeasuredMotion,
+    extended,
+    hypotheses,
+    load,
+)
 from dvrk_gravity.effects import (
     CableHypothesis,
     Hypothesis,
@@ -22,6 +31,7 @@ from dvrk_gravity.effects import (
     State,
     WallHypothesis,
 )
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
 from testing.world import COARSE, World
@@ -171,6 +181,37 @@ def test_every_effect_that_can_be_supposed_is_tried_here():
     assert tried == set(CARRIED | READ_WRONGLY | NOT_CARRIED)
     without = {"unknown", "time_scale", "velocity_scale"}
     assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - without <= tried
+
+
+def test_every_hypothesis_is_read_from_json_as_it_was_written():
+    """Infinite priors included; what happened once acts in no other motion."""
+    random = np.random.default_rng(0)
+    for number, given in enumerate(supposed()):
+        size = given.regressor(motion()).shape[2]
+        prior = (np.inf, *random.uniform(size=size - 1).tolist())
+        hypothesis = replace(given, prior_std=prior) if number % 2 else given
+        theta, root = random.normal(size=size), random.normal(size=(size, size))
+        fit = FittedHypothesis(hypothesis, theta, root @ root.T, number / 7.0, number % 3 == 0)
+        text = json.dumps(fit.to_dict(), allow_nan=False)
+        again = FittedHypothesis.from_dict(json.loads(text), motion().arm, "findings.json")
+        assert type(again.hypothesis) is type(hypothesis)
+        assert all(name in str(again.hypothesis) for name in given.names or ("the arm",))
+        for each in fields(hypothesis):
+            one, other = (getattr(h, each.name) for h in (hypothesis, again.hypothesis))
+            assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+        for name in ("theta", "covariance", "evidence", "rejected"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(fit, name))
+        wanted = 0.0 if given.transient else given.extrapolated.regressor(motion())
+        np.testing.assert_array_equal(again.columns(motion()), np.broadcast_to(wanted, (
+            *motion().q.shape, size)), err_msg=str(given))  # fmt: skip
+        assert fit.known_elsewhere != given.refits_model
+    entry = json.loads(text)
+    for name, damaged in (
+        ("covariance", [[np.inf]]), ("covariance", [[1.0], [1.0]]), ("theta", [np.nan]),
+        ("theta", [[1.0]]), ("evidence", np.inf), ("hypothesis", "Hypothesis"),
+    ):  # fmt: skip
+        with pytest.raises(ConfigError, match="findings"):
+            FittedHypothesis.from_dict({**entry, name: damaged}, motion().arm, "findings.json")
 
 
 def test_the_reloaded_model_reads_what_the_finding_says_and_has_the_same_torque(tmp_path):

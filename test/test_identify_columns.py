@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import diagnosed
 import fitted
 import numpy as np
 import pinocchio as pin
@@ -11,7 +12,14 @@ import pytest
 from known_mtm import ARM
 
 from dvrk_gravity.arms import rigid_body
-from dvrk_gravity.effects import State, base_directions, beta_map, prior_scale
+from dvrk_gravity.effects import (
+    State,
+    assumed_rotors,
+    base_directions,
+    beta_map,
+    prior_scale,
+    rotors_beside_links,
+)
 from dvrk_gravity.estimation import NormalEquations, Solution, fit
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.identification import (
@@ -171,6 +179,24 @@ def test_base_parameters_span_what_torque_depends_on():
     # Every row of the regressor is a combination of them.
     residual = full - full @ np.linalg.pinv(combinations) @ combinations
     assert np.abs(residual).max() < 1e-6 * np.abs(full).max()
+
+
+@pytest.mark.parametrize("arm", [ARM, diagnosed.ARM])
+def test_a_rotor_is_beside_links_where_torque_shows_it_apart_from_them(arm):
+    """By the rank of the regressor with it; each takes the same part of its motor's effort."""
+    q, qd, qdd = np.random.default_rng(7).normal(size=(3, 200, arm.n))
+    full = rigid_body.regressor(arm, q, qd, qdd, arm.gravity).reshape(200 * arm.n, -1)
+    full = full / np.maximum(np.linalg.norm(full, axis=0), 1e-9)
+    rotors = [np.outer(qdd @ row, row).reshape(-1, 1) for row in arm.joint_to_actuator]
+    ranks = [
+        np.linalg.matrix_rank(np.hstack([full, *more]), tol=1e-6)
+        for more in ([], *([rotor / np.linalg.norm(rotor)] for rotor in rotors))
+    ]
+    apart = np.flatnonzero(np.array(ranks[1:]) > ranks[0])
+    assert rotors_beside_links(arm) == tuple(apart.tolist())
+    travel = np.diag(arm.joint_to_actuator) * arm.scale
+    part = assumed_rotors(arm) * travel / arm.actuator_effort_limit
+    assert part == pytest.approx(np.full(arm.n, part[0]))
 
 
 def test_beta_of_links_gives_their_weight():

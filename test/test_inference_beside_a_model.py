@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from claims import N, claim, data, pool, problem
-from diagnosed import ARM, INSERTION, YAW
+from diagnosed import ARM, INSERTION, PITCH, YAW
 
-from dvrk_gravity.diagnosis import AtCalibration, CrossValidation
-from dvrk_gravity.effects import PushHypothesis, Site
+from dvrk_gravity.diagnosis import AtCalibration, CrossValidation, hypotheses, refined
+from dvrk_gravity.effects import PushHypothesis, Site, WallHypothesis
 
 SIGMA = 0.1  # N·m: what a standard deviation of the model's parameter makes of its torque
 OFF = 5.0  # standard deviations
@@ -97,3 +97,46 @@ def test_what_came_once_is_not_expected_to_recur():
     kept = CrossValidation.of(replace(validation.data, residual=validation.data.residual + shape))
 
     assert AtCalibration(kept).misfit(push) is None
+
+
+# Settings that are searched for.
+WALL = WallHypothesis(arm=ARM, site=Site.joint(PITCH), side=1.0, setting={"position": 0.0})
+PUSH = PushHypothesis(arm=ARM, site=Site.joint(PITCH), joints=(PITCH,))
+LIGHT = np.array([0.1, 0.3, 0.3, 0.0])  # kg, and kg·m: farther away than a load can be
+SEARCHED = {
+    "contact": ([3.0], {"position": 0.31}, [{"position": 0.2}, {"position": 0.4}]),
+    "for a while": ([0.5], {"start": 7.0, "end": 11.0}, [{"start": 6.7, "end": 11.4}]),
+    "thermal_drift": ([1.0, 0.2], {"time_constant": 6.0}, [{"time_constant": 3.0}]),
+    "stribeck_friction": ([0.3], {"velocity": 0.3}, [{"velocity": 0.16}, {"velocity": 0.6}]),
+    "joint_offset": ([0.25], {"offset": 0.25}, [{"offset": 0.0}, {"offset": -0.3}]),
+    "payload": (
+        [0.5, 0.01, -0.015, 0.03], {"x": 0.02, "y": -0.03, "z": 0.06},
+        [dict.fromkeys("xyz", 0.0), LIGHT],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("beside", [(), (pool()[0],)])
+@pytest.mark.parametrize("effect", SEARCHED)
+def test_a_search_ends_at_the_setting_that_is_there(effect, beside):
+    """Wherever it begins, and beside another cause; a load that was held far away is released."""
+    theta, setting, starts = SEARCHED[effect]
+    cause = next(
+        each for each in (WALL, PUSH, *hypotheses(data().motion))
+        if effect in (each.effect, each.form) and each.site in (Site.joint(PITCH), Site.link(N - 1))
+    )  # fmt: skip
+    there = data().candidate(replace(cause, setting=setting))
+    residual = there.columns() @ theta + 0.02 * problem({}).data.residual
+    residual += sum(0.3 * each.columns()[..., 0] for each in beside)
+    validation = CrossValidation.of(replace(data(), residual=residual)).weighted([])
+    for start in starts:
+        begun = cause.clamped(start) if start is LIGHT else replace(cause, setting=start)
+
+        found = refined(validation, data().candidate(begun), beside)
+
+        assert type(found.hypothesis) is type(cause)
+        assert found.hypothesis.setting == pytest.approx(setting, rel=0.01)
+        own = found.hypothesis.parameters(validation.parameters([*beside, found])[-len(theta) :])
+        assert found.hypothesis.setting == pytest.approx(
+            {name: own[name] for name in setting}, rel=1e-3
+        )

@@ -22,7 +22,7 @@ from dvrk_gravity.compensate import DroppedSampleError, SampleReader
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.observation import KnownPayload, drive_gains, in_their_unit
+from dvrk_gravity.observation import KnownPayload, drive_gains, in_their_unit, require_newtons
 from dvrk_gravity.planning import PlanLimits, exciting_motion
 from dvrk_gravity.recording import Recording, load_excerpt
 from dvrk_gravity.simulate import record_motion
@@ -199,6 +199,9 @@ def test_a_unit_is_doubted_from_a_factor_of_four_on_and_gains_are_refused_from_t
     for factor, doubted in ((0.04, True), (0.28, False), (3.6, False), (4.4, True), (27.0, True)):
         _, notes = in_their_unit(with_gains, [in_amperes(scaled(factor))])
         assert any(note.kind == "effort_unit" for note in notes) == doubted, factor
+        twice = 2 * [in_amperes(scaled(factor))]
+        odd = tuple(note for note in notes if note.kind != "effort_read")
+        assert require_newtons(TorqueModel.stated(with_gains), twice) == odd
     for factor in (0.03, 34.0):
         with pytest.raises(ConfigError, match="drive gains"):
             in_their_unit(with_gains, [in_amperes(scaled(factor))])

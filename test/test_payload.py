@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import claims
 import known_ecm
 import numpy as np
 import pytest
@@ -11,13 +12,14 @@ from robots import UR5
 from scipy import stats
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis import build, diagnose, load
+from dvrk_gravity.diagnosis import CrossValidation, build, diagnose, load
 from dvrk_gravity.diagnosis.inference import load_posterior
 from dvrk_gravity.effects import (
     Payload,
     PayloadHypothesis,
     Site,
     State,
+    heaviest,
     mass_directions,
     place_of,
     place_terms,
@@ -118,14 +120,68 @@ def test_places_are_drawn_from_their_posterior_with_its_evidence():
     found = np.linalg.norm(np.concatenate([places for places, _ in runs]), axis=1)
     expected = np.average(np.abs(distance), weights=core * likelihood)
     assert found.mean() == pytest.approx(expected, rel=0.05)
-    # At a place the mass is Gaussian, half normal of 1 kg before, and not negative.
-    terms = place_terms(prior) @ columns
-    precision = np.sum(terms**2, axis=1) + 1.0
-    mean, root = terms @ seen / precision, np.sqrt(precision)
-    mean = mean + stats.norm.pdf(mean * root) / stats.norm.cdf(mean * root) / root
-    masses = np.concatenate([form.draw(places, random) for places, _ in runs])
-    expected = np.average(mean, weights=core * likelihood)
-    assert masses.mean() == pytest.approx(expected, rel=0.05)
+
+
+def test_at_a_place_the_mass_is_half_normal_before_data_and_integrated():
+    """Against sums over a grid of masses."""
+    random, plausible, mass = np.random.default_rng(3), 0.7, np.linspace(0.0, 6.0, 60_001)
+    root, score = random.normal(size=(10, 10)), random.normal(size=10)
+    form = load_posterior.LoadLikelihood(root @ root.T, 3.0 * score, plausible)
+    places = 0.5 * random.normal(size=(6, 3))
+    terms = place_terms(places)
+    linear, square = terms @ form.score, np.sum((terms @ root) ** 2, axis=1)
+    rise = linear[:, None] * mass - 0.5 * (square + plausible**-2)[:, None] * mass**2
+    density = np.exp(rise) * 2.0 * stats.norm.pdf(0.0, scale=plausible)
+    assert (np.argmax(rise, axis=1) == 0).any(), "at some place best without a load"
+
+    whole = np.trapezoid(density, mass, axis=1)
+    np.testing.assert_allclose(form.log_likelihood(places), np.log(whole), atol=1e-6)
+    np.testing.assert_allclose(form.explained(places), rise.max(axis=1), atol=1e-6)
+    np.testing.assert_allclose(form.resolved(places), 1.0 / np.sqrt(square + plausible**-2))
+    mean = np.trapezoid(mass * density, mass, axis=1) / whole
+    draws = form.draw(np.repeat(places, 20_000, axis=0), random).reshape(len(places), -1)
+    assert draws.mean(axis=1) == pytest.approx(mean, rel=0.03)
+    assert replace(form, score=-1e3 * terms[0]).draw(places[:1], random) == 0.0, "hardly a load"
+
+
+def test_a_temperature_rises_until_half_of_the_draws_are_effective_and_no_further_than_wanted():
+    value = np.random.default_rng(0).normal(size=1000) * 4.0 - 50.0
+    weight = np.exp(load_posterior._next_step(value, 5.0) * value)
+    assert weight.sum() ** 2 / np.sum(weight**2) == pytest.approx(500.0, abs=1.0)
+    assert load_posterior._next_step(value, 0.01) == 0.01
+
+
+def test_a_load_beside_what_else_may_be_is_that_of_one_ridge_regression():
+    """Of the residual on the load at a place, another cause, and errors that look like the load."""
+    place, body, other = {"x": 0.02, "y": -0.03, "z": 0.06}, claims.N - 1, claims.pool()[0]
+    payload = PayloadHypothesis(arm=claims.ARM, site=Site.link(body), setting=place)
+    data, theta = claims.data(), 0.3 * np.array([1.0, *place.values()])
+    load_ = data.candidate(payload)
+    noise = claims.problem({0: 0.2}).data.residual
+    validation = CrossValidation.of(replace(data, residual=load_.columns() @ theta + noise))
+    fit = load_posterior.Fitted(load_, theta, np.diag([1e-2, 1e-5, 1e-5, 1e-5]))
+    problem = load_posterior._Problem.of(validation, [load_, other], fit, changed=False)
+
+    form = problem.form(body)
+    terms = place_terms(np.array([list(place.values())]))[0]
+    scale = (validation.weight * validation.choice.usable).ravel() * problem.weight
+    rows = validation.choice.rows
+    columns = (load_.columns(rows) @ theta / 0.3, other.columns(rows)[..., 0],
+               *np.moveaxis(load_.columns(rows) @ np.sqrt(fit.spread), 2, 0))  # fmt: skip
+    design = np.stack([each.ravel() * scale for each in columns], axis=1)
+    target = validation.data.residual[rows].ravel() * scale
+    gram = design.T @ design + np.diag([0.0, *other.ridge, *np.ones(4)])
+    covariance = np.linalg.inv(gram)
+    precision, score = terms @ form.precision @ terms, form.score @ terms
+    assert precision == pytest.approx(1.0 / covariance[0, 0], rel=1e-4)
+    assert score / precision == pytest.approx((covariance @ design.T @ target)[0], rel=1e-4)
+    assert form.plausible == heaviest(claims.ARM)
+    assert (problem.weight < 1.0).all(), "samples that are correlated count less"
+    for against, mass, sign in ((True, 1.0, 1.0), (True, -1.0, -1.0), (False, -1.0, 1.0)):
+        other_load = replace(load_, hypothesis=replace(payload, against_reference=against))
+        fit = replace(fit, load=other_load, theta=mass * theta)
+        of = load_posterior._Problem.of(validation, [other_load, other], fit, changed=False)
+        assert of.sign == sign, "a mass may be taken off since a reference alone"
 
 
 def test_a_load_is_near_its_link_and_not_too_heavy():

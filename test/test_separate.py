@@ -225,16 +225,6 @@ def test_a_curve_goes_on_beyond_the_way_that_it_was_fitted_on(model):
     assert np.ptp(planned) > 3.0 * np.ptp(held.hypothesis.regressor(wide)[:, 1, 2])
 
 
-def test_a_push_that_happened_once_is_not_expected_again(model):
-    motion = passed(model)
-    push = next(
-        FittedHypothesis(hypothesis, np.ones(1), np.eye(1))
-        for hypothesis in effects.named("thermal_drift").hypotheses(motion)
-    )
-    assert push.hypothesis.transient
-    assert not push.columns(motion).any()
-
-
 def test_a_cause_is_known_in_other_motions_where_a_file_holds_all_of_it(model):
     offset, _ = twins(model)
 
@@ -269,6 +259,8 @@ def test_a_diagnosis_names_what_plans_the_separation_of_each_of_its_causes(model
     assert " --poses " in following(pair, motion=replace(diagnosis.motion, rate=None))[1]
     assert following(pair[:1]) == [None] * 3, "a clear finding"
     assert following(pair, against_reference=True) == [None] * 3
+    said = replace(diagnosis, files=files, misplaced="link2").to_dict()
+    assert (said["misplaced_payload"], said["unseparated"]["model"]) == ("link2", files.model)
 
 
 def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path):

@@ -12,6 +12,7 @@ from made_up_arm import made_up_arm
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import (
+    SLOWEST,
     CoulombFriction,
     DirectionalCable,
     ElasticCable,
@@ -20,6 +21,7 @@ from dvrk_gravity.effects import (
     StribeckFriction,
     Term,
     ViscousFriction,
+    secant_damping,
 )
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
@@ -364,3 +366,28 @@ def test_the_compensator_applies_neither_inertia_nor_what_needs_a_past():
     np.testing.assert_array_equal(
         Settings.from_parameters(values).torque(q, qd), plain.torque(q, qd)
     )
+
+
+def test_any_friction_is_a_damping_that_makes_it_and_gives_no_energy_however_slow():
+    random, n = np.random.default_rng(0), 3
+    root = random.normal(size=(n, n))
+    for torque, coupled in (
+        (lambda q, v: np.array([0.3, 0.1, 2.0]) * np.sign(v) + 0.5 * v, False),
+        (lambda q, v: root @ root.T @ v, True),
+    ):
+        for speed in (3.0, 0.05, 1e-9):
+            v = speed * np.array([1.0, -0.3, 0.01])
+            friction = torque(np.zeros(n), v)
+            taken, damping = secant_damping(torque)(np.zeros(n), v)
+            assert not taken.any()
+            assert bool(np.any(damping - np.diag(np.diag(damping)))) == coupled
+            values = np.linalg.eigvalsh(damping)
+            assert values.min() >= -1e-12 * values.max()
+            most = np.linalg.norm(friction) / SLOWEST
+            assert values.max() <= most * (1.0 + 1e-9)
+            if speed > 1e-3:
+                np.testing.assert_allclose(damping @ v, friction, rtol=1e-5)
+            elif coupled:
+                assert values.max() == pytest.approx(most)
+    explicit, damping = secant_damping(lambda q, v: -v)(np.zeros(n), np.ones(n))
+    assert (explicit.tolist(), damping.any()) == ([-1.0] * n, False)

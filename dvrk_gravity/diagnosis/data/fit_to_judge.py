@@ -108,8 +108,7 @@ def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bo
     """Return whether a joint's effort lacks the (N, n) weights; None: the motion would not show it.
 
     It does not where they are in it as the model states them, which their mean shows, too. Else,
-    beside a constant, friction, a rotor and the rest of the model, at its scale in the efforts. It
-    may imitate a weight, which is there if the model with it, at one scale, explains more.
+    beside a constant, friction, a rotor and the rest of the model, at its scale in the efforts.
     """
 
     def left(values: Array, columns: Array) -> Array:
@@ -127,8 +126,9 @@ def _lacks(motion: MeasuredMotion, rows: slice, weight: Array, joint: int) -> bo
     effort, rest, weights = every[:, 0], every[:, 1:2], every[:, 2:]
     scale = float(np.linalg.lstsq(rest, effort, rcond=None)[0][0]) if rest.any() else 1.0
     own = float(np.sum((scale * left(weights, rest)[:, joint]) ** 2))
-    whole, both = rest + weights[:, [joint]], np.hstack([rest, weights])
-    without, as_one, by_all = (float(np.sum(left(effort, of) ** 2)) for of in (rest, whole, both))
-    if without - min(as_one, by_all) >= _EXPLAINED * min(own, without):
+    without, by_all = (
+        float(np.sum(left(effort, of) ** 2)) for of in (rest, np.hstack([rest, weights]))
+    )
+    if without - by_all >= _EXPLAINED * min(own, without):
         return False
-    return True if max(own, as_one - without) >= _EXPLAINED * without else None
+    return True if own >= _EXPLAINED * without else None

@@ -29,6 +29,7 @@ _EDGE_REACH = 0.6  # s, likewise: a little more than a block that is held out, s
 # with one degree of freedom.
 _PROFILE = 1.92
 _STEPS = 12  # evaluations in the search for a setting. Chosen: a bound on time
+_RESOLUTION = 1e-3  # of the range in which it is searched, to which it is found. Chosen
 # Rounds in the search for a setting that a fit itself determines: it converges quadratically, and
 # halves the way where it begins too far. Chosen: a bound on time.
 _FIXED_POINTS = 10
@@ -63,8 +64,6 @@ def refined(
 
     Where the best ones are not plausible, at the nearest likely ones.
     """
-    from scipy.optimize import minimize_scalar  # slow to load
-
     hypothesis = candidate.hypothesis
     if hypothesis.EFFORT_READING:
         return _likeliest_form(validation, candidate, others)
@@ -85,27 +84,32 @@ def refined(
         likely = candidate.hypothesis.clamped(theta[-candidate.size :])
         if likely is not None:
             candidate = validation.data.candidate(likely)
-            hypothesis = candidate.hypothesis
-    for name in hypothesis.refine:
-        if name in hypothesis.edges:
+    for name in candidate.hypothesis.refine:
+        if name in candidate.hypothesis.edges:
             middle = 0.5 * sum(plateau(validation, candidate, others, name))
-            candidate = rebuilt(validation, hypothesis, name, middle)
-            hypothesis = candidate.hypothesis
-            continue
-        centre = hypothesis.setting[name]
-        low, high = hypothesis.search_range(name, validation.data.motion)
-
-        def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
-            return validation.misfit([*others, rebuilt(validation, hypothesis, name, value)])
-
-        best = minimize_scalar(
-            cost, bounds=(low, high), method="bounded",
-            options={"maxiter": _STEPS, "xatol": 1e-3 * (high - low)},
-        )  # fmt: skip
-        if best.fun < cost(centre):
-            candidate = rebuilt(validation, hypothesis, name, float(best.x))
-            hypothesis = candidate.hypothesis
+            candidate = rebuilt(validation, candidate.hypothesis, name, middle)
+        else:
+            candidate = _searched(validation, candidate, others, name)
     return candidate
+
+
+def _searched(
+    validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate], name: str
+) -> Candidate:
+    """Return a candidate with one setting at its best in the range to search, if better there."""
+    from scipy.optimize import minimize_scalar  # slow to load
+
+    hypothesis = candidate.hypothesis
+    low, high = hypothesis.search_range(name, validation.data.motion)
+
+    def at(part: float) -> Candidate:
+        return rebuilt(validation, hypothesis, name, float(low + part * (high - low)))
+
+    best = minimize_scalar(
+        lambda part: validation.misfit([*others, at(part)]),
+        bounds=(0.0, 1.0), method="bounded", options={"maxiter": _STEPS, "xatol": _RESOLUTION},
+    )  # fmt: skip
+    return at(best.x) if best.fun < validation.misfit([*others, candidate]) else candidate
 
 
 def _likeliest_form(

@@ -176,6 +176,8 @@ def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator
             ]
             if pairs:
                 gone, come = zip(*pairs, strict=True)
+                # Of several settings a site has one: that which comes.
+                gone += tuple(b for b in new if b in inside and table.columns[b].alternative)
                 text = f"{effect} {table.arm.joint_names[joint]} at the {kind}"
                 yield SearchMove(come, gone, text)
 
