@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.compensate import Settings
 
-FILES = Path(__file__).resolve().parent / "files"
+FILES = Path(__file__).resolve().parents[1] / "files"
 MODEL = FILES / "model_0_1_0.yaml"
 KNOWN = json.loads((FILES / "model_0_1_0.json").read_text())  # what that version made of it
 
