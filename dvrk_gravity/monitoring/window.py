@@ -34,6 +34,9 @@ _FASTER = 1.2
 # Of the greatest identified speed, below which friction is no function of speed that recurs: it
 # builds up, sticks and slips. As the identification has it (`SLOW`).
 _CREEPS = 0.1
+# Likewise, below which it may stand, held by any friction up to its level, while others that share
+# a joint with it move. Chosen: a wrist's motor breaks away at that.
+_STANDS = 0.01
 _AROUND = 2.0  # s, of samples from which the noise of one is known. Chosen
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
 
@@ -144,10 +147,11 @@ class Window:
         error = np.median(now, axis=0)
         # Of an error of first order and white noise, seen as one error of first order.
         correlation = np.exp(-step / band.correlation_time) * (band.error / now) ** 2
-        slow = low(FRICTION_PART * np.abs(expected.friction) * _creeping(motion))
+        slow = low(FRICTION_PART * np.abs(expected.friction) * _slower(motion, _CREEPS))
+        held = low(held_by_friction(model, motion.q[-1]) * _slower(motion, _STANDS))
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
-            fixed.shape[2], error, np.hypot(now, slow) / error, heard, low, correlation,
+            fixed.shape[2], error, np.sqrt(now**2 + slow**2 + held**2) / error, heard, low, correlation,
         )  # fmt: skip
 
     def with_rests(self) -> Window:
@@ -341,12 +345,15 @@ def _beyond(motion: MeasuredMotion) -> Mask:
     return np.asarray(np.any(outside | (np.abs(motion.qd) > _FASTER * fastest), axis=1))
 
 
-def _creeping(motion: MeasuredMotion) -> Array:
-    """Return (K, n) how much a joint or a motor that moves it creeps: one at rest, else nothing."""
+def _slower(motion: MeasuredMotion, part: float) -> Array:
+    """Return (K, n) whether a joint or a motor that moves it is slower than a part of its fastest.
+
+    One at rest, next to nothing at twice that speed.
+    """
     to_motor, fastest = motion.arm.joint_to_actuator, _greatest_speed(motion)
     of_motors = np.hypot.reduce(to_motor * fastest, axis=1)
-    parts = motion.qd / fastest, motion.arm.actuator_position(motion.qd) / of_motors
-    joint, motor = (np.exp(-np.square(part / _CREEPS)) for part in parts)
+    speeds = motion.qd / fastest, motion.arm.actuator_position(motion.qd) / of_motors
+    joint, motor = (np.exp(-np.square(speed / part)) for speed in speeds)
     return np.maximum(joint, np.max(motor[:, :, None] * (to_motor != 0.0), axis=1))
 
 
