@@ -148,10 +148,11 @@ class Window:
         # Of an error of first order and white noise, seen as one error of first order.
         correlation = np.exp(-step / band.correlation_time) * (band.error / now) ** 2
         slow = low(FRICTION_PART * np.abs(expected.friction) * _slower(motion, _CREEPS))
-        held = low(held_by_friction(model, motion.q[-1]) * _slower(motion, _STANDS))
+        held = low(held_by_friction(model, motion.q[-1]) * _slower(motion, _STANDS) * ~motion.stuck)
+        larger = np.sqrt(now**2 + slow**2 + held**2) / error
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
-            fixed.shape[2], error, np.sqrt(now**2 + slow**2 + held**2) / error, heard, low, correlation,
+            fixed.shape[2], error, larger, heard, low, correlation,
         )  # fmt: skip
 
     def with_rests(self) -> Window:
