@@ -27,6 +27,7 @@ from dvrk_gravity.monitoring import (
     whitened,
 )
 from dvrk_gravity.monitoring.trials import moments
+from dvrk_gravity.monitoring.window import held_by_friction
 from dvrk_gravity.monitoring.wrench import Tip
 
 RATE = 50.0
@@ -225,9 +226,8 @@ def test_a_force_that_no_joint_shows_alone_is_a_push_and_a_larger_one_no_frictio
         torque[round((ONSET + 1.0) * 100.0) :] = 0.0
         return torque if joint is None else torque * (np.arange(ecm.ARM.n) == joint)
 
-    events = heard(later(force))
-    assert [event.kind for event in events] == ["push"] * (joint is None)
-    assert all(event.onset == pytest.approx(ONSET, abs=0.7) for event in events)
+    found = [(event.kind, round(event.onset - ONSET)) for event in heard(later(force))]
+    assert found == [("push", 0)] * (joint is None)
 
 
 @pytest.mark.parametrize(("part", "kinds"), [(1.0, []), (8.0, ["push"])])
@@ -259,7 +259,6 @@ def test_a_torque_that_grows_while_the_arm_rests_is_a_drift_and_noise_is_none():
 
 
 def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
-    """The motor of insertion drags pitch: both move, and it does not."""
     model, time = diagnosed.identified().model, np.arange(1000) / RATE
     ratio = model.arm.actuator_to_joint[2, 1]
     angle, n = 2.0 * np.pi * 0.3 * time, model.arm.n
@@ -267,10 +266,11 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
     for q, part in ((still, ratio), (moving, 0.1)):
         q[:, 1], q[:, 2] = 0.3 * np.sin(angle), part * 0.3 * np.sin(angle)
 
-    def larger(q: np.ndarray) -> np.ndarray:
+    def deviation(q: np.ndarray) -> np.ndarray:
         rows = Rows(time, q, np.gradient(q, time, axis=0), model.torque(q))
         band = Band(model.uncertainty.error, np.full(n, 0.1), np.full(n, FASTEST))
         return np.median(Window.of(model, rows, 0.0 * q, band, Sampling()).larger, axis=0)
 
-    assert (larger(still)[1:3] > 1.2).all()
-    assert (larger(moving)[1:3] < 1.05).all()
+    rubs = held_by_friction(model, 0.0 * still[0])[1] / model.uncertainty.error[1]
+    assert deviation(still)[1] > 0.9 * rubs  # insertion's motor may hold pitch
+    assert (deviation(moving)[1:3] < 1.05).all()
