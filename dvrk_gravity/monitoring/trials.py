@@ -31,6 +31,7 @@ _LENGTHS = (4, 8, 16, 25)
 _BEFORE = 50.0  # moments of a length, of gain one, that count as known before any. Chosen: 10 s
 LONGEST_MOMENT = max(_LENGTHS)
 _FLAT = 1e-9  # of the largest information on a force, that is rounding: no joint feels that way
+_AT_REST = 8  # samples of the longest moment in which friction may hold a joint. Chosen
 _SAYS = 0.75  # part of a moment's samples that has to say something. Chosen
 _APART = 3  # samples between two such moments
 
@@ -355,8 +356,12 @@ def moments(
     unexpected = window.residual - uncertain @ known.directions
     gain, torque = np.zeros((len(parts), n + 1)), np.zeros((len(parts), n))
     for index, part in enumerate(parts):
-        # Samples beside many that say nothing say little.
+        # Samples beside many that say nothing say little; what friction holds, at several joints
+        # at once, lasts.
+        rests = np.mean(window.motion.stuck[part], axis=0) > 0.5
         usable = np.mean(window.usable[part], axis=0) >= _SAYS
+        if part.stop - part.start > _AT_REST:
+            usable &= ~rests
         white = np.where(usable[:, None], inner[part], 0.0)
         white[0] = np.where(usable[:, None], first[part.start], 0.0)  # what comes after may go on
         joint, force = white[:, :, 0], white[:, :, 1:]
@@ -368,6 +373,7 @@ def moments(
         torque[index] = score / power
         if tip is None:
             continue
+        force = np.where(rests[:, None], 0.0, force)
         square = np.einsum("mnk,mnl->kl", force, force)
         shared = np.einsum("mnk,mnd->kd", force, directions)
         pull = np.einsum("mnk,mn->k", force, rest)
