@@ -20,15 +20,15 @@ from dvrk_gravity.monitoring import (
     Rows,
     Sampling,
     Sums,
+    Tip,
     Window,
     gain_for,
     local_noise,
     monitor,
+    trials,
     whitened,
 )
-from dvrk_gravity.monitoring.trials import moments
-from dvrk_gravity.monitoring.window import held_by_friction
-from dvrk_gravity.monitoring.wrench import Tip
+from dvrk_gravity.monitoring import window as windows
 
 RATE = 50.0
 SECONDS = 40.0
@@ -211,7 +211,7 @@ def test_gains_of_moments_are_chi_squared_of_one_and_of_a_force_s_three():
         window = replace(window, torque=noise[: len(window.time)], open=np.zeros_like(window.open))
         window = replace(window, error=ecm.NOISE, larger=np.ones_like(window.larger))
         known = ChangeTest(window.uncertain, window.residual)
-        gain = moments(window, known, 0, Tip(ecm.ARM)).gain
+        gain = trials.moments(window, known, 0, Tip(ecm.ARM)).gain
         heard_whole = gain[(gain > 0.0).all(axis=1)]
         alone.append(heard_whole[:, :-1].mean())
         force.append(heard_whole[:, -1].mean())
@@ -271,6 +271,6 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
         band = Band(model.uncertainty.error, np.full(n, 0.1), np.full(n, FASTEST))
         return np.median(Window.of(model, rows, 0.0 * q, band, Sampling()).larger, axis=0)
 
-    rubs = held_by_friction(model, 0.0 * still[0])[1] / model.uncertainty.error[1]
+    rubs = windows.held_by_friction(model, 0.0 * still[0])[1] / model.uncertainty.error[1]
     assert deviation(still)[1] > 0.9 * rubs  # insertion's motor may hold pitch
     assert (deviation(moving)[1:3] < 1.05).all()
