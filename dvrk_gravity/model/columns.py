@@ -224,10 +224,10 @@ class Columns:
         return np.split(memory, np.cumsum(self._memories)[:-1], axis=-1)
 
     @property
-    def kinematic(self) -> range:
+    def kinematic(self) -> list[int]:
         """Numbers of the columns of encoder offsets and the base's tilt, which come last."""
         count = len(self.columns)
-        return range(count - len(self.kinematics.columns(self.arm)), count)
+        return list(range(count - len(self.kinematics.columns(self.arm)), count))
 
     @property
     def by_motion(self) -> list[int]:
@@ -244,7 +244,7 @@ class Columns:
     def corrected(self, theta: Array) -> KinematicCalibration:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""
         links, springs = self.rigid.bodies(theta[: len(self.rigid.columns)])
-        change = theta[self.kinematic.start :]
+        change = theta[self.kinematic]
         return self.kinematics.moved(self.arm, change, links, springs)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:

@@ -162,7 +162,7 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
         chosen: Columns of the fit; its offsets and tilt, if any, are judged like all others.
     """
     columns = problem.design.columns
-    kinematics = list(columns.kinematic)
+    kinematics = columns.kinematic
     information = _information(problem, [i for i in chosen if i not in kinematics], kinematics)
     first = NORMAL_95 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information)
