@@ -398,7 +398,7 @@ class Monitor:
         known = ChangeTest(uncertain, window.residual * before, self._baseline)
         blind = [self.model.arm.joint_names.index(name) for name in self._unexplained]
         found = moments(window.with_rests(), known, first_new, self._tip, blind)
-        limit = self._limits.push(found.gain, self._usual.of(found))
+        limit = self._limits.push(found.gain, self._usual.of(found), self._usual.largest)
         over = max((push.end for push in self._over), default=-np.inf)
         begins = window.time[found.begin]
         excess = np.where(begins[:, None] > over, found.gain / limit, 0.0)

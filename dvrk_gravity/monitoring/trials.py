@@ -33,6 +33,9 @@ LONGEST_MOMENT = max(_LENGTHS)
 _FLAT = 1e-9  # of the largest information on a force, that is rounding: no joint feels that way
 _AT_REST = 8  # samples of the longest moment in which friction may hold a joint. Chosen
 _SAYS = 0.75  # part of a moment's samples that has to say something. Chosen
+# Times the largest gain of the last minutes, below which another one is no push: of some arms rare
+# errors (several joints that turn round at once) are far larger than their mean says. Chosen.
+_ABOVE = 1.5
 _APART = 3  # samples between two such moments
 
 
@@ -55,16 +58,17 @@ class Limits:
         chance = float(chi2.isf(self.false_alarms / count, k))
         return max(chance, _GAIN * self.of_causes.get(hypothesis.key, 0.0))
 
-    def push(self, gain: Array, usual: Array) -> Array:
+    def push(self, gain: Array, usual: Array, largest: Array) -> Array:
         """Return (p, n + 1) limits from which on one of as many gains of moments is no chance.
 
         Args:
             gain: (p, n + 1) gains.
             usual: (p, n + 1) their mean where nothing happens, over the degrees of freedom.
+            largest: (n + 1,) the largest of late.
         """
         freedom = np.append(np.ones(gain.shape[1] - 1), 3.0)
         chance = chi2.isf(self.false_alarms / max(gain.size, 1), freedom)
-        return np.maximum(chance * usual, _GAIN * self.of_pushes)
+        return np.maximum(np.maximum(chance * usual, _GAIN * self.of_pushes), _ABOVE * largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,24 +295,29 @@ class UsualGains:
     Attributes:
         total: (lengths, n + 1) sums of gains.
         count: (lengths, n + 1) how many that are known.
+        largest: (n + 1,) the largest one, which is forgotten as the others are.
     """
 
     total: Array
     count: Array
+    largest: Array
 
     @classmethod
     def begin(cls, n: int) -> UsualGains:
         """Return those of n joints of which nothing is known: as of some moments of gain one."""
         count = np.full((len(_LENGTHS), n + 1), _BEFORE)
-        return cls(count * np.append(np.ones(n), 3.0), count)
+        return cls(count * np.append(np.ones(n), 3.0), count, np.zeros(n + 1))
 
     def after(self, found: Moments, limit: Array, kept: float) -> UsualGains:
         """Return these, of which a part is kept, with other moments' up to (p, n + 1) limits."""
         length = _length_of(found)
         total, count = kept * self.total, kept * self.count
-        np.add.at(total, length, np.minimum(found.gain, limit))
-        np.add.at(count, length, found.gain > 0.0)
-        return UsualGains(total, count)
+        gain = np.minimum(found.gain, limit)
+        np.add.at(total, length, gain)
+        np.add.at(count, length, gain > 0.0)
+        return UsualGains(
+            total, count, np.maximum(kept * self.largest, gain.max(axis=0, initial=0.0))
+        )
 
     def of(self, found: Moments) -> Array:
         """Return (p, n + 1) what is usual for moments, over the degrees of freedom.
