@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.recording import JOINT_STATE, BagWriter, Recording, encode_joint_state
+from dvrk_gravity.recording import JOINT_STATE, BagWriter, Recording, check, encode_joint_state
 
 TOPIC = "/MTMR/measured_js"
 ARM = Arm.load("mtmr")
@@ -110,3 +110,17 @@ def held(recording, rows):
 def with_gap(recording):
     late = recording.time + np.where(np.arange(len(recording)) >= 2500, 0.8, 0.0)
     return replace(recording, time=late)
+
+
+def kinds(recording):
+    return {(note.kind, note.joint, note.left_out) for note in recording.found}
+
+
+def warned(recording):
+    """Return the kinds and joints of what the checks find."""
+    return {(warning.kind, warning.joint) for warning in check(recording)}
+
+
+def loaded(tmp_path, sent, storage="sqlite3", **options):
+    write_messages(tmp_path / "bag", sent, storage)
+    return Recording.load(tmp_path / "bag", **({"arm": ARM} | options))

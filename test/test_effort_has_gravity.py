@@ -13,9 +13,10 @@ from robots import UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import SampleReader, Settings, Status, Supervisor
+from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.model import TorqueModel, stated_weight
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 

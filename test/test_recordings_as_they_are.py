@@ -4,27 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_samples import ARM, START, joint_state, messages, same, wave, write_messages
+from recording_samples import (
+    ARM,
+    START,
+    joint_state,
+    kinds,
+    loaded,
+    messages,
+    same,
+    warned,
+    wave,
+    write_messages,
+)
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import JOINT_STATE, BagWriter, Recording, check, prepare
 
 CLEAN = wave(1200)
-
-
-def kinds(recording):
-    return {(note.kind, note.joint, note.left_out) for note in recording.found}
-
-
-def warned(recording):
-    """Return the kinds and joints of what the checks find."""
-    return {(warning.kind, warning.joint) for warning in check(recording)}
-
-
-def loaded(tmp_path, sent, storage="sqlite3", **options):
-    write_messages(tmp_path / "bag", sent, storage)
-    return Recording.load(tmp_path / "bag", **({"arm": ARM} | options))
 
 
 # Values that are missing

@@ -28,7 +28,8 @@ from dvrk_gravity.compensate import (
     Supervisor,
     require_within,
 )
-from dvrk_gravity.model import TorqueModel, stated_weight
+from dvrk_gravity.effects import stated_weight
+from dvrk_gravity.model import TorqueModel
 
 # --- what is measured ------------------------------------------------------------------------
 

@@ -12,8 +12,8 @@ from quick_fits import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, poor
 from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.identification import HeldWeight, missing_weights
-from dvrk_gravity.model import stated_weight
 
 HAND = f"{PANDA}#panda_hand"
 

@@ -15,8 +15,9 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.limits import CONSIDERABLE
 from dvrk_gravity.compensate.sample import Sample
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.model import WEIGHT, stated_weight
+from dvrk_gravity.model import WEIGHT
 
 # Efforts are averaged over at least so long, s, and so many samples: their mean has less than a
 # third of one's noise.

@@ -17,7 +17,6 @@ from .named_arm import parts as parts
 from .named_arm import seen_from as seen_from
 from .named_arm import values_of as values_of
 from .stated import WEIGHT as WEIGHT
-from .stated import stated_weight as stated_weight
 from .torque_model import BIAS_IS as BIAS_IS
 from .torque_model import BY_EFFECTS as BY_EFFECTS
 from .torque_model import CONSOLE_PARAMETER as CONSOLE_PARAMETER

@@ -223,7 +223,7 @@ class Columns:
         """Return each effect's part of (…, m) memory."""
         return np.split(memory, np.cumsum(self._memories)[:-1], axis=-1)
 
-    @property
+    @cached_property
     def kinematic(self) -> list[int]:
         """Numbers of the columns of encoder offsets and the base's tilt, which come last."""
         count = len(self.columns)

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm, rigid_body
-from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State, Term, base_directions
+from dvrk_gravity.effects import Term, base_directions
 from dvrk_gravity.model.uncertainty import ModelUncertainty, coefficients_of
 
 
@@ -64,9 +62,3 @@ def stated_uncertainty(
         np.zeros((arm.n, count)), np.zeros((3, count)), unknown, np.nan, unknown, lower, upper,
         unknown,
     )  # fmt: skip
-
-
-def stated_weight(arm: Arm, q: Array) -> Array | None:
-    """Return (…, n) efforts that hold the masses in an arm's file; ``None`` if it states none."""
-    weight = effects.stated_weight(arm)
-    return None if weight is None else weight.torque(State.of(q))

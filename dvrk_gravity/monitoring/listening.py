@@ -17,8 +17,9 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DroppedSampleError, InputGate, Sample, SampleReader
+from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import TorqueModel, stated_weight
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.events import Event
 from dvrk_gravity.monitoring.observer import Observed
 from dvrk_gravity.monitoring.rows import RowMaker, Rows

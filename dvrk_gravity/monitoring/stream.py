@@ -251,9 +251,9 @@ class Monitor:
         return np.pad(deviation, ((new - len(deviation), 0), (0, 0)), mode="edge"), events
 
     def _window(self, without: tuple[tuple[float, float], ...]) -> Window:
-        """Return the rows less some spans of time, and less the torque of reported changes.
+        """Return the rows without some spans of time, and without the torque of reported changes.
 
-        Whose sizes stay uncertain.
+        The sizes of these stay uncertain.
         """
         assert self._band is not None  # since it was judged
         window = Window.of(
@@ -375,9 +375,8 @@ class Monitor:
         """Yield pushes that are over, and are no change."""
         now = float(window.time[-1])
         for push in self._over:
-            waits = self._pending is not None and now - push.end <= self.settings.patience
-            if waits:
-                continue
+            if self._pending is not None and now - push.end <= self.settings.patience:
+                continue  # it may be a change
             self._over = tuple(other for other in self._over if other is not push)
             if self._pending is None or not self._outlasts(push):
                 self._left_out = (*self._left_out, push.span)

@@ -28,15 +28,15 @@ _CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
 _SHAPE = 0.05  # of a cause's power: a column that is off by a fifth of itself. Chosen
 # Samples, of moments at which any torque may act: a third of a second to two.
 _LENGTHS = (4, 8, 16, 25)
-_BEFORE = 50.0  # moments of a length, of gain one, that count as known before any. Chosen: 10 s
 LONGEST_MOMENT = max(_LENGTHS)
+_APART = 3  # samples between two such moments
+_BEFORE = 50.0  # moments of a length, of gain one, that count as known before any. Chosen: 10 s
 _FLAT = 1e-9  # of the largest information on a force, that is rounding: no joint feels that way
 _AT_REST = 8  # samples of the longest moment in which friction may hold a joint. Chosen
 _SAYS = 0.75  # part of a moment's samples that has to say something. Chosen
 # Times the largest gain of the last minutes, below which another one is no push: of some arms rare
 # errors (several joints that turn round at once) are far larger than their mean says. Chosen.
 _ABOVE = 1.5
-_APART = 3  # samples between two such moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,7 @@ class Limits:
             usual: (p, n + 1) their mean where nothing happens, over the degrees of freedom.
             largest: (n + 1,) the largest of late.
         """
-        freedom = np.append(np.ones(gain.shape[1] - 1), 3.0)
-        chance = chi2.isf(self.false_alarms / max(gain.size, 1), freedom)
+        chance = chi2.isf(self.false_alarms / max(gain.size, 1), _freedom(gain.shape[1] - 1))
         return np.maximum(np.maximum(chance * usual, _GAIN * self.of_pushes), _ABOVE * largest)
 
 
@@ -306,7 +305,7 @@ class UsualGains:
     def begin(cls, n: int) -> UsualGains:
         """Return those of n joints of which nothing is known: as of some moments of gain one."""
         count = np.full((len(_LENGTHS), n + 1), _BEFORE)
-        return cls(count * np.append(np.ones(n), 3.0), count, np.zeros(n + 1))
+        return cls(count * _freedom(n), count, np.zeros(n + 1))
 
     def after(self, found: Moments, limit: Array, kept: float) -> UsualGains:
         """Return these, of which a part is kept, with other moments' up to (p, n + 1) limits."""
@@ -324,9 +323,13 @@ class UsualGains:
 
         At least one: where it is less, rare errors (after reversals) are as large all the same.
         """
-        usual = self.total / self.count
-        usual[:, -1] /= 3.0  # a force has three components
+        usual = self.total / self.count / _freedom(self.total.shape[1] - 1)
         return np.maximum(usual, 1.0)[_length_of(found)]
+
+
+def _freedom(n: int) -> Array:
+    """Return (n + 1,) degrees of freedom of a gain at each joint, and of a force's: components."""
+    return np.append(np.ones(n), 3.0)
 
 
 def _length_of(found: Moments) -> NDArray[np.int64]:
@@ -360,7 +363,6 @@ def moments(
         by_force[recent] = jacobians.transpose(0, 2, 1)
     columns = np.concatenate([at_joints, by_force], axis=2)
     columns[:, list(blind)] = 0.0
-    inner, first = window.white(columns), window.white_alone(columns)
     uncertain = window.uncertain
     unexpected = window.residual - uncertain @ known.directions
     gain, torque = np.zeros((len(parts), n + 1)), np.zeros((len(parts), n))
@@ -371,8 +373,8 @@ def moments(
         usable = np.mean(window.usable[part], axis=0) >= _SAYS
         if part.stop - part.start > _AT_REST:
             usable &= ~rests
-        white = np.where(usable[:, None], inner[part], 0.0)
-        white[0] = np.where(usable[:, None], first[part.start], 0.0)  # what comes after may go on
+        # What comes after may go on.
+        white = np.where(usable[:, None], window.white(columns[part], part), 0.0)
         joint, force = white[:, :, 0], white[:, :, 1:]
         directions, rest = uncertain[part], unexpected[part]
         held = np.einsum("mn,mnd->nd", joint, directions)

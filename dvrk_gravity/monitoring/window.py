@@ -92,6 +92,7 @@ class Window:
         error: (n,) standard deviation of errors that the directions do not describe, N·m.
         larger: (m, n) by which it is larger, where a joint creeps or noise is more than usually.
         heard: (m, n) samples that are there, whether they say something or friction holds a joint.
+        held: (n,) torque that friction can hold at rest, N·m.
     """
 
     motion: MeasuredMotion
@@ -103,6 +104,7 @@ class Window:
     error: Array
     larger: Array
     heard: Mask
+    held: Array
     _filter: LowPassed
     _correlation: Array
 
@@ -148,17 +150,17 @@ class Window:
         # Of an error of first order and white noise, seen as one error of first order.
         correlation = np.exp(-step / band.correlation_time) * (band.error / now) ** 2
         slow = low(FRICTION_PART * np.abs(expected.friction) * _slower(motion, _CREEPS))
-        held = low(held_by_friction(model, motion.q[-1]) * _slower(motion, _STANDS) * ~motion.stuck)
-        larger = np.sqrt(now**2 + slow**2 + held**2) / error
+        held = held_by_friction(model, motion.q[-1])
+        stands = low(held * _slower(motion, _STANDS) * ~motion.stuck)
+        larger = np.sqrt(now**2 + slow**2 + stands**2) / error
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
-            fixed.shape[2], error, larger, heard, low, correlation,
+            fixed.shape[2], error, larger, heard, held, low, correlation,
         )  # fmt: skip
 
     def with_rests(self) -> Window:
         """Return it with samples in which friction holds a joint: as much as it can is error."""
-        held = held_by_friction(self.motion.model, self.motion.q[-1]) / self.error
-        at_rest = self._filter(np.where(self.motion.stuck, held, 0.0))
+        at_rest = self._filter(np.where(self.motion.stuck, self.held / self.error, 0.0))
         return replace(self, usable=self.heard, larger=np.hypot(self.larger, at_rest))
 
     @property
@@ -190,25 +192,18 @@ class Window:
         follows[1:] &= (np.diff(self.time) < 1.5 * self.step)[:, None]
         return follows
 
-    def white(self, values: Array) -> Array:
-        """Return (m, n, …) samples, whitened; zero where they say nothing."""
+    def white(self, values: Array, rows: slice = slice(None)) -> Array:
+        """Return (r, n, …) values of some samples, whitened; zero where they say nothing.
+
+        Before the first of them the values are zero.
+        """
         usable, larger = (
             each.reshape(*each.shape, *(1,) * (values.ndim - 2))
-            for each in (self.usable, self.larger)
+            for each in (self.usable[rows], self.larger[rows])
         )
-        white = whitened(values / larger, self._follows, self.error, self._correlation)
+        follows, kept = self._follows[rows], self._correlation[rows]
+        white = whitened(values / larger, follows, self.error, kept)
         return np.where(usable, white, 0.0)
-
-    def white_alone(self, values: Array) -> Array:
-        """Return (m, n, …) samples, each whitened as if there were nothing before it."""
-        beside = (values.ndim - 2) * (1,)
-        usable, larger, follows, kept = (
-            each.reshape(*each.shape, *beside)
-            for each in (self.usable, self.larger, self._follows, self._correlation)
-        )
-        error = self.error.reshape(-1, *beside)
-        alone = values / larger / error / np.sqrt(1.0 - np.where(follows, kept, 0.0) ** 2)
-        return np.where(usable, alone, 0.0)
 
     def deviation(self, test: ChangeTest, rows: slice) -> Array:
         """Return (r, n) standard deviation of the residual in some samples, N·m.

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.model import stated_weight
 from dvrk_gravity.observation.nominal import SAMPLES
 from dvrk_gravity.recording import Recording, quantum, without_friction
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, other_arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State, stated_weight
+from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.notes import Kind, Note, merged, note
 
@@ -187,5 +187,4 @@ def _unread(position: Array, joints: Sequence[str], arm: Arm | None) -> Array | 
     """Return the (N, k) weight that an arm's readings lack, if they do and its file states it."""
     if arm is None or arm.gravity_in_reading or tuple(joints) != arm.joint_names:
         return None
-    weight = stated_weight(arm)
-    return None if weight is None else weight.torque(State.of(position))
+    return stated_weight(arm, position)

@@ -7,31 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from console_files import assert_as_console, own_model
+from outside_term import OutsideTerm
 
 from dvrk_gravity.console import convert_model, export
-from dvrk_gravity.effects import CoulombFriction, JointPolynomials, Term, evaluate
+from dvrk_gravity.effects import CoulombFriction, JointPolynomials, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 
 
 @dataclass(frozen=True, eq=False)
-class Counterbalance(Term):
+class Counterbalance(OutsideTerm):
     """Springs of joints' own positions."""
 
     NAME = "counterbalance"
 
     springs: JointPolynomials
-
-    @classmethod
-    def schema(cls, arm):
-        return ()
-
-    @classmethod
-    def from_parameters(cls, arm, values):
-        return None
-
-    def parameters(self):
-        return {}
 
     @property
     def polynomials(self):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from exported import by_mujoco, held_torque, load, most, physical, states, whole, without_dry
 from made_up_arm import write
+from outside_term import OutsideTerm
 
 from dvrk_gravity.arms import Arm, gravity_in_base
 from dvrk_gravity.command_line import run
@@ -22,7 +23,6 @@ from dvrk_gravity.effects import (
     LinkWeight,
     Range,
     State,
-    Term,
     base_directions,
     prior_scale,
 )
@@ -139,24 +139,13 @@ def test_what_is_left_out_costs_its_own_torque():
 
 
 @dataclass(frozen=True, eq=False)
-class GasSpring(Term):
+class GasSpring(OutsideTerm):
     """An effect from outside the package: a spring along each joint, and its damper."""
 
     NAME = "gas_spring"
 
     stiffness: np.ndarray
     damping: np.ndarray
-
-    @classmethod
-    def schema(cls, arm):
-        return ()
-
-    @classmethod
-    def from_parameters(cls, arm, values):
-        return None
-
-    def parameters(self):
-        return {}
 
     def torque(self, state: State) -> np.ndarray:
         damper = 0.0 if state.qd is None else self.damping * state.qd

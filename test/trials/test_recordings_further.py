@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_samples import ARM, START, messages, wave, write_messages
+from recording_samples import ARM, START, kinds, loaded, messages, warned, wave, write_messages
 from support import MODEL_FILE
 
 from dvrk_gravity.arms import JOINT_NAMES
@@ -13,20 +13,6 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check
 
 CLEAN = wave(1200)
-
-
-def kinds(recording):
-    return {(note.kind, note.joint, note.left_out) for note in recording.found}
-
-
-def warned(recording):
-    """Return the kinds and joints of what the checks find."""
-    return {(warning.kind, warning.joint) for warning in check(recording)}
-
-
-def loaded(tmp_path, sent, storage="sqlite3", **options):
-    write_messages(tmp_path / "bag", sent, storage)
-    return Recording.load(tmp_path / "bag", **({"arm": ARM} | options))
 
 
 # Publishers

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 import pytest
+from outside_term import OutsideTerm
 from scipy.optimize import brentq
 
 from dvrk_gravity.arms import Arm, build_tree
@@ -44,24 +45,13 @@ PRESLIDING = {
 }
 
 
-class Outside(Term):
+class Outside(OutsideTerm):
     """An effect of somebody else's: a torque, and what every term has to have."""
 
     NAME = "outside"
 
     def __init__(self, torque: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
         self._of = torque
-
-    @classmethod
-    def schema(cls, arm):
-        return ()
-
-    @classmethod
-    def from_parameters(cls, arm, values):
-        return None
-
-    def parameters(self):
-        return {}
 
     def torque(self, state: State) -> np.ndarray:
         return self._of(state.q, np.zeros_like(state.q) if state.qd is None else state.qd)

@@ -12,8 +12,8 @@ from quick_fits import BOTH, ELBOW, LIFT, POOR, factor_in, fitted_to, placeholde
 from robots import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.identification import identify
-from dvrk_gravity.model import stated_weight
 from dvrk_gravity.observation import in_their_unit
 from dvrk_gravity.simulate import PlantFile
 from testing.posed_arms import ur5

@@ -6,7 +6,9 @@ import inspect
 from functools import cache
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.sensor import SensorEffect
 from dvrk_gravity.effects.base.term import Term
@@ -60,10 +62,11 @@ def stated_terms(arm: Arm) -> tuple[Term, ...]:
     return tuple(term for effect in terms() if (term := effect.stated(arm)) is not None)
 
 
-def stated_weight(arm: Arm) -> Term | None:
-    """Return the arm's weight as its own file states it; ``None`` if it states none."""
+def stated_weight(arm: Arm, q: Array) -> Array | None:
+    """Return (…, n) efforts that hold the masses in an arm's file; ``None`` if it states none."""
     weights = (effect.stated(arm) for effect in terms() if effect.WEIGHT_OF_ARM)
-    return next((term for term in weights if term is not None), None)
+    weight = next((term for term in weights if term is not None), None)
+    return None if weight is None else weight.torque(State.of(q))
 
 
 def sensor_effects() -> tuple[type[SensorEffect], ...]:

@@ -172,6 +172,23 @@ class Term(Effect):
         """Positions on which it was fitted; ``None``: not stated."""
         return None if self.polynomials is None else self.polynomials.valid
 
+    @property
+    def inertial_parameters(self) -> Array | None:
+        """(bodies, 10) of what it has of rigid bodies, in their joints' frames; ``None``: nothing.
+
+        In Pinocchio's order: m kg, m c (3) kg·m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg·m^2.
+        """
+        return None
+
+    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics | None:
+        """Return the nearest torque that a URDF or an MJCF can hold; ``None``: they hold nothing.
+
+        Args:
+            arm: The arm.
+            q: (N, n) true positions, evenly over the range that the model is good for.
+        """
+        return None
+
     # Without a measurement.
     @classmethod
     def nominal(cls, arm: Arm) -> Term | None:
@@ -246,24 +263,6 @@ class Term(Effect):
 
     def prepare_parts(self, part: Array) -> Evaluator | None:
         """Return an evaluator of both parts of :meth:`split`, (2, n), if the term has both."""
-        return None
-
-    # Exported.
-    @property
-    def inertial_parameters(self) -> Array | None:
-        """(bodies, 10) of what it has of rigid bodies, in their joints' frames; ``None``: nothing.
-
-        In Pinocchio's order: m kg, m c (3) kg·m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg·m^2.
-        """
-        return None
-
-    def joint_dynamics(self, arm: Arm, q: Array) -> JointDynamics | None:
-        """Return the nearest torque that a URDF or an MJCF can hold; ``None``: they hold nothing.
-
-        Args:
-            arm: The arm.
-            q: (N, n) true positions, evenly over the range that the model is good for.
-        """
         return None
 
     # Simulated.

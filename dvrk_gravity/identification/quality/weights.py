@@ -24,7 +24,7 @@ from dvrk_gravity.arms import (
     rigid_body,
 )
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.effects import State, last_link, weight_directions
+from dvrk_gravity.effects import State, last_link, stated_weight, weight_directions
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.gravity import BETA_NAMES
@@ -35,7 +35,7 @@ from dvrk_gravity.identification.result import (
     HeldWeight,
     Holding,
 )
-from dvrk_gravity.model import ARM_PARAMETER, VERDICTS, WEIGHT, TorqueModel, stated_weight
+from dvrk_gravity.model import ARM_PARAMETER, VERDICTS, WEIGHT, TorqueModel
 from dvrk_gravity.observation import OTHER_ARM, OTHER_SIDE
 from dvrk_gravity.parameters import flatten
 from dvrk_gravity.recording import Note
