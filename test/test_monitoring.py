@@ -35,6 +35,7 @@ SECONDS = 40.0
 ONSET = 24.5
 LOAD = 1.5  # kg
 FORCE = np.array([0.3, 0.3, -0.3])  # N
+SLIP = np.radians(2.0)
 
 
 def rows_of(recording) -> Rows:
@@ -274,3 +275,50 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
     rubs = windows.held_by_friction(model, 0.0 * still[0])[1] / model.uncertainty.error[1]
     assert deviation(still)[1] > 0.9 * rubs  # insertion's motor may hold pitch
     assert (deviation(moving)[1:3] < 1.05).all()
+
+
+def slip(q, qd, qdd):
+    """Return what an encoder's slip adds: its joint is brought back to where it reads, at once."""
+    time = np.arange(len(q)) * 0.01
+    part = np.clip((time - ONSET) / 0.3, 0.0, 1.0)
+    steps = [part**3 * (10.0 - 15.0 * part + 6.0 * part**2)]
+    for _ in range(2):
+        steps.append(np.gradient(steps[-1], 0.01))
+    moved = [step[:, None] * SLIP * np.eye(ecm.ARM.n)[ecm.PITCH] for step in steps]
+    there = [given - own for given, own in zip((q, qd, qdd), moved, strict=True)]
+    return ecm.model().torque(*there) - ecm.model().torque(q, qd, qdd)
+
+
+def test_an_encoder_that_slips_is_named_though_the_arm_jumps():
+    (event,) = [event for event in heard(slip) if event.kind != "push"]
+    assert (event.effect, event.joints) == ("joint_offset", ("pitch",))
+    assert event.values["offset"].low < SLIP < event.values["offset"].high
+
+
+@pytest.mark.parametrize(("smaller", "level"), [(0.5, 0.5), (0.1, 0.25), (4.0, 1.0)])
+def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, level):
+    random, usual = np.random.default_rng(8), trials.UsualGains.begin(2)
+    for _ in range(60):
+        gain = smaller * random.chisquare([1.0, 1.0, 3.0], (200, 3))
+        begin = np.zeros(200, dtype=int)
+        found = trials.Moments(begin, np.tile([4, 8, 16, 25], 50), gain, gain[:, :2])
+        usual = usual.after(found, np.full(3, 1e3), 1.0)
+    np.testing.assert_allclose(usual.level, level, rtol=0.1)
+    limits = trials.Limits(1e-6, level=np.array([usual.level[0], 1.0]))
+    columns = np.zeros((9, 2, 1))
+    columns[:, 0] = 1.0
+    assert limits.usual(columns) == pytest.approx(usual.level[0])
+    columns[:, 1] = 1.0  # of another joint whose errors are as known
+    assert limits.usual(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
+
+
+@pytest.mark.parametrize(("times", "heard_of"), [(2.0, 1.0), (3.0, 0.0)])
+def test_an_arm_is_judged_up_to_twice_the_speed_that_is_known(times, heard_of):
+    model, time = diagnosed.identified().model, np.arange(1000) / RATE
+    known, n = model.uncertainty, model.arm.n
+    middle = 0.5 * (known.lower + known.upper) + model.joint_offset
+    q = middle + 1e-3 * (known.upper - known.lower) * time[:, None] / time[-1]
+    rows = Rows(time, q, np.tile(times * known.speed, (1000, 1)), model.torque(q))
+    band = Band(known.error, np.full(n, 0.1), np.full(n, FASTEST))
+    window = Window.of(model, rows, 0.0 * q, band, Sampling())
+    assert np.mean(window.heard[50:]) == heard_of

@@ -60,6 +60,7 @@ class MonitorSettings:
         part: of its own, since a cause's torque is known to some per cent.
         patience: s for which a cause that does not excel them is waited for.
         give_up: s, after which something that no cause explains is reported.
+        learnt: s, after which the size of errors counts as the arm's own, and not as a change's.
         push: s, which the longest push lasts.
         remains: Mean square of whitened residuals beside a cause, from which on it does not explain
             them: 1.5 squared.
@@ -78,6 +79,7 @@ class MonitorSettings:
     part: float = 0.1
     patience: float = 6.0
     give_up: float = 10.0
+    learnt: float = 12.0
     push: float = 5.0
     remains: float = 2.25
 
@@ -163,6 +165,7 @@ class Monitor:
         self._baseline: Sums | None = None  # of what has left the window since the last change
         self._pending: float | None = None  # since when a cause has passed
         self._usual = UsualGains.begin(n)
+        self._levels: tuple[tuple[float, Array], ...] = ()  # at the last looks
         self._push: _Push | None = None
         self._over: tuple[_Push, ...] = ()
         self._left_out: tuple[tuple[float, float], ...] = ()
@@ -222,6 +225,13 @@ class Monitor:
         yield Event("drift", trend.since, float(rest.time[0]), (name,), values={"change": value})
 
     @property
+    def _of_causes(self) -> Limits:
+        """Limits of causes, by the errors before what may have changed of late."""
+        if not self._levels:
+            return self._limits
+        return replace(self._limits, level=self._levels[0][1])
+
+    @property
     def ready(self) -> bool:
         """Whether there was enough motion to know the arm as it usually is."""
         return self._moved >= self.settings.warm_up
@@ -239,8 +249,9 @@ class Monitor:
                 self.model, self._band, sampling, self.settings.longest, self._limits, self._tip
             )
         window = self._window(self._left_out)
-        test = ChangeTest(window.uncertain, window.residual, self._baseline)
         self._look_for_push(window, new)
+        window = window.without_spikes()
+        test = ChangeTest(window.uncertain, window.residual, self._baseline)
         events = list(self._changed(window, test)) if self.ready else []
         events = events or list(self._pushed(window))
         if len(self._rows) >= round(self.settings.longest * sampling.row_rate):
@@ -284,7 +295,7 @@ class Monitor:
     def _changed(self, window: Window, test: ChangeTest) -> Iterator[Event]:
         """Yield the change that the last seconds show, if it has lasted and has a cause."""
         settings, now = self.settings, float(window.time[-1])
-        found = trials(window, test, self._onsets(window), self._limits)
+        found = trials(window, test, self._onsets(window), self._of_causes)
         possible = [trial.possible(window) for trial in found if trial.excess > 0.0]
         passing = [
             trial
@@ -311,7 +322,8 @@ class Monitor:
         if not likely:
             return
         best = likeliest(likely)
-        close = best.excess - max(settings.margin, settings.part * best.evidence.gain)
+        margin = max(settings.margin * best.usual, settings.part * best.evidence.gain)
+        close = best.excess - margin
         rivals = [trial for trial in likely if trial is not best and trial.excess > close]
         # Which link carries a load, a motion may never show.
         others = [each for each in rivals if not each.on_other_link(best)]
@@ -352,10 +364,11 @@ class Monitor:
 
     def _outlasts(self, push: _Push, cause: Hypothesis | None = None) -> bool:
         """Return whether what seems a push is a change: some cause shows without it as well."""
-        window = self._window((*self._left_out, push.span))
+        window = self._window((*self._left_out, push.span)).without_spikes()
         test = ChangeTest(window.uncertain, window.residual, self._baseline)
         first = int(np.searchsorted(window.time, push.begin))
-        found = trials(window, test, [first] if first else self._onsets(window), self._limits)
+        firsts = [first] if first else self._onsets(window)
+        found = trials(window, test, firsts, self._of_causes)
         return any(
             trial.excess > 0.0 and trial.possible(window) is not None
             for trial in found
@@ -405,6 +418,8 @@ class Monitor:
         goes_on = acts[begins > window.time[first_new] - _ASIDE].any()
         forgotten = new / rate / settings.forget
         self._usual = self._usual.after(found, limit, float(np.exp(-forgotten)))
+        self._levels = (*self._levels, (now, self._usual.level))
+        self._levels = tuple(each for each in self._levels if each[0] > now - settings.learnt)
         if acts.any():
             clearest = int(excess.max(axis=1).argmax())
             begin, end = float(begins[clearest]), found.end[clearest] - 1

@@ -30,6 +30,9 @@ _SHAPE = 0.05  # of a cause's power: a column that is off by a fifth of itself. 
 _LENGTHS = (4, 8, 16, 25)
 LONGEST_MOMENT = max(_LENGTHS)
 _APART = 3  # samples between two such moments
+# Of the mean square of errors as they are known, below which none is believed: .3 where a model's
+# known error is that of another motion, and what it lacks is fitted. Chosen.
+_LEAST = 0.25
 _BEFORE = 50.0  # moments of a length, of gain one, that count as known before any. Chosen: 10 s
 _FLAT = 1e-9  # of the largest information on a force, that is rounding: no joint feels that way
 _AT_REST = 8  # samples of the longest moment in which friction may hold a joint. Chosen
@@ -47,16 +50,34 @@ class Limits:
         false_alarms: Tests of one second that may pass by chance, by white errors.
         of_causes: The largest gain that the calibration itself shows, by cause.
         of_pushes: (n + 1,) likewise of what acts for a moment, at each joint and at the tip.
+        level: (n,) of errors: their mean square over that of errors as they are known.
     """
 
     false_alarms: float
     of_causes: Mapping[Key, float] = field(default_factory=dict)
     of_pushes: Array = field(default_factory=lambda: np.zeros(1))
+    level: Array = field(default_factory=lambda: np.ones(1))
 
-    def cause(self, hypothesis: Hypothesis, k: int, count: int) -> float:
-        """Return the gain from which on one of so many causes of k parameters is there."""
+    def usual(self, columns: Array) -> float:
+        """Return what the gain of (m, n, k) whitened columns is usually, over that of known errors.
+
+        By the joints at which they act: of several parameters the largest.
+        """
+        power = np.sum(columns**2, axis=0)
+        share = power / np.maximum(power.sum(axis=0), 1e-300)
+        return float(np.sum(self.level[:, None] * share, axis=0).max())
+
+    def cause(self, hypothesis: Hypothesis, k: int, count: int, usual: float) -> float:
+        """Return the gain from which on one of so many causes of k parameters is there.
+
+        Args:
+            hypothesis: The cause.
+            k: Its parameters.
+            count: How many there are.
+            usual: Its gain where nothing happens, over that of known errors.
+        """
         chance = float(chi2.isf(self.false_alarms / count, k))
-        return max(chance, _GAIN * self.of_causes.get(hypothesis.key, 0.0))
+        return max(chance * usual, _GAIN * self.of_causes.get(hypothesis.key, 0.0))
 
     def push(self, gain: Array, usual: Array, largest: Array) -> Array:
         """Return (p, n + 1) limits from which on one of as many gains of moments is no chance.
@@ -80,6 +101,7 @@ class Trial:
         since: When it begins, s.
         first: Index of the first sample that has something of it.
         limit: Gain from which on it is there.
+        usual: Its gain where nothing happens, over that of known errors.
         columns: (m, n, k) whitened torque in all samples.
         test: That gave the evidence.
     """
@@ -89,6 +111,7 @@ class Trial:
     since: float
     first: int
     limit: float
+    usual: float
     columns: Array
     test: ChangeTest
 
@@ -163,7 +186,7 @@ class Trial:
         early, late = found.theta[:k], found.theta[k:]
         for theta, own in ((early, slice(0, k)), (late, slice(k, None))):
             gain = theta @ np.linalg.solve(found.covariance[own, own], theta)
-            if gain < NORMAL_95**2 * k:
+            if gain < NORMAL_95**2 * k * self.usual:
                 return False
         size = self.evidence.theta @ self.evidence.theta
         return bool(min(early @ self.evidence.theta, late @ self.evidence.theta) > 0.5 * size)
@@ -261,11 +284,12 @@ def trials(
     ]
     found = test.of_spans(np.concatenate(columns, axis=2), priors, firsts)
     for cause, own, evidences in zip(causes, columns, found, strict=True):
-        limit = limits.cause(cause, own.shape[2], len(causes) * len(firsts))
+        usual = limits.usual(own)
+        limit = limits.cause(cause, own.shape[2], len(causes) * len(firsts), usual)
         for first, evidence in zip(firsts, evidences, strict=True):
             if evidence.gain > 0.0:
                 since = float(window.ends[first]) - window.step
-                yield Trial(cause, evidence, since, first, limit, own, test)
+                yield Trial(cause, evidence, since, first, limit, usual, own, test)
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,6 +341,15 @@ class UsualGains:
         return UsualGains(
             total, count, np.maximum(kept * self.largest, gain.max(axis=0, initial=0.0))
         )
+
+    @property
+    def level(self) -> Array:
+        """(n,) mean square of each joint's errors over that of errors as they are known.
+
+        By the moments whose gains are largest; between :data:`_LEAST` and one.
+        """
+        usual = np.max(self.total / self.count, axis=0)[:-1]
+        return np.asarray(np.clip(usual, _LEAST, 1.0))
 
     def of(self, found: Moments) -> Array:
         """Return (p, n + 1) what is usual for moments, over the degrees of freedom.

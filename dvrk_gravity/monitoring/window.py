@@ -30,13 +30,15 @@ _STUCK = FilterSettings().stuck
 # Of the identified range and speed, by which a row may be beyond them and still count. Chosen: what
 # a motion of the same kind exceeds them by.
 _BESIDE = 0.03
-_FASTER = 1.2
+_FASTER = 2.5
 # Of the greatest identified speed, below which friction is no function of speed that recurs: it
 # builds up, sticks and slips. As the identification has it (`SLOW`).
 _CREEPS = 0.1
 # Likewise, below which it may stand, held by any friction up to its level, while others that share
 # a joint with it move. Chosen: a wrist's motor breaks away at that.
 _STANDS = 0.01
+_SPIKE = 15  # samples, less than half of which a spike lasts: half a second. Chosen
+_ABOVE = 4.0  # standard deviations of errors by which it exceeds what is around it. Chosen
 _AROUND = 2.0  # s, of samples from which the noise of one is known. Chosen
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
 
@@ -162,6 +164,19 @@ class Window:
         """Return it with samples in which friction holds a joint: as much as it can is error."""
         at_rest = self._filter(np.where(self.motion.stuck, self.held / self.error, 0.0))
         return replace(self, usable=self.heard, larger=np.hypot(self.larger, at_rest))
+
+    def without_spikes(self) -> Window:
+        """Return it without what is over in half a second: a knock, a jump that is followed.
+
+        An encoder that slips by two degrees, say, lets a controller move the arm so far at once: of
+        the acceleration, which is not in the readings, no change knows.
+        """
+        from scipy.ndimage import binary_dilation, median_filter
+
+        size = self.torque / (self.error * self.larger)
+        usual = median_filter(size, (_SPIKE, 1), mode="nearest")
+        spikes = binary_dilation(np.abs(size - usual) > _ABOVE, np.ones((3, 1)))
+        return replace(self, usable=self.usable & ~spikes)
 
     @property
     def step(self) -> float:
