@@ -77,7 +77,7 @@ class MonitorSettings:
     size: float = 1.0
     margin: float = 10.0
     part: float = 0.1
-    patience: float = 6.0
+    patience: float = 4.0
     give_up: float = 10.0
     learnt: float = 12.0
     push: float = 5.0
