@@ -170,6 +170,12 @@ def load(q, qd, qdd):
     return Payload(ecm.ARM, "link3", LOAD, moment, gravity).torque(State(q, qd, qdd))
 
 
+def cable(q, qd, qdd):
+    torque, place = np.zeros_like(q), q[:, ecm.PITCH] / np.abs(q[:, ecm.PITCH]).max()
+    torque[:, ecm.PITCH] = 0.15 * ecm.ARM.effort_limit[ecm.PITCH] * np.tanh(2.0 * place)
+    return torque
+
+
 def heard(more=None):
     return monitor(ecm.recorded(2, SECONDS, more=more), ecm.model()).events
 
@@ -193,6 +199,11 @@ def test_a_load_is_named_with_an_interval_over_all_bodies_and_places():
     assert event.onset == pytest.approx(ONSET, abs=0.2)
     assert event.values["mass"].low < LOAD < event.values["mass"].high
     assert event.reported < 31.0  # another link carries it as well, for which nobody waits
+
+
+def test_a_cable_that_is_no_polynomial_is_named_once():
+    (event,) = heard(later(cable))
+    assert (event.kind, event.effect, event.joints) == ("change", "elastic_cable", ("pitch",))
 
 
 def test_the_push_of_a_hand_is_a_push():

@@ -262,24 +262,13 @@ class Monitor:
         return np.pad(deviation, ((new - len(deviation), 0), (0, 0)), mode="edge"), events
 
     def _window(self, without: tuple[tuple[float, float], ...]) -> Window:
-        """Return the rows without some spans of time, and without the torque of reported changes.
-
-        The sizes of these stay uncertain.
-        """
+        """Return the rows without some spans of time and the torque of reported changes."""
         assert self._band is not None  # since it was judged
         window = Window.of(
             self.model, self._rows, self._unexpected, self._band, self.settings.sampling, without
         )
         for change in self.changes:
-            columns = window.columns(change.hypothesis, change.since)
-            torque = columns @ change.theta
-            window = replace(
-                window,
-                torque=window.torque - torque,
-                open=np.concatenate(
-                    [window.open, columns * np.abs(change.theta), window.rubbed(torque)], axis=2
-                ),
-            )
+            window = window.without_change(change.hypothesis, change.theta, change.since)
         return window
 
     def _kept(self, window: Window, new: int) -> Sums:

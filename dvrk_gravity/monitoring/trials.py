@@ -17,7 +17,7 @@ from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.monitoring.change_test import ChangeTest, Evidence
 from dvrk_gravity.monitoring.events import Alternative
-from dvrk_gravity.monitoring.window import Window
+from dvrk_gravity.monitoring.window import SHAPE, Window
 from dvrk_gravity.monitoring.wrench import Tip
 
 Key = tuple[str, tuple[int, ...], str]
@@ -25,7 +25,6 @@ Key = tuple[str, tuple[int, ...], str]
 # By which gains grow in another motion than the calibration's, as the square of its known error.
 _GAIN = OTHER_MOTION**2
 _CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
-_SHAPE = 0.05  # of a cause's power: a column that is off by a fifth of itself. Chosen
 # Samples, of moments at which any torque may act: a third of a second to two.
 _LENGTHS = (4, 8, 16, 25)
 LONGEST_MOMENT = max(_LENGTHS)
@@ -205,7 +204,7 @@ class Trial:
         count = np.maximum(usable[rows].sum(axis=0), 1)
         power, left = (np.sum(each**2, axis=0) / count for each in (torque, left))
         # A column is right to some per cent, which is more than the errors of a large change.
-        return float(np.max((left - _SHAPE * power)[power > 0.1 * power.max()]))
+        return float(np.max((left - SHAPE**2 * power)[power > 0.1 * power.max()]))
 
     def joints(self) -> tuple[str, ...]:
         """Return the names of its joints, or of those that feel it, the most affected one first."""

@@ -37,6 +37,8 @@ _CREEPS = 0.1
 # Likewise, below which it may stand, held by any friction up to its level, while others that share
 # a joint with it move. Chosen: a wrist's motor breaks away at that.
 _STANDS = 0.01
+SHAPE = 0.2  # of a cause's torque, that its columns may be off by. Chosen
+_OF_SHAPE = 0.05  # likewise, by no smooth function of position. Chosen
 _SPIKE = 15  # samples, less than half of which a spike lasts: half a second. Chosen
 _ABOVE = 4.0  # standard deviations of errors by which it exceeds what is around it. Chosen
 _AROUND = 2.0  # s, of samples from which the noise of one is known. Chosen
@@ -228,9 +230,26 @@ class Window:
         left = test.deviation_of(self.open[rows].reshape(-1, self.open.shape[2]))
         return np.hypot(self.error * self.larger[rows], left.reshape(-1, self.motion.arm.n))
 
-    def rubbed(self, torque: Array) -> Array:
-        """Return (m, n, n) torque by which friction grows with (m, n) transmitted torque."""
-        return _diagonal(FRICTION_BY_LOAD * np.abs(torque) * self._filter(self.motion.signs))
+    def without_change(self, hypothesis: Hypothesis, theta: Array, since: float) -> Window:
+        """Return it without the torque of a change, whose size and shape are uncertain.
+
+        Its size by as much as itself, and by the friction that grows with it; its shape, since no
+        cable is a polynomial, by a fifth that depends on position, and by errors of a twentieth.
+
+        Args:
+            hypothesis: The change.
+            theta: (k,) its parameters.
+            since: When it began, s.
+        """
+        columns = self.columns(hypothesis, since)
+        torque, place = columns @ theta, _places(self.motion)
+        rubs = FRICTION_BY_LOAD * np.abs(torque) * self._filter(self.motion.signs)
+        shapes = [_diagonal(SHAPE * torque * place**power) for power in (1, 2)]
+        columns_beside = [self.open, columns * np.abs(theta), _diagonal(rubs), *shapes]
+        return replace(
+            self, torque=self.torque - torque, open=np.concatenate(columns_beside, axis=2),
+            larger=np.hypot(self.larger, _OF_SHAPE * torque / self.error),
+        )  # fmt: skip
 
     def columns(self, hypothesis: Hypothesis, since: float = -np.inf) -> Array:
         """Return (m, n, k) low-passed torque of a cause per unit of its parameters, N·m.
@@ -379,18 +398,23 @@ def _diagonal(values: Array) -> Array:
     return values[:, :, None] * np.eye(values.shape[1])
 
 
+def _places(motion: MeasuredMotion) -> Array:
+    """Return (K, n) positions within the identified range, from -1 to 1, else within their own."""
+    known = motion.model.uncertainty
+    low, high = motion.q.min(axis=0), motion.q.max(axis=0)
+    if known is not None:
+        low, high = known.lower, known.upper
+    place = (motion.true_q - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-6)
+    return np.clip(place, -1.0, 1.0)
+
+
 def _misfits(motion: MeasuredMotion, deviation: Array) -> Array:
     """Return (K, n, 5 n) smooth functions of a joint's own state that sum up to its deviation.
 
     What a model lacks recurs wherever the arm returns: as noise alone it would seem to vanish with
     time.
     """
-    known = motion.model.uncertainty
-    low, high = motion.q.min(axis=0), motion.q.max(axis=0)
-    if known is not None:
-        low, high = known.lower, known.upper
-    place = (motion.true_q - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-6)
-    place = np.clip(place, -1.0, 1.0)
+    place = _places(motion)
     fast = np.clip(motion.qd / _greatest_speed(motion), -1.0, 1.0)
     shapes = (np.ones_like(place), place, place**2, motion.signs, fast)
     return np.concatenate([_diagonal(deviation / np.sqrt(_SHAPES) * s) for s in shapes], axis=2)
