@@ -8,6 +8,7 @@ import diagnosed
 import known_ecm as ecm
 import numpy as np
 import pytest
+from monitored_ecm import ONSET, SECONDS, heard, later
 
 from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.monitoring import (
@@ -31,11 +32,8 @@ from dvrk_gravity.monitoring import (
 from dvrk_gravity.monitoring import window as windows
 
 RATE = 50.0
-SECONDS = 40.0
-ONSET = 24.5
 LOAD = 1.5  # kg
 FORCE = np.array([0.3, 0.3, -0.3])  # N
-SLIP = np.radians(2.0)
 
 
 def rows_of(recording) -> Rows:
@@ -142,17 +140,6 @@ def test_the_evidence_of_a_change_is_that_of_least_squares():
             np.testing.assert_allclose(evidence.theta, fits[1][1][d:])
 
 
-def later(torque):
-    """Return what adds a torque from ``ONSET`` on, once the arm has been heard for a while."""
-
-    def more(q, qd, qdd):
-        added = torque(q, qd, qdd)
-        added[: round(ONSET * 100.0)] = 0.0
-        return added
-
-    return more
-
-
 def friction(q, qd, qdd):
     torque = np.zeros_like(q)
     torque[:, ecm.PITCH] = 0.03 * ecm.ARM.effort_limit[ecm.PITCH] * np.sign(qd[:, ecm.PITCH])
@@ -168,16 +155,6 @@ def hand(q, qd, qdd):
 def load(q, qd, qdd):
     moment, gravity = np.array([0.1 * LOAD, 0.0, 0.0]), ecm.model().gravity
     return Payload(ecm.ARM, "link3", LOAD, moment, gravity).torque(State(q, qd, qdd))
-
-
-def cable(q, qd, qdd):
-    torque, place = np.zeros_like(q), q[:, ecm.PITCH] / np.abs(q[:, ecm.PITCH]).max()
-    torque[:, ecm.PITCH] = 0.15 * ecm.ARM.effort_limit[ecm.PITCH] * np.tanh(2.0 * place)
-    return torque
-
-
-def heard(more=None):
-    return monitor(ecm.recorded(2, SECONDS, more=more), ecm.model()).events
 
 
 def test_nothing_is_reported_of_an_arm_as_its_model():
@@ -199,11 +176,6 @@ def test_a_load_is_named_with_an_interval_over_all_bodies_and_places():
     assert event.onset == pytest.approx(ONSET, abs=0.2)
     assert event.values["mass"].low < LOAD < event.values["mass"].high
     assert event.reported < 31.0  # another link carries it as well, for which nobody waits
-
-
-def test_a_cable_that_is_no_polynomial_is_named_once():
-    (event,) = heard(later(cable))
-    assert (event.kind, event.effect, event.joints) == ("change", "elastic_cable", ("pitch",))
 
 
 def test_the_push_of_a_hand_is_a_push():
@@ -288,36 +260,15 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
     assert (deviation(moving)[1:3] < 1.05).all()
 
 
-def slip(q, qd, qdd):
-    """Return what an encoder's slip adds: its joint is brought back to where it reads, at once."""
-    time = np.arange(len(q)) * 0.01
-    part = np.clip((time - ONSET) / 0.3, 0.0, 1.0)
-    steps = [part**3 * (10.0 - 15.0 * part + 6.0 * part**2)]
-    for _ in range(2):
-        steps.append(np.gradient(steps[-1], 0.01))
-    moved = [step[:, None] * SLIP * np.eye(ecm.ARM.n)[ecm.PITCH] for step in steps]
-    there = [given - own for given, own in zip((q, qd, qdd), moved, strict=True)]
-    return ecm.model().torque(*there) - ecm.model().torque(q, qd, qdd)
-
-
-def test_an_encoder_that_slips_is_named_though_the_arm_jumps():
-    (event,) = [event for event in heard(slip) if event.kind != "push"]
-    assert (event.effect, event.joints) == ("joint_offset", ("pitch",))
-    assert event.values["offset"].low < SLIP < event.values["offset"].high
-
-
 @pytest.mark.parametrize(("smaller", "level"), [(0.5, 0.5), (0.1, 0.25), (4.0, 1.0)])
 def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, level):
-    random, usual = np.random.default_rng(8), trials.UsualGains.begin(2)
-    for _ in range(60):
-        gain = smaller * random.chisquare([1.0, 1.0, 3.0], (200, 3))
-        begin = np.zeros(200, dtype=int)
-        found = trials.Moments(begin, np.tile([4, 8, 16, 25], 50), gain, gain[:, :2])
-        usual = usual.after(found, np.full(3, 1e3), 1.0)
+    gain = smaller * np.random.default_rng(8).chisquare([1.0, 1.0, 3.0], (12000, 3))
+    last = np.tile([4, 8, 16, 25], 3000)
+    found = trials.Moments(np.zeros(12000, dtype=int), last, gain, gain[:, :2])
+    usual = trials.UsualGains.begin(2).after(found, np.full(3, 1e3), 1.0)
     np.testing.assert_allclose(usual.level, level, rtol=0.1)
     limits = trials.Limits(1e-6, level=np.array([usual.level[0], 1.0]))
-    columns = np.zeros((9, 2, 1))
-    columns[:, 0] = 1.0
+    columns = np.array([[[1.0], [0.0]]])
     assert limits.usual(columns) == pytest.approx(usual.level[0])
     columns[:, 1] = 1.0  # of another joint whose errors are as known
     assert limits.usual(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
@@ -327,9 +278,7 @@ def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, 
 def test_an_arm_is_judged_up_to_twice_the_speed_that_is_known(times, heard_of):
     model, time = diagnosed.identified().model, np.arange(1000) / RATE
     known, n = model.uncertainty, model.arm.n
-    middle = 0.5 * (known.lower + known.upper) + model.joint_offset
-    q = middle + 1e-3 * (known.upper - known.lower) * time[:, None] / time[-1]
+    q = np.tile(0.5 * (known.lower + known.upper) + model.joint_offset, (1000, 1))
     rows = Rows(time, q, np.tile(times * known.speed, (1000, 1)), model.torque(q))
     band = Band(known.error, np.full(n, 0.1), np.full(n, FASTEST))
-    window = Window.of(model, rows, 0.0 * q, band, Sampling())
-    assert np.mean(window.heard[50:]) == heard_of
+    assert np.mean(Window.of(model, rows, 0.0 * q, band, Sampling()).heard[50:]) == heard_of
