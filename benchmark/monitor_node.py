@@ -64,8 +64,10 @@ def listen(flight: Flight, seconds: float, folder: Path) -> dict[str, Any]:
     flight.model.save(model)
     recording, names = flight.recording, flight.model.arm.joint_names
     assert recording.time is not None
-    assert recording.velocity is not None
     assert recording.effort is not None
+    measured = {"position": recording.position, "effort": recording.effort}
+    if recording.velocity is not None:
+        measured["velocity"] = recording.velocity
     with (
         private_domain(), Client() as client,
         NodeProcess("monitor", "--params-file", str(model), namespace=PRIVATE) as node,
@@ -74,16 +76,15 @@ def listen(flight: Flight, seconds: float, folder: Path) -> dict[str, Any]:
         publisher = client.node.create_publisher(JointState, "measured_js", 100)
         client.wait(lambda: client.connected(publisher), "the monitor")
         begin, used = time.monotonic(), processor_time(node.process.pid)
-        columns = (recording.position, recording.velocity, recording.effort)
-        for at, *row in zip(recording.time.tolist(), *columns, strict=True):
+        for sample, at in enumerate(recording.time.tolist()):
             if at > seconds:
                 break
             while (remaining := begin + at - time.monotonic()) > 0.0:
                 client.spin_once(remaining)
-            message = JointState(name=names)
-            message.position, message.velocity, message.effort = (
-                array("d", values.tobytes()) for values in row
-            )
+            fields = {
+                name: array("d", values[sample].tobytes()) for name, values in measured.items()
+            }
+            message = JointState(name=names, **fields)
             second, nanosecond = divmod(time.time_ns(), 1_000_000_000)
             message.header.stamp.sec, message.header.stamp.nanosec = second, nanosecond
             publisher.publish(message)

@@ -345,7 +345,7 @@ class UsualGains:
     def level(self) -> Array:
         """(n,) mean square of each joint's errors over that of errors as they are known.
 
-        By the moments whose gains are largest; between :data:`_LEAST` and one.
+        By the moments whose gains are largest; between a quarter and one.
         """
         usual = np.max(self.total / self.count, axis=0)[:-1]
         return np.asarray(np.clip(usual, _LEAST, 1.0))
