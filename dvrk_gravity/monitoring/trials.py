@@ -38,7 +38,7 @@ _AT_REST = 8  # samples of the longest moment in which friction may hold a joint
 _SAYS = 0.75  # part of a moment's samples that has to say something. Chosen
 # Times the largest gain of the last minutes, below which another one is no push: of some arms rare
 # errors (several joints that turn round at once) are far larger than their mean says. Chosen.
-_ABOVE = 1.5
+_ABOVE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
