@@ -76,6 +76,7 @@ def listen(flight: Flight, seconds: float, folder: Path) -> dict[str, Any]:
         publisher = client.node.create_publisher(JointState, "measured_js", 100)
         client.wait(lambda: client.connected(publisher), "the monitor")
         begin, used = time.monotonic(), processor_time(node.process.pid)
+        first = time.time_ns()
         for sample, at in enumerate(recording.time.tolist()):
             if at > seconds:
                 break
@@ -85,7 +86,8 @@ def listen(flight: Flight, seconds: float, folder: Path) -> dict[str, Any]:
                 name: array("d", values[sample].tobytes()) for name, values in measured.items()
             }
             message = JointState(name=names, **fields)
-            second, nanosecond = divmod(time.time_ns(), 1_000_000_000)
+            # When it was read, not when it is sent: positions alone are differentiated by stamps.
+            second, nanosecond = divmod(first + round(at * 1e9), 1_000_000_000)
             message.header.stamp.sec, message.header.stamp.nanosec = second, nanosecond
             publisher.publish(message)
         client.spin(5.0)  # the last look, and diagnostics after it

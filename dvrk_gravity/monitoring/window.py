@@ -40,7 +40,9 @@ _STANDS = 0.01
 SHAPE = 0.2  # of a cause's torque, that its columns may be off by. Chosen
 _OF_SHAPE = 0.05  # likewise, by no smooth function of position. Chosen
 _SPIKE = 15  # samples, less than half of which a spike lasts: half a second. Chosen
-_ABOVE = 4.0  # standard deviations of errors by which it exceeds what is around it. Chosen
+# Standard deviations of errors by which it exceeds twice what is around it. Chosen: the torque of a
+# load, too, changes within a second, by parts of itself.
+_ABOVE = 4.0
 _AROUND = 2.0  # s, of samples from which the noise of one is known. Chosen
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
 
@@ -177,7 +179,8 @@ class Window:
 
         size = self.torque / (self.error * self.larger)
         usual = median_filter(size, (_SPIKE, 1), mode="nearest")
-        spikes = binary_dilation(np.abs(size - usual) > _ABOVE, np.ones((3, 1)))
+        above = np.abs(size - usual) > _ABOVE + np.abs(usual)
+        spikes = binary_dilation(above, np.ones((3, 1)))
         return replace(self, usable=self.usable & ~spikes)
 
     @property
