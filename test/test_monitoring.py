@@ -45,12 +45,12 @@ def test_rows_are_means_and_a_gap_stays_a_gap():
     maker = RowMaker(10.0)
     found = [
         maker.add(time, np.array([time]), None, np.array([2.0 * time]))
-        for time in (0.01, 0.05, 0.11, 0.03, 0.51, 0.61)
+        for time in (0.01, 0.05, 0.11, 0.03, 0.51, 0.61, 0.71)
     ]
     rows = Rows.joined([row for row in found if row is not None])
     np.testing.assert_allclose(rows.time, [0.05, 0.15, 0.55])
     np.testing.assert_allclose(rows.q[:, 0], [0.03, 0.11, 0.51])
-    np.testing.assert_allclose(rows.qd[:, 0], [0.0, 0.8, 1.0])  # over the rows between, too
+    np.testing.assert_allclose(rows.qd[:, 0], [0.8, 0.96, 1.0])  # to both sides
 
 
 def test_the_residual_is_the_low_passed_torque_from_outside():

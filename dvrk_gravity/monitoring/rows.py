@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -78,7 +78,8 @@ class RowMaker:
     """Averages samples over the intervals of a clock.
 
     A sample belongs to the interval of its stamp; an interval without samples leaves a gap. Without
-    measured velocities, they are the differences of the rows' positions.
+    measured velocities, they are the slopes between the rows around each, which then comes a row
+    later: a difference to the row before alone would be half a row late.
     """
 
     def __init__(self, rate: float) -> None:
@@ -86,10 +87,11 @@ class RowMaker:
         self.rate = rate
         self._number = 0  # of the row that is not complete
         self._samples: list[Array] = []  # (3, n) positions, velocities, efforts of it
-        self._before: tuple[int, Array] | None = None  # number and positions of the last row
+        self._waiting: Rows | None = None  # for the row after it, whose velocities it lacks
+        self._before: Rows | None = None  # the row before that
 
     def add(self, time: float, q: Array, qd: Array | None, effort: Array) -> Rows | None:
-        """Add a sample at a time in s, with (n,) values; return the row that it completes, if any.
+        """Add a sample at a time in s, with (n,) values; return the row that is ready then, if any.
 
         A sample whose row is complete already, since stamps went backwards, is ignored.
         """
@@ -104,11 +106,17 @@ class RowMaker:
         self._number, self._samples = number, [sample]
         return row
 
-    def _row(self) -> Rows:
+    def _row(self) -> Rows | None:
         q, qd, effort = np.mean(self._samples, axis=0)
-        if np.isnan(qd).any():
-            number, before = self._before or (self._number, q)
-            qd = (q - before) * self.rate / max(self._number - number, 1)
-        self._before = (self._number, q)
         time = (self._number + 0.5) / self.rate
-        return Rows(np.array([time]), q[None], qd[None], effort[None])
+        row = Rows(np.array([time]), q[None], qd[None], effort[None])
+        if not np.isnan(qd).any():
+            self._waiting = self._before = None
+            return row
+        waiting, before = self._waiting, self._before
+        self._before, self._waiting = waiting, row
+        if waiting is None:
+            return None
+        first = waiting if before is None else before
+        slope = (row.q - first.q) / (row.time - first.time)
+        return replace(waiting, qd=slope)
