@@ -26,12 +26,12 @@ from std_msgs.msg import String
 from units import Target, as_json, judge, processor_time
 
 from dvrk_gravity.files import text_file
+from dvrk_gravity.monitoring import Sampling
 from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, private_domain
 from testing.flights import ARMS, BLOCK, Flight, laboratory
 from testing.monitor_judge import most_an_hour
 
-ROWS = 50.0  # a second, that the monitor makes
-UNTESTED_TARGET = 0.01  # of them
+UNTESTED_TARGET = 0.01  # of a monitor's rows
 
 
 class _Heard:
@@ -128,9 +128,10 @@ def main() -> int:
     most = most_an_hour(alarms, hours)
     print(f"{alarms} events in {hours:.2f} h: at most {most:.1f} an hour at 95 %")
     print("; ".join(f"{name}: {count}" for name, count in dropped.items()) or "nothing dropped")
+    made = Sampling().row_rate * 3600.0 * hours
     targets = [
         Target("events of clean motion", float(alarms), 0.0, ""),
-        Target("rows not tested", rows / (ROWS * 3600.0 * hours), UNTESTED_TARGET, "of them"),
+        Target("rows not tested", rows / made, UNTESTED_TARGET, "of them"),
     ]
     met = judge(targets)
     if arguments.json is not None:

@@ -42,7 +42,7 @@ _OF_SHAPE = 0.05  # likewise, by no smooth function of position. Chosen
 _SPIKE = 15  # samples, less than half of which a spike lasts: half a second. Chosen
 # Standard deviations of errors by which it exceeds twice what is around it. Chosen: the torque of a
 # load, too, changes within a second, by parts of itself.
-_ABOVE = 4.0
+_STANDS_OUT = 4.0
 _AROUND = 2.0  # s, of samples from which the noise of one is known. Chosen
 _LEAST_CORRELATION = 0.05  # s, where a model does not know its residual's
 
@@ -179,7 +179,7 @@ class Window:
 
         size = self.torque / (self.error * self.larger)
         usual = median_filter(size, (_SPIKE, 1), mode="nearest")
-        above = np.abs(size - usual) > _ABOVE + np.abs(usual)
+        above = np.abs(size - usual) > _STANDS_OUT + np.abs(usual)
         spikes = binary_dilation(above, np.ones((3, 1)))
         return replace(self, usable=self.usable & ~spikes)
 
@@ -248,9 +248,9 @@ class Window:
         torque, place = columns @ theta, _places(self.motion)
         rubs = FRICTION_BY_LOAD * np.abs(torque) * self._filter(self.motion.signs)
         shapes = [_diagonal(SHAPE * torque * place**power) for power in (1, 2)]
-        columns_beside = [self.open, columns * np.abs(theta), _diagonal(rubs), *shapes]
+        beside = [self.open, columns * np.abs(theta), _diagonal(rubs), *shapes]
         return replace(
-            self, torque=self.torque - torque, open=np.concatenate(columns_beside, axis=2),
+            self, torque=self.torque - torque, open=np.concatenate(beside, axis=2),
             larger=np.hypot(self.larger, _OF_SHAPE * torque / self.error),
         )  # fmt: skip
 
