@@ -59,7 +59,8 @@ setup(
         "pyyaml>=6.0",
         "rosbags>=0.10",
         "lz4>=4.0",
-        "backports.zstd>=1.0",
+        "mcap>=1.2",
+        "zstandard>=0.22",
         "matplotlib>=3.6",
     ],
     extras_require={

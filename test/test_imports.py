@@ -22,7 +22,7 @@ ROOMS = (
     "compensate", "monitoring", "collecting", "calibration", "fleet", "report", "ros", "cli",
 )  # fmt: skip
 # Other names than on the index of packages.
-DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
+DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml"}
 # Done without where they are not installed: the dVRK's own messages, those of ros2_control's
 # actions, what expands xacro, data frames, and what fleets need.
 OPTIONAL = {

@@ -2,9 +2,6 @@ from .bag import JOINT_STATE as JOINT_STATE
 from .bag import BagReader as BagReader
 from .bag import is_bag as is_bag
 from .bag import typestore as typestore
-from .bag_file import Allowance as Allowance
-from .bag_file import UnpackError as UnpackError
-from .bag_file import unpacked as unpacked
 from .cdr import ENCAPSULATION as ENCAPSULATION
 from .cdr import STAMP as STAMP
 from .cdr import CdrError as CdrError

@@ -13,22 +13,18 @@ from pathlib import Path, PurePath
 from types import TracebackType
 from typing import Any
 
+import zstandard
+
 from dvrk_gravity.errors import ConfigError, RecordingError, printable
 from dvrk_gravity.files import text_file, yaml_file
-from dvrk_gravity.recording import record_files, sqlite_file
-from dvrk_gravity.recording.bag_file import (
-    ZSTD_MAGIC,
-    BagFile,
-    BagFileError,
-    UnpackError,
-    unpack_file,
-    unpacked_message,
-)
-from dvrk_gravity.recording.cdr import CdrError, from_ros1
+from dvrk_gravity.recording import mcap_file, ros1_file, sqlite_file
+from dvrk_gravity.recording.bag_file import BagFile, Channel, one_line
 from dvrk_gravity.recording.joint_names import fits
 from dvrk_gravity.recording.notes import Note, note
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
+# A JointState of 7 joints takes 400 bytes, of 1000 joints 60 kB.
+LARGEST_MESSAGE = 1_000_000
 # Of rosbag2; a ROS 1 bag, and one whose recorder was killed.
 ROSBAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 SUFFIXES = (*ROSBAG2_SUFFIXES, ".bag", ".bag.active")
@@ -36,16 +32,17 @@ METADATA = "metadata.yaml"
 OTHERS = "docs/recordings.md#what-is-no-bag-of-jointstates-and-no-csv"
 """Where the documentation shows how to make a CSV of what is not read."""
 _COUNTS = "topics_with_message_count"  # its list of topics
-_KINDS: tuple[tuple[bytes, Callable[[Path, int], BagFile]], ...] = (
-    (sqlite_file.MAGIC, sqlite_file.SqliteFile),
-    (record_files.MCAP_MAGIC, record_files.McapFile),
-    (record_files.ROS1_MAGIC, record_files.Ros1File),
-)
+_KINDS: dict[bytes, Callable[[Path], BagFile]] = {
+    sqlite_file.MAGIC: sqlite_file.SqliteFile,
+    mcap_file.MAGIC: mcap_file.McapFile,
+    ros1_file.MAGIC: ros1_file.Ros1File,
+}
 # Topic names of arms' readings, the most certain first: of the dVRK, of its version 1, of ROS's
 # own drivers (and, for all arms together, of whatever draws them).
 _READINGS = ("measured_js", "state_joint_current", "joint_states")
 _NUMBER = re.compile(r"_(\d+)$")  # of a part of a bag that was split
 _LATEST = 2**63 - 1  # ns, of ROS's times
+_HEAD = 18  # bytes, as many as the head of a file packed by zstd has at most
 _DISK_SHARE = 0.5  # of the free space, that unpacking a file may take
 
 
@@ -100,6 +97,7 @@ class BagReader:
         self._files: list[tuple[str, BagFile]] = []
         self._described: dict[str, str] = {}  # topics that the metadata names
         self._stack = ExitStack()
+        self._zstd = zstandard.ZstdDecompressor()
 
     def __enter__(self) -> BagReader:
         """Open the files and list their topics."""
@@ -115,7 +113,7 @@ class BagReader:
                     raise
                 # Damaged bytes make parsers raise any error.
                 except Exception as error:
-                    problems.append(f"{path.name}: {_line(error)}")
+                    problems.append(f"{path.name}: {one_line(error)}")
                     continue
                 self._stack.callback(file.close)
                 self._files.append((path.name, file))
@@ -197,28 +195,37 @@ class BagReader:
         return inside
 
     def _open(self, path: Path) -> BagFile:
-        """Open one file; raise ``BagFileError`` if it is no bag's."""
+        """Open one file; raise ``ValueError`` or a parser's error if it is no bag's."""
         if not text_file.is_file(path):
             raise RecordingError(path, "is a pipe or device, expected a file of a bag")
-        size = path.stat().st_size
-        with path.open("rb") as file:
-            head = file.read(max(len(magic) for magic, _ in _KINDS))
-        if head.startswith(ZSTD_MAGIC):
-            path = self._unpacked(path)
-            with path.open("rb") as file:
-                head = file.read(len(head))
-        for magic, kind in _KINDS:
+        head = _head(path)
+        if head.startswith(zstandard.FRAME_HEADER):
+            path = self._unpacked(path, zstandard.frame_content_size(head))
+            head = _head(path)
+        for magic, kind in _KINDS.items():
             if head.startswith(magic):
-                return kind(path, size)
-        raise BagFileError("is empty" if not head else "does not begin like a file of a bag")
+                return kind(path)
+        raise ValueError("does not begin like a file of a bag" if head else "is empty")
 
-    def _unpacked(self, path: Path) -> Path:
-        """Return a file that was compressed as a whole, unpacked for as long as it is open."""
+    def _unpacked(self, path: Path, size: int) -> Path:
+        """Return a file that was compressed as a whole, unpacked for as long as it is open.
+
+        Args:
+            path: The file.
+            size: Its unpacked size as it declares it, bytes; -1: it does not.
+        """
         folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="dvrk_gravity-"))
-        most = int(_DISK_SHARE * shutil.disk_usage(folder).free)
+        if size > (most := _DISK_SHARE * shutil.disk_usage(folder).free):
+            raise ValueError(
+                f"unpacks to {size / 1e9:.3g} GB, expected at most {most / 1e9:.3g}, half of what "
+                f"is free in {folder}"
+            )
         target = Path(folder, path.stem)
-        if not unpack_file(path, target, most):
-            self._note(f"{path.name} is compressed, and breaks off")
+        with path.open("rb") as source, target.open("wb") as file:
+            try:
+                self._zstd.copy_stream(source, file)
+            except zstandard.ZstdError as error:
+                self._note(f"{path.name} cannot be unpacked to its end ({one_line(error)})")
         return target
 
     def joint_state_topic(
@@ -293,7 +300,7 @@ class BagReader:
         count = 0
         for name, file in self._files:
             wanted = [key for key, channel in file.channels.items() if channel.topic in topics]
-            for key, received, data in _guarded(file, wanted):
+            for key, received, data in file.read(wanted):
                 channel = file.channels[key]
                 # A sqlite3 column may hold any type.
                 if not isinstance(data, bytes) or not isinstance(received, int):
@@ -303,22 +310,13 @@ class BagReader:
                         f"{received!r:.40}, expected bytes received at a whole number of ns",
                     )
                 if received > _LATEST:
-                    file.leave_out("message received at a time beyond the year 2262")
+                    file.left_out["message received at a time beyond the year 2262"] += 1
                     continue
                 try:
-                    data = unpacked_message(data, file.allowance)
-                except UnpackError as error:
-                    file.leave_out(f"message that {error}")
+                    data = _cdr(data, channel, self._zstd)
+                except _MessageError as error:
+                    file.left_out[str(error)] += 1
                     continue
-                except BagFileError as error:  # too much for the file's size
-                    file.broken = f"is damaged from there on ({error})"
-                    break
-                if channel.encoding == "ros1" and channel.msgtype == JOINT_STATE:
-                    try:
-                        data = from_ros1(data)
-                    except CdrError as error:
-                        file.leave_out(f"message that is not a JointState: {error}")
-                        continue
                 count += 1
                 yield channel.topic, received, data
             self._note_damage(name, file, count)
@@ -344,22 +342,39 @@ class BagReader:
             ) from error
 
 
-def _guarded(file: BagFile, wanted: Sequence[Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield messages up to where damaged bytes make the parser fail."""
-    messages = file.read(wanted)
-    while True:
-        try:
-            found = next(messages)
-        except StopIteration:
-            return
-        except Exception as error:
-            file.broken = f"is damaged from there on ({_line(error)})"
-            return
-        yield found
+def _head(path: Path) -> bytes:
+    """Return a file's first bytes, which say its kind and what it unpacks to."""
+    with path.open("rb") as file:
+        return file.read(_HEAD)
 
 
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+class _MessageError(ValueError):
+    """A message that is left out; the text says what is wrong with it."""
+
+
+def _cdr(data: bytes, channel: Channel, zstd: zstandard.ZstdDecompressor) -> bytes:
+    """Return a message's bytes, unpacked if they are packed; a JointState of ROS 1 as CDR bytes."""
+    size = len(data)
+    try:
+        if data.startswith(zstandard.FRAME_HEADER):
+            size = zstandard.frame_content_size(data)
+            data = b"" if size > LARGEST_MESSAGE else zstd.decompress(data, LARGEST_MESSAGE)
+        if size > LARGEST_MESSAGE:
+            raise _MessageError(f"message of more than {LARGEST_MESSAGE} bytes")
+        if channel.encoding == "ros1" and channel.msgtype == JOINT_STATE:
+            return _cdr_of_ros1(data)
+    except zstandard.ZstdError as error:
+        raise _MessageError("message that cannot be unpacked") from error
+    return data
+
+
+def _cdr_of_ros1(data: bytes) -> bytes:
+    from rosbags.serde import SerdeError
+
+    try:
+        return bytes(typestore().ros1_to_cdr(data, JOINT_STATE))
+    except SerdeError as error:
+        raise _MessageError("message that is not a JointState") from error
 
 
 def _place(path: Path) -> tuple[str, int]:

@@ -86,7 +86,9 @@ class JointStateLayout:
             return start, size
 
         text()  # frame_id
-        names = tuple(text() for _ in range(_joints(count())))
+        if (joints := count()) > MOST_JOINTS:
+            raise CdrError(f"names {joints} joints, expected at most {MOST_JOINTS}")
+        names = tuple(text() for _ in range(joints))
         fields = (numbers(), numbers(), numbers())
         if len(raw) - at > MAX_PADDING:
             raise CdrError(f"{len(raw) - at} bytes left over after a JointState")
@@ -158,40 +160,3 @@ def encode_joint_state(
             pad(8)
             raw += struct.pack(f"<{len(numbers)}d", *numbers)
     return bytes(raw)
-
-
-def _joints(count: int) -> int:
-    """Return a number of joints; raise ``CdrError`` if no message has so many."""
-    if count > MOST_JOINTS:
-        raise CdrError(f"names {count} joints, expected at most {MOST_JOINTS}")
-    return count
-
-
-def from_ros1(raw: bytes) -> bytes:
-    """Return a JointState in ROS 1's bytes as little-endian CDR bytes, or raise ``CdrError``."""
-    try:
-        seconds, nanoseconds, at = *struct.unpack_from("<II", raw, 4), 12
-
-        def text() -> str:
-            nonlocal at
-            (size,) = struct.unpack_from("<I", raw, at)
-            at += 4 + size
-            return struct.unpack_from(f"{size}s", raw, at - size)[0].decode(errors="replace")
-
-        def count() -> int:
-            nonlocal at
-            at += 4
-            return int(struct.unpack_from("<I", raw, at - 4)[0])
-
-        def numbers() -> tuple[float, ...]:
-            nonlocal at
-            size = count()
-            at += 8 * size
-            return struct.unpack_from(f"<{size}d", raw, at - 8 * size)
-
-        text()  # frame_id
-        names = [text() for _ in range(_joints(count()))]
-        fields = [numbers() for _ in range(3)]
-    except (struct.error, MemoryError) as error:
-        raise CdrError(f"{len(raw)} bytes end too early ({error})") from error
-    return encode_joint_state(seconds * 1_000_000_000 + nanoseconds, names, *fields)

@@ -6,9 +6,8 @@ are valid files, of which nothing is damaged.
 
 from __future__ import annotations
 
-import bz2
 import io
-import sqlite3
+import shutil
 import struct
 import zipfile
 from collections.abc import Callable
@@ -17,151 +16,16 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from backports import zstd
-from lz4 import frame
-from recording_samples import TOPIC, joint_state
+from recording_samples import START, write_messages
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.console import check_file
 from dvrk_gravity.files import array_file, json_file, yaml_file
 from dvrk_gravity.newton_euler import reader as mechanism
 from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, load_limits
-from dvrk_gravity.recording import JOINT_STATE, Recording, encode_joint_state
+from dvrk_gravity.recording import Recording, encode_joint_state
 
-CHUNK = 60_000_000  # bytes that a chunk unpacks to: less than is refused at once
-PAGE = 1024  # bytes of a page of sqlite3
-PACKED = 13_000  # bytes of a bag, about
 TEXT = 990_000  # characters of a text file
-PACK: dict[str, Callable[[bytes], bytes]] = {
-    "bz2": bz2.compress,
-    "zstd": zstd.compress,
-    "lz4": frame.compress,
-}
-
-
-def record(kind: int, content: bytes) -> bytes:
-    """Return a record of an MCAP."""
-    return struct.pack("<BQ", kind, len(content)) + content
-
-
-def empty(random: Random) -> bytes:
-    """Return a record of a kind that readers leave out, without content."""
-    return record(128 + random.randrange(99), b"")
-
-
-def text(content: str) -> bytes:
-    """Return a text of an MCAP."""
-    return struct.pack("<I", len(content)) + content.encode()
-
-
-def channel(number: int, topic: str) -> bytes:
-    """Return the records of a channel of JointStates."""
-    schema = struct.pack("<H", 1) + text(JOINT_STATE) + text("ros2msg") + text("")
-    content = struct.pack("<HH", number, 1) + text(topic) + text("cdr") + text("")
-    return record(3, schema) + record(4, content)
-
-
-def message(number: int, data: bytes) -> bytes:
-    """Return the record of a message."""
-    return record(5, struct.pack("<HIQQ", number, 0, 1, 1) + data)
-
-
-def mcap(path: Path, codec: str, part: bytes, packed: int = PACKED) -> Path:
-    """Write an MCAP of equal chunks that repeat a part, each one a packed chunk."""
-    content = (part * (CHUNK // len(part) + 1))[:CHUNK]
-    data = PACK[codec](content)
-    head = struct.pack("<QQQI", 0, 0, len(content), 0)
-    chunk = record(6, head + text(codec) + struct.pack("<Q", len(data)) + data)
-    magic = b"\x89MCAP0\r\n"
-    chunks = chunk * max(packed // len(chunk), 2)
-    path.write_bytes(magic + record(1, text("") * 2) + channel(1, TOPIC) + chunks)
-    return path
-
-
-def fields(**given: bytes) -> bytes:
-    """Return the header of a record of a ROS 1 bag, with its length."""
-    parts = [name.encode() + b"=" + value for name, value in given.items()]
-    header = b"".join(struct.pack("<I", len(part)) + part for part in parts)
-    return struct.pack("<I", len(header)) + header
-
-
-def ros1(path: Path, part: bytes) -> Path:
-    """Write a ROS 1 bag of equal chunks that repeat a part, each one packed by bz2."""
-    content = (part * (CHUNK // len(part) + 1))[:CHUNK]
-    data = bz2.compress(content)
-    size = struct.pack("<I", len(content))
-    chunk = fields(op=b"\5", compression=b"bz2", size=size) + struct.pack("<I", len(data)) + data
-    described = fields(type=b"sensor_msgs/JointState")[4:]
-    connection = fields(op=b"\7", conn=bytes(4), topic=TOPIC.encode())
-    connection += struct.pack("<I", len(described)) + described
-    path.write_bytes(b"#ROSBAG V2.0\n" + connection + chunk * max(PACKED // len(chunk), 2))
-    return path
-
-
-TABLES = """
-CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
-CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
-"""
-ENDLESS = "WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n)"
-
-
-def db3(path: Path, random: Random, script: str = "", rows: int = 100) -> Path:
-    """Write a sqlite3 file of some messages, changed by a script."""
-    connection = sqlite3.connect(path)
-    connection.executescript(TABLES)
-    connection.execute("INSERT INTO topics VALUES(1, ?, ?, 'cdr')", (TOPIC, JOINT_STATE))
-    for k in range(rows):
-        received, data = joint_state(k + random.randrange(2))
-        connection.execute("INSERT INTO messages VALUES(?, 1, ?, ?)", (k, received, data))
-    connection.commit()
-    connection.executescript(script)
-    connection.commit()
-    connection.close()
-    return path
-
-
-def looped(path: Path, random: Random) -> Path:
-    """Write a sqlite3 file whose pages name each other as children: its rows have no end."""
-    db3(path, random, "PRAGMA page_size=1024; VACUUM", 60)
-    raw = bytearray(path.read_bytes())
-    connection = sqlite3.connect(path)
-    root = connection.execute("SELECT rootpage FROM sqlite_master WHERE name='messages'")
-    at = (root.fetchone()[0] - 1) * PAGE
-    connection.close()
-    assert raw[at] == 5  # an inner page of a table
-    children = struct.unpack_from(">H", raw, at + 3)[0]
-    cells = struct.unpack_from(f">{children}H", raw, at + 12)
-    leaf = struct.unpack_from(">I", raw, at + cells[0])[0]
-    inner = bytes(raw[at : at + PAGE])
-    for level in range(6):  # each page has all children of the next one: children ** 6 leaves
-        page = bytearray(inner)
-        number = len(raw) // PAGE + 2 if level < 5 else leaf
-        struct.pack_into(">I", page, 8, number)
-        for cell in cells:
-            struct.pack_into(">I", page, cell, number)
-        if level:
-            raw += page
-        else:
-            struct.pack_into(">I", page, 8, len(raw) // PAGE + 1)
-            for cell in cells:
-                struct.pack_into(">I", page, cell, len(raw) // PAGE + 1)
-            raw[at : at + PAGE] = page
-    struct.pack_into(">I", raw, 28, len(raw) // PAGE)
-    path.write_bytes(raw)
-    return path
-
-
-def packed_messages(path: Path, random: Random) -> Path:
-    """Write a sqlite3 file whose messages unpack to a megabyte each."""
-    bomb = zstd.compress(bytes(999_000 + random.randrange(999)))
-    db3(path, random)
-    connection = sqlite3.connect(path)
-    connection.executemany(
-        "INSERT INTO messages VALUES(?, 1, ?, ?)", ((1000 + k, k, bomb) for k in range(4000))
-    )
-    connection.commit()
-    connection.close()
-    return path
 
 
 def repeated(part: str, count: int = 0) -> str:
@@ -179,6 +43,15 @@ def many_names(random: Random) -> bytes:
     """Return a JointState of 200 000 joints without a name."""
     start = encode_joint_state(random.randrange(10**9), ())[:16]
     return start + struct.pack("<I", 200_000) + bytes(990_000 - 20)
+
+
+def bag(path: Path, message: bytes) -> Path:
+    """Write a bag of one message, as one file."""
+    folder = path.with_suffix("")
+    write_messages(folder, [(START, message)])
+    shutil.move(folder / f"{folder.name}.db3", path)
+    shutil.rmtree(folder)
+    return path
 
 
 def npz(path: Path, random: Random) -> Path:
@@ -250,49 +123,11 @@ TEXTS: dict[str, tuple[str, Callable[[Random], str]]] = {
     "CSV, long lines": (".csv", lambda _: "time,a.position\n" + "".join(
         f"{k},{repeated('1', 300)}{' ' * 90_000}\n" for k in range(11))),
 }  # fmt: skip
-VIEW = f"DROP TABLE messages; CREATE VIEW messages AS {ENDLESS} SELECT k AS id, 1 AS topic_id, k AS timestamp, zeroblob(900000) AS data FROM n;"  # noqa: E501
-TOPICS = f"DROP TABLE topics; CREATE VIEW topics AS {ENDLESS} SELECT k AS id, '/a' AS name, 'b' AS type, 'cdr' AS serialization_format FROM n;"  # noqa: E501
-COMPUTED = "DROP TABLE messages; CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB AS (zeroblob(900000))); WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n LIMIT 20000) INSERT INTO messages(topic_id, timestamp) SELECT 1, k FROM n;"  # noqa: E501
-HIDDEN = f"PRAGMA writable_schema=ON; UPDATE sqlite_master SET sql = 'CREATE VIEW messages AS {ENDLESS} SELECT k AS id, 1 AS topic_id, k AS timestamp, zeroblob(9) AS data FROM n' WHERE name = 'messages';"  # noqa: E501
-EMPTY_ROS1 = fields(op=b"\x63") + bytes(4)
-FULL_ROS1 = struct.pack("<I", 90_000) + bytes(90_000) + bytes(4)
 OTHERS: dict[str, tuple[str, Callable[[Path, Random], Path]]] = {
-    **{
-        f"MCAP, empty records, {codec}": (
-            ".mcap",
-            lambda path, random, codec=codec: mcap(path, codec, empty(random)),
-        )
-        for codec in PACK
-    },
-    "MCAP, zeros": (".mcap", lambda path, _: mcap(path, "bz2", bytes(1000))),
-    "MCAP, empty messages": (".mcap", lambda path, _: mcap(path, "zstd", message(1, b""))),
-    "MCAP, large messages": (
-        ".mcap", lambda path, _: mcap(path, "bz2", message(1, bytes(999_000)))),
-    "MCAP, many joints": (
-        ".mcap", lambda path, random: mcap(path, "bz2", message(1, many_names(random)))),
-    "MCAP, channels": (
-        ".mcap", lambda path, _: mcap(path, "bz2", b"".join(
-            channel(k, "/" + "a" * 900) for k in range(30_000)))),
-    "ROS 1, empty records": (".bag", lambda path, _: ros1(path, EMPTY_ROS1)),
-    "ROS 1, empty fields": (".bag", lambda path, _: ros1(path, FULL_ROS1)),
-    "packed MCAP": (".mcap.zstd", lambda path, random: packed(path, random)),
-    "db3, a view": (".db3", lambda path, random: db3(path, random, VIEW)),
-    "db3, a view of topics": (".db3", lambda path, random: db3(path, random, TOPICS)),
-    "db3, a hidden view": (".db3", lambda path, random: db3(path, random, HIDDEN)),
-    "db3, a computed column": (".db3", lambda path, random: db3(path, random, COMPUTED)),
-    "db3, pages without end": (".db3", looped),
-    "db3, packed messages": (".db3", packed_messages),
+    "bag, many joints": (".db3", lambda path, random: bag(path, many_names(random))),
     "arrays": (".npz", npz),
     "plan, waves": (".plan.yaml", lambda path, _: plan(path, many_waves)),
 }  # fmt: skip
-
-
-def packed(path: Path, random: Random) -> Path:
-    """Write an MCAP of packed chunks, packed as a whole once more."""
-    inner = mcap(path.with_suffix(""), "bz2", empty(random), 3_000_000)
-    path.write_bytes(zstd.compress(inner.read_bytes()))
-    inner.unlink()
-    return path
 
 
 KINDS = (*TEXTS, *OTHERS)
@@ -324,7 +159,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     ".urdf": Arm.load,
     ".npz": array_file.load,
     ".csv": Recording.load,
-    **dict.fromkeys((".mcap", ".bag", ".mcap.zstd", ".db3"), Recording.load),
+    ".db3": Recording.load,
 }
 
 
