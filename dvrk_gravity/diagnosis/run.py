@@ -40,10 +40,9 @@ from dvrk_gravity.recording import (
     Note,
     Recording,
     about_arm,
-    duplicate_samples,
+    is_duplicate,
     known_coordinates,
     opened,
-    spent,
 )
 
 
@@ -236,7 +235,7 @@ def _beside_reference(
     names = [each.source for each in (recordings[0], reference)]
     for recording in (*recordings, reference):
         require_moving(recording)
-    if spent(reference, duplicate_samples(reference, recordings)):
+    if is_duplicate(reference, recordings):
         raise RecordingError(names[1], "--reference is the recording being diagnosed")
     exact = replace(model, uncertainty=None)  # the model's error is in both recordings
     motion = replace(motion, model=exact)

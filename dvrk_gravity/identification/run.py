@@ -50,7 +50,7 @@ from dvrk_gravity.recording import (
     Prepared,
     Recording,
     about_arm,
-    duplicate_samples,
+    is_duplicate,
     known_coordinates,
     opened,
 )
@@ -223,12 +223,11 @@ def _require_one_torque(model: TorqueModel) -> None:
 def _require_new(held_out: Recordings, fitted: Recordings) -> None:
     """Refuse to hold out what was fitted, or is held out already."""
     for index, recording in enumerate(held_out):
-        again = duplicate_samples(recording, (*fitted, *held_out[:index]))
-        if again.any():
+        if is_duplicate(recording, (*fitted, *held_out[:index])):
             raise RecordingError(
                 recording.source,
-                f"{again.sum()} of {len(again)} samples are those of a recording that was "
-                "fitted or already validated: expected recordings that no fit has used",
+                "its samples are those of a recording that was fitted or already validated: "
+                "expected recordings that no fit has used",
             )
 
 

@@ -9,8 +9,7 @@ from .cdr import JointStateLayout as JointStateLayout
 from .cdr import encode_joint_state as encode_joint_state
 from .checks import check as check
 from .checks import check_counts as check_counts
-from .duplicates import duplicate_samples as duplicate_samples
-from .duplicates import spent as spent
+from .duplicates import is_duplicate as is_duplicate
 from .duplicates import without_duplicates as without_duplicates
 from .files import is_recording as is_recording
 from .filters import LowPass as LowPass

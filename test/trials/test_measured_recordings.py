@@ -8,7 +8,7 @@ from recording_samples import same, shared_data
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.command_line import run
-from dvrk_gravity.recording import Recording, check, duplicate_samples
+from dvrk_gravity.recording import Recording, check
 
 
 def convert(*arguments):
@@ -52,8 +52,3 @@ def test_measured_bags_agree_with_the_measured_csv(name, tmp_path):
     assert convert(shared_data(name), tmp_path / "a.csv") == 0
     assert convert(tmp_path / "a.csv", tmp_path / "bag", "--storage", "mcap") == 0
     same(bag, Recording.load(tmp_path / "bag"))
-
-
-def test_a_measured_motion_repeats_no_sample():
-    real = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"))
-    assert not duplicate_samples(real).any()
