@@ -1,12 +1,12 @@
-from .bag import JOINT_STATE as JOINT_STATE
 from .bag import BagReader as BagReader
 from .bag import is_bag as is_bag
-from .bag import typestore as typestore
 from .cdr import ENCAPSULATION as ENCAPSULATION
+from .cdr import JOINT_STATE as JOINT_STATE
 from .cdr import STAMP as STAMP
 from .cdr import CdrError as CdrError
 from .cdr import JointStateLayout as JointStateLayout
 from .cdr import encode_joint_state as encode_joint_state
+from .cdr import typestore as typestore
 from .checks import check as check
 from .checks import check_counts as check_counts
 from .duplicates import is_duplicate as is_duplicate

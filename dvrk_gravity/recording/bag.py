@@ -7,7 +7,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from functools import cache
 from itertools import islice
 from pathlib import Path, PurePath
 from types import TracebackType
@@ -19,10 +18,10 @@ from dvrk_gravity.errors import ConfigError, RecordingError, printable
 from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.recording import mcap_file, ros1_file, sqlite_file
 from dvrk_gravity.recording.bag_file import BagFile, Channel, one_line
+from dvrk_gravity.recording.cdr import JOINT_STATE, CdrError, from_ros1, typestore
 from dvrk_gravity.recording.joint_names import fits
 from dvrk_gravity.recording.notes import Note, note
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
 # A JointState of 7 joints takes 400 bytes, of 1000 joints 60 kB.
 LARGEST_MESSAGE = 1_000_000
 # Of rosbag2; a ROS 1 bag, and one whose recorder was killed.
@@ -44,14 +43,6 @@ _NUMBER = re.compile(r"_(\d+)$")  # of a part of a bag that was split
 _LATEST = 2**63 - 1  # ns, of ROS's times
 _HEAD = 18  # bytes, as many as the head of a file packed by zstd has at most
 _DISK_SHARE = 0.5  # of the free space, that unpacking a file may take
-
-
-@cache
-def typestore() -> Any:
-    """Return the message definitions of ROS 2 Jazzy (a ``rosbags`` type store)."""
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def is_bag(path: Path) -> bool:
@@ -362,19 +353,12 @@ def _cdr(data: bytes, channel: Channel, zstd: zstandard.ZstdDecompressor) -> byt
         if size > LARGEST_MESSAGE:
             raise _MessageError(f"message of more than {LARGEST_MESSAGE} bytes")
         if channel.encoding == "ros1" and channel.msgtype == JOINT_STATE:
-            return _cdr_of_ros1(data)
+            return from_ros1(data)
     except zstandard.ZstdError as error:
         raise _MessageError("message that cannot be unpacked") from error
-    return data
-
-
-def _cdr_of_ros1(data: bytes) -> bytes:
-    from rosbags.serde import SerdeError
-
-    try:
-        return bytes(typestore().ros1_to_cdr(data, JOINT_STATE))
-    except SerdeError as error:
+    except CdrError as error:
         raise _MessageError("message that is not a JointState") from error
+    return data
 
 
 def _place(path: Path) -> tuple[str, int]:

@@ -11,12 +11,15 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.errors import printable
 
+JOINT_STATE = "sensor_msgs/msg/JointState"
 ENCAPSULATION = 4  # bytes before the data; alignment counts from their end
 STAMP = slice(4, 12)  # int32 s, uint32 ns
 MAX_PADDING = 3  # some writers pad the data to a multiple of four
@@ -25,6 +28,24 @@ MOST_JOINTS = 10_000  # of one message; each name takes a step of Python
 
 class CdrError(ValueError):
     """Bytes that are not a JointState; the text names the place of the first error."""
+
+
+@cache
+def typestore() -> Any:
+    """Return the message definitions of ROS 2 Jazzy (a ``rosbags`` type store)."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def from_ros1(raw: bytes) -> bytes:
+    """Return a JointState in ROS 1's bytes as CDR bytes, or raise ``CdrError``."""
+    from rosbags.serde import SerdeError
+
+    try:
+        return bytes(typestore().ros1_to_cdr(raw, JOINT_STATE))
+    except SerdeError as error:
+        raise CdrError(str(error)) from error
 
 
 @dataclass(frozen=True, eq=False)

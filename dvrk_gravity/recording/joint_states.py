@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.bag import JOINT_STATE, BagReader, SeveralTopicsError
-from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
+from dvrk_gravity.recording.bag import BagReader, SeveralTopicsError
+from dvrk_gravity.recording.cdr import JOINT_STATE, STAMP, CdrError, JointStateLayout
 from dvrk_gravity.recording.csv_columns import Columns, commanded, read_columns
 from dvrk_gravity.recording.joint_names import arm_names, fits, note_on, renaming
 from dvrk_gravity.recording.limits import STILL

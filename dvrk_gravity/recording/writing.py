@@ -23,8 +23,8 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.bag import JOINT_STATE, SUFFIXES, typestore
-from dvrk_gravity.recording.cdr import CdrError, encode_joint_state
+from dvrk_gravity.recording.bag import SUFFIXES
+from dvrk_gravity.recording.cdr import JOINT_STATE, CdrError, encode_joint_state, typestore
 from dvrk_gravity.recording.samples import Samples, Storage, converted
 
 URI_MARKS = "?#%"  # the library opens sqlite3 files by URI and does not quote these
