@@ -1,7 +1,9 @@
 """Bags as crashes, other versions of ROS and compression leave them, read as far as they go."""
 
 import shutil
+import sqlite3
 import struct
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -50,6 +52,20 @@ def test_an_sqlite3_file_that_was_cut_off_is_refused(long_bag):
     file.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
     with pytest.raises(RecordingError, match=f"{file.name}.*malformed"):
         Recording.load(folder)
+
+
+def test_what_a_killed_recorder_left_beside_an_sqlite3_file_is_read_and_left_as_it_is(long_bag):
+    recording, folder, file = long_bag("sqlite3", 500)
+    with closing(sqlite3.connect(file)) as recorder:
+        recorder.execute("PRAGMA journal_mode=WAL")
+        recorder.execute("DELETE FROM messages WHERE id > 300")
+        recorder.commit()
+        killed = folder.with_name("killed")
+        shutil.copytree(folder, killed)
+    before = {path: path.read_bytes() for path in killed.iterdir()}
+    assert any(path.name.endswith("-wal") and content for path, content in before.items())
+    same(Recording.load(killed), recording.rows(slice(300)))
+    assert before == {path: path.read_bytes() for path in killed.iterdir()}
 
 
 def test_a_split_bag_is_read_without_a_part_that_is_missing(tmp_path):
