@@ -172,8 +172,8 @@ def test_validation_recordings_judge_the_model_and_are_not_fitted():
     found = identify([first], ARM, "joint", effects, validate=[second], physical=False)
     assert found.held_out == evaluate(found.model, [second], "joint").joints
     assert found.model.term("viscous_friction") is None
-    with pytest.raises(RecordingError, match="400 of 400 samples"):
-        identify([first], ARM, validate=[second, first.rows(slice(400))])
+    with pytest.raises(RecordingError, match="fitted or already validated"):
+        identify([first], ARM, validate=[second, replace(first, source="copy.csv")])
 
 
 # --- command line ------------------------------------------------------------------------
