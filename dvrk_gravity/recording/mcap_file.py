@@ -79,10 +79,10 @@ class McapFile(BagFile):
                 return
             if kind == Opcode.CHUNK:
                 inside = self._records(self._unpacked(content, whole))
-                found = [m for record in inside for m in self._message(*record, wanted)]
-                yield from sorted(found, key=itemgetter(1))
-            else:
-                yield from self._message(kind, content, whole, wanted)
+                found = [self._message(*record, wanted) for record in inside]
+                yield from sorted(filter(None, found), key=itemgetter(1))
+            elif message := self._message(kind, content, whole, wanted):
+                yield message
         self.broken = "has no end: its recorder did not close it, or it was cut off"
 
     def _records(self, stream: IO[bytes]) -> Iterator[tuple[int, bytes, bool]]:
@@ -99,18 +99,16 @@ class McapFile(BagFile):
 
     def _message(
         self, kind: int, content: bytes, whole: bool, wanted: Collection[int]
-    ) -> Iterator[tuple[int, int, bytes]]:
-        """Yield the message that a record is, if it is wanted; note a schema or a channel."""
-        if not whole:
-            return
-        if kind == Opcode.MESSAGE:
+    ) -> tuple[int, int, bytes] | None:
+        """Return the message that a record is, if it is wanted; note a schema or a channel."""
+        if whole and kind == Opcode.MESSAGE:
             channel, _, received, _ = _MESSAGE_HEAD.unpack_from(content)
-            if channel in wanted:
-                yield channel, received, content[_MESSAGE_HEAD.size :]
-        elif kind == Opcode.SCHEMA:
+            return (channel, received, content[_MESSAGE_HEAD.size :]) if channel in wanted else None
+        if whole and kind == Opcode.SCHEMA:
             self._note_schema(Schema.read(ReadDataStream(BytesIO(content))))
-        elif kind == Opcode.CHANNEL:
+        elif whole and kind == Opcode.CHANNEL:
             self._note_channel(McapChannel.read(ReadDataStream(BytesIO(content))))
+        return None
 
     def _note_schema(self, schema: Schema) -> None:
         package, _, name = schema.name.partition("/")
