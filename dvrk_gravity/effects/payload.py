@@ -165,7 +165,7 @@ class Payload(Term):
         return rigid_body.torque(self.arm, self._links, *motion, gravity)
 
     @classmethod
-    def watched(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def monitor_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """On any link, wherever on it: who fastens something does not say where."""
         return cls.hypotheses(motion)
 
@@ -203,7 +203,7 @@ class Payload(Term):
             yield last, np.ones(1)
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """The mass at the end of the last link whose load shows: its place is a convention."""
         *_, last = (None, *cls.hypotheses(motion))
         if isinstance(last, PlacedPayloadHypothesis):

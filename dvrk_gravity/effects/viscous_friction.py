@@ -120,7 +120,7 @@ class ViscousFriction(Friction):
             yield ViscousHypothesis(arm=motion.arm, site=site, removable=limit)
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Of each joint."""
         return (each for each in cls.hypotheses(motion) if each.of_joint)
 

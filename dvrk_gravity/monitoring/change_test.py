@@ -38,7 +38,7 @@ class Sums:
         return cls(uncertain.T @ uncertain, uncertain.T @ residual)
 
     @classmethod
-    def nothing(cls, d: int) -> Sums:
+    def empty(cls, d: int) -> Sums:
         """Return those of no samples."""
         return cls(np.zeros((d, d)), np.zeros(d))
 
@@ -116,9 +116,9 @@ class ChangeTest:
 
     def evidence(self, columns: Array, prior: Array) -> Evidence:
         """Return what the samples say of a cause with (m, n, k) whitened torque."""
-        return next(self.of_spans(columns, [prior], [0]))[0]
+        return next(self.evidence_by_onset(columns, [prior], [0]))[0]
 
-    def of_spans(
+    def evidence_by_onset(
         self, columns: Array, priors: Sequence[Array], firsts: Sequence[int]
     ) -> Iterator[list[Evidence]]:
         """Yield, for each of some causes, what the samples say of its beginning at each of some.
@@ -183,12 +183,12 @@ class ChangeTest:
             for i in range(len(known))
         ]  # fmt: skip
 
-    def left(self, found: Evidence, columns: Array) -> Array:
+    def remaining_residual(self, found: Evidence, columns: Array) -> Array:
         """Return (m, n) whitened residual beside a cause with (m, n, k) columns."""
         return self._residual - self._uncertain @ found.directions - columns @ found.theta
 
 
-def whitened(values: Array, follows: Mask, deviation: Array, kept: Array) -> Array:
+def whiten(values: Array, follows: Mask, deviation: Array, kept: Array) -> Array:
     """Return (m, n, …) samples whose errors are independent, of unit variance.
 
     Errors are taken to be of first order, e_i = kept e_(i-1) + white noise (Prais, Winsten 1954).

@@ -33,7 +33,7 @@ class Trend:
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class RestPeriod:
     """Means of the residual while an arm rests at one place.
 
     Attributes:
@@ -47,12 +47,12 @@ class Rest:
     residual: Array
 
     @classmethod
-    def of(cls, rows: Rows, unexpected: Array) -> Rest:
+    def of(cls, rows: Rows, unexpected: Array) -> RestPeriod:
         """Return the mean of (K, n) rows at rest."""
         mean = unexpected.mean(axis=0)[None]
         return cls(rows.q.mean(axis=0), rows.time.mean(keepdims=True), mean)
 
-    def followed_by(self, later: Rest, farthest: Array) -> Rest:
+    def extended_by(self, later: RestPeriod, farthest: Array) -> RestPeriod:
         """Return both, or the later one where the arm has moved by more than (n,) meanwhile."""
         if np.any(np.abs(later.q - self.q) > farthest):
             return later

@@ -25,7 +25,7 @@ _FASTEST_BAND = 20.0  # Hz, of the efforts
 
 
 @dataclass(frozen=True, eq=False)
-class Monitored:
+class MonitorResult:
     """What a monitor saw in recordings.
 
     Attributes:
@@ -55,7 +55,7 @@ def monitor(
     coordinates: Coordinates | None = None,
     settings: MonitorSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> Monitored:
+) -> MonitorResult:
     """Return what a monitor that listened to recordings would have said.
 
     Args:
@@ -97,4 +97,4 @@ def monitor(
         n = model.arm.n
         pieces = [(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))]
     time, external, deviation = (np.concatenate(each) for each in zip(*pieces, strict=True))
-    return Monitored(model, tuple(events), seconds, judged, time, external, deviation)
+    return MonitorResult(model, tuple(events), seconds, judged, time, external, deviation)

@@ -29,8 +29,8 @@ from .html import table as table
 from .identification import identification_page as identification_page
 from .monitoring import event_json as event_json
 from .monitoring import event_text as event_text
-from .monitoring import monitored_json as monitored_json
-from .monitoring import monitored_text as monitored_text
+from .monitoring import monitor_json as monitor_json
+from .monitoring import monitor_text as monitor_text
 from .page import page as page
 from .plan_in_terminal import design_text as design_text
 from .plan_in_terminal import limits_text as limits_text

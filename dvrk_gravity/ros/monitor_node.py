@@ -193,7 +193,7 @@ class Monitor(PromptNode):
         # What nobody hears costs half of the rest to publish.
         publishers = (*self._torques, *self._wrenches)
         self._heard = {each for each in publishers if each.get_subscription_count()}
-        for event in self._listener.judged():
+        for event in self._listener.collect_events():
             said = event_json(event, self._listener.model.arm)
             self._events.publish(String(data=json.dumps(said)))
             log = self.get_logger()

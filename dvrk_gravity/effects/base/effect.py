@@ -99,7 +99,7 @@ class Effect(ABC):
         yield from ()
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Yield what a history of an arm follows: of the same form in every recording of it.
 
         By default what :meth:`unit_changes` asks about, each hypothesis once.
@@ -111,12 +111,12 @@ class Effect(ABC):
                 yield hypothesis
 
     @classmethod
-    def watched(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def monitor_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Yield what may have changed while an arm is monitored.
 
-        By default what :meth:`tracked` follows.
+        By default what :meth:`history_hypotheses` follows.
         """
-        yield from cls.tracked(motion)
+        yield from cls.history_hypotheses(motion)
 
     @classmethod
     def search_basis(cls, data: Filtered) -> Any:
