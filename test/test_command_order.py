@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dvrk_gravity.compensate import Takers, shifted, stated_order
+from dvrk_gravity.compensate import CommandSubscribers, order_mismatch, stated_order
 from dvrk_gravity.errors import ConfigError
 
 JOINTS = ("yaw", "pitch", "insertion")
@@ -26,7 +26,7 @@ LATE = 10.0  # after the patience with an answer, s
     ],
 )
 def test_joints_of_another_device_before_or_between_the_arm_s_shift_its_efforts(names, wrong):
-    refused = shifted(JOINTS, names)
+    refused = order_mismatch(JOINTS, names)
     assert bool(refused) == bool(wrong)
     if wrong:
         ours = ",".join(name for name in names if name in JOINTS)
@@ -46,7 +46,7 @@ class Asked:
     """Takers with a clock of the test's own."""
 
     def __init__(self, *order: str, stated: bool = False) -> None:
-        self.takers = Takers(TOPIC, order or JOINTS, stated)
+        self.takers = CommandSubscribers(TOPIC, order or JOINTS, stated)
         self.now = 5.0
         self.nodes: dict[bytes, str] = {}
 
@@ -77,9 +77,9 @@ def test_one_that_has_just_appeared_is_not_asked_in_case_it_is_a_watchdog():
     asked = Asked()
     asked.comes(b"1")
     asked.comes(b"2", "/watchdog")
-    assert asked.takers.to_ask(asked.now + 0.1) == {}
+    assert asked.takers.due_questions(asked.now + 0.1) == {}
     asked.goes(b"2")  # now it is known for one, and not looked at any more
-    assert asked.takers.to_ask(asked.now + 0.5) == {b"1": NODE}
+    assert asked.takers.due_questions(asked.now + 0.5) == {b"1": NODE}
 
 
 @pytest.mark.parametrize("stated", [False, True])

@@ -10,7 +10,7 @@ from path_driver import plan_of
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.collecting import EffortWatch, SimulatedDriver
-from dvrk_gravity.compensate import LAG, Following, MotionError, Sample
+from dvrk_gravity.compensate import LAG, FollowingErrorCheck, MotionError, Sample
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import ModelUncertainty, TorqueModel, coefficients_of
 from dvrk_gravity.planning import Plan, covering_plan
@@ -133,8 +133,8 @@ def test_an_undisturbed_arm_is_not_stopped_where_its_model_was_not_identified(la
 # --- following -----------------------------------------------------------------------------
 
 
-def followed(*positions: np.ndarray, arm: Arm = ECM, step: float = 0.01) -> Following:
-    following = Following(arm)
+def followed(*positions: np.ndarray, arm: Arm = ECM, step: float = 0.01) -> FollowingErrorCheck:
+    following = FollowingErrorCheck(arm)
     for k, position in enumerate(positions):
         following.add(Sample(round(1e9 * (1.0 + k * step)), position, None, None))
     return following

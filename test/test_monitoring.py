@@ -192,7 +192,9 @@ def test_gains_of_moments_are_chi_squared_of_one_and_of_a_force_s_three():
     for _ in range(20):
         noise = ecm.NOISE * random.standard_normal(rows.q.shape)
         window = Window.of(ecm.model(), rows, noise, band, Sampling())
-        window = replace(window, torque=noise[: len(window.time)], open=np.zeros_like(window.uncertain_torque))
+        window = replace(
+            window, torque=noise[: len(window.time)], open=np.zeros_like(window.uncertain_torque)
+        )
         window = replace(window, error=ecm.NOISE, error_factor=np.ones_like(window.error_factor))
         known = ChangeTest(window.uncertain, window.residual)
         gain = change_candidates.transient_torques(window, known, 0, Tip(ecm.ARM)).gain

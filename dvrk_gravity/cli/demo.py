@@ -19,7 +19,7 @@ from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.ros import Kill, Phase, Scenario, Watched
+    from dvrk_gravity.ros import Kill, MonitorRecord, Phase, Scenario
 
 NAME = "demo"
 EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
@@ -147,7 +147,7 @@ def _play(scenario: Scenario, arm: Arm) -> tuple:
 
 def draw(
     path: Path, arm: Arm, fall: Phase, floats: Sequence[Phase], pushed: Phase, rest: Phase,
-    kill: Kill, watched: Watched,
+    kill: Kill, watched: MonitorRecord,
 ) -> None:  # fmt: skip
     """Draw the motion of the joints from their release, a panel for each part, and the load.
 
@@ -190,7 +190,7 @@ def draw(
     plt.close(figure)
 
 
-def _load(axis: Any, arm: Arm, watched: Watched) -> None:
+def _load(axis: Any, arm: Arm, watched: MonitorRecord) -> None:
     """Draw the torque of the joint that the load takes furthest out of the band."""
     after = watched.time > watched.fastened
     outside = np.median(np.abs(watched.measured - watched.expected)[after], axis=0)

@@ -233,7 +233,7 @@ def _play(
     arguments = ["--params-file", str(model_file)]
     for name, value in _bare(arm.n).items():
         arguments += ["-p", f"{name}:={json.dumps(value)}"]
-    program = ("-m", "dvrk_gravity.ros.replayed")
+    program = ("-m", "dvrk_gravity.ros.replay_node")
     namespace = f"{PRIVATE}{namespace_of(arm)}"
     with (
         Client(namespace) as client,

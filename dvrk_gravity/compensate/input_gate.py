@@ -37,7 +37,7 @@ SLOW, TRUSTED, ASTRAY, LATE, RECENT = 0.02, 0.7, 0.02, 0.12, 0.2
 SOONEST = 0.2
 
 
-class Admitted(NamedTuple):
+class AdmittedSample(NamedTuple):
     """A measurement that is believed.
 
     Attributes:
@@ -93,7 +93,7 @@ class InputGate:
 
     def admit(
         self, sample: Sample, now: float, clock: int, timeout: float, oldest: float, active: bool
-    ) -> Admitted:
+    ) -> AdmittedSample:
         """Return the sample if it is believed.
 
         Args:
@@ -132,7 +132,7 @@ class InputGate:
         self._valid, self._stamp = now, stamp
         if advances:
             self._advance, self._advanced_to = now, stamp
-        return Admitted(believed, step, gap)
+        return AdmittedSample(believed, step, gap)
 
     def _require_prompt(self, age: float, now: float, timeout: float, active: bool) -> None:
         """Refuse a message that has been on its way for longer than others, by the time-out."""

@@ -142,16 +142,16 @@ class Settings:
         conservative, friction = self.parts(q, qd)
         return conservative + friction
 
-    def at_rest(self, q: Array) -> Array:
+    def static_torque(self, q: Array) -> Array:
         """Return the (n,) torque within the limits that holds the arm at (n,) positions, N·m."""
         return self.limits.clip(self.torque(q, None))
 
-    def left_out(self, q: Array) -> Array:
+    def clipped_share(self, q: Array) -> Array:
         """Return what the limits leave out of that, (n,) parts of the arm's own effort limits."""
         torque = self.torque(q, None)
         return np.abs(self.limits.clip(torque) - torque) / self.model.arm.effort_limit
 
-    def asks_as(self, other: Settings) -> bool:
+    def commands_like(self, other: Settings) -> bool:
         """Return whether other settings command the same torque at every state of the arm."""
         return self is other or (
             self.model is other.model
@@ -185,29 +185,31 @@ class Settings:
 
     @cached_property
     def _parts(self) -> Parts:
-        terms = (term for term in self.model.terms if term.COMPENSATED and not self._left(term))
+        terms = (
+            term for term in self.model.terms if term.COMPENSATED and not self._held_by_arm(term)
+        )
         return prepare_parts(terms, self.friction_ratio)
 
-    def _left(self, term: Term) -> bool:
+    def _held_by_arm(self, term: Term) -> bool:
         """Return whether the arm itself compensates a term: its own weight."""
         return term.WEIGHT_OF_ARM and not self.model.arm.gravity_in_command
 
     def weight(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm's own weight by the model, N·m."""
-        return self._at_rest(q, (term for term in self.model.terms if term.WEIGHT_OF_ARM))
+        return self._static_torque(q, (term for term in self.model.terms if term.WEIGHT_OF_ARM))
 
-    def holding(self, q: Array) -> Array:
+    def holding_effort(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm still, with the arm's own share, N·m."""
         torque = self.torque(q, None)
         return torque if self.model.arm.gravity_in_command else torque + self.weight(q)
 
-    def held(self, q: Array) -> Array:
+    def own_holding_effort(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm itself still by the model, no payload, N·m."""
         terms = (term for term in self.model.terms if term.COMPENSATED)
         own = (term for term in terms if term.WEIGHT_OF_ARM or term.gravity_vector is None)
-        return self._at_rest(q, own)
+        return self._static_torque(q, own)
 
-    def _at_rest(self, q: Array, terms: Iterable[Term]) -> Array:
+    def _static_torque(self, q: Array, terms: Iterable[Term]) -> Array:
         state = State.of(q - self.model.joint_offset)
         return np.asarray(sum((term.torque(state) for term in terms), np.zeros(q.shape)))
 

@@ -75,9 +75,9 @@ def in_simulation(
     elif not motion.present.all():
         notes.append("the motion is predicted only where all joints' efforts are recorded")
     else:
-        starts = _starts(motion, held_out)
+        starts = _window_starts(motion, held_out)
         with np.errstate(over="ignore", invalid="ignore"):  # reported below
-            before, after = (_missed(arm, motion, starts) for arm in arms)
+            before, after = (_prediction_errors(arm, motion, starts) for arm in arms)
         if not np.isfinite([before, after]).all():
             before = after = None
             notes.append(f"the motion is not predicted: {_AWAY}")
@@ -129,7 +129,7 @@ def _inertia_note(arm: ModelArm) -> str:
     )
 
 
-def let_go(
+def simulate_release(
     plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION, part: float = 1.0
 ) -> Array:
     """Return how an arm drifts after release at a pose, compensated as by the node.
@@ -179,7 +179,7 @@ def _drift(
 ) -> Drift:
     plant = arm.plant(part)
     before, after = (
-        np.array([let_go(plant, model, pose, part=part) for pose in poses])
+        np.array([simulate_release(plant, model, pose, part=part) for pose in poses])
         for model in (given, extended)
     )
     return Drift(part, np.arange(before.shape[1]) / _RATE, before, after)
@@ -197,7 +197,7 @@ def _poses(motion: Motion) -> Array:
     return q[chosen]
 
 
-def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
+def _window_starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
     """Return the first samples of the predicted pieces, evenly spread over held-out spans."""
     inside = np.zeros(len(motion.q), dtype=bool)
     for first, last in held_out:
@@ -208,7 +208,7 @@ def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[
     return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
 
 
-def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> Array:
+def _prediction_errors(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> Array:
     """Return (n,) RMS error of predicted positions at the end of each piece."""
     plant = simulated.plant()
     arm, offset = plant.model.arm, plant.model.joint_offset

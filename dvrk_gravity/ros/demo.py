@@ -25,7 +25,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
-from dvrk_gravity.ros.stage import Stage, identified, load_of
+from dvrk_gravity.ros.stage import Stage, demo_load, identify_demo_model
 from dvrk_gravity.ros.wire import CommandTopic
 
 Result = TypeVar("Result")
@@ -98,7 +98,7 @@ class Kill:
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class MonitorRecord:
     """What a monitor published of an arm that got a load.
 
     Attributes:
@@ -154,7 +154,7 @@ class Scenario:
         with ExitStack() as stack:
             self._writer = stack.enter_context(BagWriter(self._bag))
             # Before there are nodes: it computes for ten seconds, which they would wait for.
-            self._monitored = identified(
+            self._monitored = identify_demo_model(
                 stage.arm.source or stage.arm.name, stage.plant, self._friction_scale,
                 self._bag.with_name(MONITORED),
             )  # fmt: skip
@@ -259,8 +259,8 @@ class Scenario:
             count = len(self._client.states["watchdog"])
             killed = time.monotonic()
             self._compensator.process.kill()
-            self._client.wait(partial(self._ended, count, killed), "the watchdog's hold")
-            after = self._held(count, killed)
+            self._client.wait(partial(self._was_stopped, count, killed), "the watchdog's hold")
+            after = self._hold_time(count, killed)
             if self._commands() and after is not None:
                 title = "after the compensator was killed"
                 return Kill(after - killed, self._watch(title, self._schedule.rest))
@@ -286,10 +286,10 @@ class Scenario:
     def _on_event(self, message: Any) -> None:
         self._said.append(json.loads(message.data))
 
-    def fasten(self) -> Watched:
+    def fasten(self) -> MonitorRecord:
         """Move the arm, fasten a load to it, and wait for the monitor to name that."""
         schedule = self._schedule
-        load = load_of(self._stage.arm, self._stage.watched)
+        load = demo_load(self._stage.arm, self._stage.monitor_poses)
         change = self._client.node.create_publisher(String, "simulator/change", 1)
         ways = self._moving()
         self._while_moving(ways, lambda: bool(self._heard["external_js_std"]), _AT_MOST)
@@ -298,14 +298,14 @@ class Scenario:
         self._while_moving(ways, lambda: False, schedule.usual)
         change.publish(String(data=json.dumps({"payload": load})))
         fastened = self._clock
-        self._while_moving(ways, lambda: self._named(fastened), schedule.named)
+        self._while_moving(ways, lambda: self._has_named_change(fastened), schedule.named)
         self._while_moving(ways, lambda: False, 1.0)
-        return self._what_was_heard(load, fastened)
+        return self._monitor_record(load, fastened)
 
     def _moving(self) -> Iterator[None]:
         """Move from one pose to the next, without end; yield as often as it is asked to go on."""
         arm, tolerance = self._stage.arm, np.radians(2.0) * self._stage.arm.scale
-        for goal in itertools.cycle(self._stage.watched):
+        for goal in itertools.cycle(self._stage.monitor_poses):
             self._move.publish(JointState(name=arm.joint_names, position=goal))
             begun = self._clock
             while (np.abs(self._positions[-1][1] - goal) > tolerance).any():
@@ -322,11 +322,11 @@ class Scenario:
             next(ways)
             self._client.spin(0.01)
 
-    def _named(self, since: float) -> bool:
+    def _has_named_change(self, since: float) -> bool:
         """Return whether the monitor has named a change since a time of the arm's clock, s."""
         return any(said["kind"] != "push" and said["reported"] > since for said in self._said)
 
-    def _what_was_heard(self, load: dict[str, Any], fastened: float) -> Watched:
+    def _monitor_record(self, load: dict[str, Any], fastened: float) -> MonitorRecord:
         expected, external = (dict(self._heard[name]) for name in ("expected_js", "external_js"))
         spread = dict(self._heard["external_js_std"])
         stamps = sorted(expected.keys() & external.keys())
@@ -334,7 +334,7 @@ class Scenario:
         torque = np.array([expected[stamp] for stamp in stamps])
         outside = np.array([external[stamp] for stamp in stamps])
         events = ((said["reported"] - stamps[0], said["sentence"]) for said in self._said)
-        return Watched(
+        return MonitorRecord(
             np.array(stamps) - stamps[0], torque - outside, torque,
             np.array([spread.get(stamp, unknown) for stamp in stamps]), fastened - stamps[0],
             load["mass"], load["link"], tuple(events),
@@ -369,11 +369,11 @@ class Scenario:
     def _says_more(self, than: int) -> bool:
         return len(self._client.states["compensator"]) > than
 
-    def _ended(self, count: int, since: float) -> bool:
+    def _was_stopped(self, count: int, since: float) -> bool:
         """Return whether the compensator stopped or its watchdog has held the arm."""
-        return not self._commands() or self._held(count, since) is not None
+        return not self._commands() or self._hold_time(count, since) is not None
 
-    def _held(self, count: int, since: float) -> float | None:
+    def _hold_time(self, count: int, since: float) -> float | None:
         """Return the time of a hold since a monotonic time, s, if the watchdog reported one.
 
         Args:

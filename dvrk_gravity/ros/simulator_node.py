@@ -23,7 +23,7 @@ from dvrk_gravity.files import json_file
 from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, TorqueModel, all_parameters, arm_of
 from dvrk_gravity.parameters import Parameter, check_all, flatten
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.takers import JOINTS
+from dvrk_gravity.ros.joint_order_queries import JOINTS
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, initial_position
 

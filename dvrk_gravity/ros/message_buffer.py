@@ -24,7 +24,7 @@ _RATE = 1000  # messages a second that there is room for: the fastest that a con
 _BESIDE = 10  # niceness of the diagnosis: what commands an arm goes first
 
 
-class LastMinutes:
+class MessageBuffer:
     """Keeps messages, and saves them.
 
     Attributes:
@@ -88,11 +88,11 @@ class LastMinutes:
                     bag.write(self._topic, JOINT_STATE, data, received)
             self._model.save(folder / MODEL)
             self.said = f"{folder / BAG}: {len(messages)} messages; the diagnosis is on its way"
-            self.said = f"{folder}: {self._diagnosed(folder)}"
+            self.said = f"{folder}: {self._diagnose(folder)}"
         except (DvrkGravityError, OSError) as error:
             self.said = str(error)
 
-    def _diagnosed(self, folder: Path) -> str:
+    def _diagnose(self, folder: Path) -> str:
         command = [sys.executable, "-m", "dvrk_gravity", "diagnose", str(folder / BAG)]
         command += ["--model", str(folder / MODEL), "--out", str(folder / DIAGNOSIS)]
         if self._ended:
