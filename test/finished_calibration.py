@@ -24,7 +24,7 @@ from dvrk_gravity.calibration import (
     Work,
     all_steps,
     calibrate,
-    drawn_arm,
+    draw_arm,
 )
 from dvrk_gravity.effects import State
 from dvrk_gravity.files import json_file
@@ -61,7 +61,7 @@ class PathRig:
 
     def __init__(self, arm: Arm, resumes: bool = True) -> None:
         self.resumes = resumes
-        self._arm, self._truth = arm, drawn_arm(PlantFile.of(arm), 1).model
+        self._arm, self._truth = arm, draw_arm(PlantFile.of(arm), 1).model
         self._at = 0.5 * (arm.lower + arm.upper)
         self.released: list[np.ndarray] = []
         self.on_release: Callable[[], None] = lambda: None

@@ -28,7 +28,7 @@ from dvrk_gravity.calibration import (
     MotionTally,
     all_steps,
     calibrate,
-    drawn_arm,
+    draw_arm,
     file_hash,
     release_poses,
 )
@@ -242,7 +242,7 @@ def test_an_arm_is_released_with_consent_at_poses_away_from_what_was_fitted(fini
 
 def test_arms_of_one_seed_are_the_same_and_of_two_are_not():
     plant = PlantFile.of(ECM)
-    first, again, other = (drawn_arm(plant, seed) for seed in (3, 3, 4))
+    first, again, other = (draw_arm(plant, seed) for seed in (3, 3, 4))
     q = np.random.default_rng(0).uniform(*ECM.range, (5, ECM.n))
     state = State(q, 0.3 * ECM.scale + 0.0 * q)
     torques = [each.model.torque_at(state) for each in (first, again, other)]

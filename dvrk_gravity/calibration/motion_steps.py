@@ -51,7 +51,7 @@ def plan_first(work: Work, book: Logbook, step: str) -> Outcome:
     said = f"{of.motion:g} s, condition number {design.condition:.0f}"
     if still := design.plan.still:
         said += f"; hardly moves {', '.join(still)} within its limits"
-    return _planned(work, "motion", design.plan, said)
+    return _write_plan(work, "motion", design.plan, said)
 
 
 def plan_second(work: Work, book: Logbook, step: str) -> Outcome:
@@ -61,7 +61,7 @@ def plan_second(work: Work, book: Logbook, step: str) -> Outcome:
         work.arm, work.limits, series_basis(of.check), model, work.seed + _OTHER,
         _search(of.search // 2), partial(work.progress, step),
     )  # fmt: skip
-    return _planned(work, "second", design.plan, f"{of.check:.3g} s, to be held out")
+    return _write_plan(work, "second", design.plan, f"{of.check:.3g} s, to be held out")
 
 
 def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
@@ -87,14 +87,14 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
         )  # fmt: skip
         if design.separates:
             apart = next(each.words for each in design.expected if each.separates)
-            return _planned(work, name, design.plan, f"{of.further:.3g} s, to separate {apart}")
+            return _write_plan(work, name, design.plan, f"{of.further:.3g} s, to separate {apart}")
         if holds:
             return Outcome(f"no further motion is sure to separate {design.expected[0].words}")
     informative = design_motion(
         work.arm, work.limits, series_basis(of.further), model, seed,
         _search(of.search // 2), partial(work.progress, step),
     )  # fmt: skip
-    return _planned(
+    return _write_plan(
         work, name, informative.plan,
         f"{of.further:.3g} s, for what holds the arm: with {100 * of.friction:g} % of its friction "
         f"{known['least']} is not sure to stay at {100 * (1 - known['part']):.0f} % of poses",
@@ -132,7 +132,7 @@ def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSet
     return replace(solver or SolverSettings(), seconds=np.inf, evaluations=max(evaluations, 1))
 
 
-def _planned(work: Work, name: str, plan: Plan, said: str) -> Outcome:
+def _write_plan(work: Work, name: str, plan: Plan, said: str) -> Outcome:
     picture = work.at(f"{name}.png")
     text_file.write_bytes(picture, work.pages.plan(plan))
     path = work.at(f"{name}.yaml")

@@ -57,7 +57,7 @@ def release_poses(
         # The nearest of so many as are still wanted: of all, poses would lie beside each other.
         some = left[: settings.poses - len(order)]
         some.sort(key=lambda k: Straight.within(where, found[k], limits, PART).duration)
-        near = next((k for k in some if _clear(where, found[k], limits, arm, model)), None)
+        near = next((k for k in some if _is_clear(where, found[k], limits, arm, model)), None)
         if near is None:
             left = left[len(some) :]
             continue
@@ -69,7 +69,7 @@ def release_poses(
     return found[order], float(away[order].min())
 
 
-def settled_by(model: TorqueModel, poses: Array, drift: Array, allowed: float) -> TorqueModel:
+def settle_constants(model: TorqueModel, poses: Array, drift: Array, allowed: float) -> TorqueModel:
     """Return a model whose constant torques a release has settled, as far as it did.
 
     An arm that stays where it is let go feels what the model commands, but for what friction
@@ -116,7 +116,7 @@ def random_poses(arm: Arm, limits: PlanLimits, model: TorqueModel, seed: int) ->
     return np.asarray(found[random.permutation(len(found))])
 
 
-def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:
+def _is_clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:
     """Return whether a straight way keeps all limits; of positions, its ends decide."""
     way = Straight.within(start, goal, limits, PART)
     return all(
@@ -126,7 +126,7 @@ def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: Torqu
     )
 
 
-def held_by_friction(
+def friction_hold_share(
     fit: Fit, limits: PlanLimits, settings: CalibrationSettings, seed: int
 ) -> dict[str, Any]:
     """Return at which part of random poses friction is sure to hold all joints, and each of them.
@@ -146,13 +146,13 @@ def held_by_friction(
     model, arm = fit.model, fit.model.arm
     if model.verdict == POOR:
         return {"part": 0.0, "least": "", "joints": {}}
-    sure = holding(fit, random_poses(arm, limits, model, seed), settings.friction) < 1.0
+    sure = friction_hold_ratio(fit, random_poses(arm, limits, model, seed), settings.friction) < 1.0
     joints = dict(zip(arm.joint_names, sure.mean(axis=0).tolist(), strict=True))
     least = min(joints, key=lambda name: joints[name])
     return {"part": float(sure.all(axis=1).mean()), "least": least, "joints": joints}
 
 
-def holding(fit: Fit, poses: Array, part: float) -> Array:
+def friction_hold_ratio(fit: Fit, poses: Array, part: float) -> Array:
     """Return (k, n) 95 % bands of the torque at rest, over a part of each joint's dry friction.
 
     Below 1 that friction holds the arm. What the model lacks counts (:attr:`Fit.rest_error`).

@@ -24,7 +24,7 @@ from dvrk_gravity.calibration.motion_steps import (
     plan_second,
     poses_to_release_at,
 )
-from dvrk_gravity.calibration.release import PART, held_by_friction, settled_by
+from dvrk_gravity.calibration.release import PART, friction_hold_share, settle_constants
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import (
@@ -71,7 +71,7 @@ def calibrate(work: Work) -> dict[str, Any]:
                 book.require_unchanged()
                 outcome = step.run(work, book, step.name)
                 motion = {} if outcome.motion is None else asdict(outcome.motion)
-                entry = book.add(step.name, outcome.said, outcome.paths, motion)
+                entry = book.add(step.name, outcome.summary, outcome.paths, motion)
             if entry.said:
                 work.report(f"{step.name}: {entry.said}{before}")
     return json_file.load(work.at(CERTIFICATE))
@@ -118,7 +118,7 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.identification(fit, sources))
     holdings = {name: vars(each) for name, each in fit.holding.items()}
-    held = held_by_friction(fit, work.limits, work.settings, work.seed + k)
+    held = friction_hold_share(fit, work.limits, work.settings, work.seed + k)
     values = work.write(
         path.with_suffix(".json").name,
         {
@@ -193,7 +193,9 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     }  # fmt: skip
     if model.verdict == POOR:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
-        return Outcome(content["why"], (work.write(RELEASE, content), *_named(work, book, model)))
+        return Outcome(
+            content["why"], (work.write(RELEASE, content), *_write_named_model(work, book, model))
+        )
     if not work.consent("the arm is about to be released under compensation: is it watched?"):
         raise MotionError("not released: no consent was given")
     drift: list[list[float]] = []
@@ -226,15 +228,16 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
         "poses": poses.tolist(), "drift": drift, "apart": apart, "simulated": rig.simulated,
     }  # fmt: skip
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
-    settled = settled_by(model, poses, np.array(drift), of.allowed)
+    settled = settle_constants(model, poses, np.array(drift), of.allowed)
     return Outcome(
         f"{len(poses)} poses of {of.seconds:g} s each: drift "
         f"{largest_drift(float(worst.max()))}",
-        (work.write(RELEASE, content), *_named(work, book, settled)), MotionTally.total(moved),
+        (work.write(RELEASE, content), *_write_named_model(work, book, settled)),
+        MotionTally.total(moved),
     )  # fmt: skip
 
 
-def _named(work: Work, book: Logbook, model: TorqueModel) -> tuple[Path, Path]:
+def _write_named_model(work: Work, book: Logbook, model: TorqueModel) -> tuple[Path, Path]:
     """Write the model under the name that a user takes, and return its files."""
     path = work.at(MODEL)
     model.save(path, _comment(work, last_model(book)))

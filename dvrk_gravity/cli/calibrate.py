@@ -150,7 +150,7 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
 
 
 def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings) -> Rig:
-    from dvrk_gravity.calibration import SimulatedRig, drawn_arm
+    from dvrk_gravity.calibration import SimulatedRig, draw_arm
 
     if arguments.simulated is None:
         # Here and not above: rclpy is slow to load, and bad arguments need none of it.
@@ -162,7 +162,7 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
         simulated = f"the node at {namespace}" if nobody else ""
         return RosRig(arm, namespace, arguments.timeout, simulated)
     plant = options.plant_of(arguments, arm)
-    return SimulatedRig(drawn_arm(plant, arguments.seed), arguments.seed, settings.friction)
+    return SimulatedRig(draw_arm(plant, arguments.seed), arguments.seed, settings.friction)
 
 
 def _asked(arguments: argparse.Namespace) -> dict[str, str]:

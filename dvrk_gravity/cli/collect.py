@@ -19,7 +19,7 @@ from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.collecting import Collected, Driver
+    from dvrk_gravity.collecting import CollectedRecording, Driver
     from dvrk_gravity.planning import Plan, PlanLimits
 
 NAME = "collect"
@@ -182,7 +182,7 @@ def driver_of(arm: Arm, arguments: argparse.Namespace, name: str) -> Iterator[Dr
 
 def carry_out(
     plans: Sequence[Plan], driver: Driver, arguments: argparse.Namespace, **how: object
-) -> Collected:
+) -> CollectedRecording:
     """Collect as the arguments say, with its progress on the terminal."""
     from dvrk_gravity.collecting import collect
 
@@ -197,11 +197,11 @@ def carry_out(
         progress.done()
 
 
-def finish(collected: Collected, following: str) -> None:
+def finish(collected: CollectedRecording, following: str) -> None:
     """Print what was recorded, and what to do with it: a command."""
-    if collected.longer > PAUSED:
+    if collected.excess_time > PAUSED:
         print(
-            f"note: the motion took {collected.longer:.2f} s longer than its "
+            f"note: the motion took {collected.excess_time:.2f} s longer than its "
             f"{collected.seconds:g} s, because this computer was busy: accelerations differ from "
             "the plan; record again on an idle computer if the model is poor, or for `diagnose "
             "--reference`"
@@ -211,7 +211,7 @@ def finish(collected: Collected, following: str) -> None:
             f"note: recorded in {collected.parts} parts: each later one takes up the motion where "
             "the one before was cut; between their stamps is a gap"
         )
-    rate = collected.samples / (collected.seconds + collected.longer)
+    rate = collected.samples / (collected.seconds + collected.excess_time)
     print(
         f"recorded {collected.samples} messages, {rate:.0f} per second, in {collected.bag}; the "
         f"arm is held. Next: {following}"

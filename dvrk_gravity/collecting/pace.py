@@ -9,7 +9,14 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting.driver import States
-from dvrk_gravity.planning import RISE, RISE_BOUNDS, FourierMotion, PlanLimits, PosePath, exceeded
+from dvrk_gravity.planning import (
+    RISE,
+    RISE_BOUNDS,
+    FourierMotion,
+    PlanLimits,
+    PosePath,
+    worst_violation,
+)
 
 # Covered within a ramp of length 1: the integral of 10 s^3 - 15 s^4 + 6 s^5, half of it in the end.
 _WAY = RISE.integ()
@@ -18,7 +25,7 @@ _STEP = 1e-3  # s, of the grid within a ramp
 
 
 @dataclass(frozen=True, eq=False)
-class Paced:
+class PacedMotion:
     """q(s(t)): the path of a motion, of which s(t) seconds have passed after t.
 
     s begins at ``begin - speed ramp / 2``, and its rate rises smoothly from 0 to ``speed`` within
@@ -105,13 +112,13 @@ class Paced:
         return np.concatenate([ramp, times]), np.concatenate([within, beside], axis=1)
 
 
-def resumed(
+def resume_motion(
     motion: FourierMotion | PosePath,
     begins: list[float],
     limits: PlanLimits,
     arm: Arm,
     speed: float = 1.0,
-) -> Paced:
+) -> PacedMotion:
     """Return the rest of a motion from rest, within limits of acceleration.
 
     The latest beginning and the shortest ramp that keep them are taken; where none does, it is
@@ -129,7 +136,7 @@ def resumed(
         for ramp in RAMPS:
             if begin - 0.5 * speed * ramp < 0.0:
                 break
-            paced = Paced(motion, speed, begin, ramp)
-            if exceeded(paced, of_joints, arm) is None:
+            paced = PacedMotion(motion, speed, begin, ramp)
+            if worst_violation(paced, of_joints, arm) is None:
                 return paced
-    return Paced(motion, speed)
+    return PacedMotion(motion, speed)

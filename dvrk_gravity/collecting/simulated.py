@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting.driver import Path, Watch, held_on_error
+from dvrk_gravity.collecting.driver import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     FollowingErrorCheck,
@@ -121,7 +121,7 @@ class SimulatedDriver:
     ) -> float:
         """Drive the arm along a path: :meth:`Driver.follow`."""
         moments = np.append(np.arange(0.0, duration, 1.0 / self._rate), duration)
-        with held_on_error(self.hold):
+        with hold_on_error(self.hold):
             for start in range(0, len(moments), _BLOCK):
                 block = moments[start : start + _BLOCK]
                 position, velocity, _ = path(block)

@@ -320,7 +320,7 @@ class AcceptedParameters:
     def origin(
         self, start: Start, settings: Settings, position: Array, asked: bool
     ) -> tuple[Array, str]:
-        """Return :meth:`Start.origin`, or of settings not yet accepted :meth:`Start.confirmed_origin`.
+        """Return :meth:`Start.origin`; of settings not yet accepted :meth:`Start.confirmed_origin`.
 
         ``asked``: a person has asked for this start, with the present parameters. ``position`` is
         (n,), rad or m.

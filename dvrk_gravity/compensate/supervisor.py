@@ -297,7 +297,7 @@ class Supervisor:
             return
         self._start = None
         # Else nothing was compared or confirmed: small changes must not add up.
-        if self._asked or settings.weightless or start.measures():
+        if self._asked or settings.weightless or start.has_efforts():
             self._accepted = AcceptedParameters(settings)
         self._asked = False
         self._changed = not settings.commands_like(self._accepted.settings)

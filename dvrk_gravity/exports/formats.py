@@ -35,7 +35,7 @@ class FileFormat:
     springs: bool
     gravity: float | None = None
 
-    def held(self, dynamics: JointDynamics) -> JointDynamics:
+    def representable(self, dynamics: JointDynamics) -> JointDynamics:
         """Return what a file holds of them, motors that move one joint being at that joint.
 
         Where it holds no rotors, those that turn like links are left: its bodies can have them.

@@ -28,7 +28,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.fleet import change_points
-from dvrk_gravity.fleet.change_points import FEWEST, MONTH, Change, Fitted
+from dvrk_gravity.fleet.change_points import FEWEST, MONTH, Change, FittedSeries
 from dvrk_gravity.fleet.store import table
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class Series:
     day: Array
     value: Array
     error: Array
-    fitted: Fitted | None = None
+    fitted: FittedSeries | None = None
 
     @property
     def name(self) -> Name:
@@ -208,12 +208,14 @@ def histories(
     arms = list(_arms(rows))
     fitted = []
     for count, arm in enumerate(arms, start=1):
-        fitted.append(_fitted(arm))
+        fitted.append(_fit_series(arm))
         progress(count / len(arms))
-    return judged(fitted, of)
+    return assess_changes(fitted, of)
 
 
-def judged(arms: Sequence[ArmHistory], settings: HistorySettings | None = None) -> list[ArmHistory]:
+def assess_changes(
+    arms: Sequence[ArmHistory], settings: HistorySettings | None = None
+) -> list[ArmHistory]:
     """Return arms whose series are fitted with what changed, the most urgent first."""
     from scipy.stats import false_discovery_control
 
@@ -241,7 +243,7 @@ def with_fit(series: Series, given: Array | None = None) -> Series:
     return replace(series, fitted=change_points.fit(time, value, error, given))
 
 
-def _fitted(arm: ArmHistory) -> ArmHistory:
+def _fit_series(arm: ArmHistory) -> ArmHistory:
     series = tuple(map(with_fit, arm.series))
     p_values = [each.fitted.p_value for each in series if each.fitted is not None]
     smallest = min(1.0, len(p_values) * min(p_values)) if p_values else 1.0
@@ -252,7 +254,7 @@ def _with_changes(arm: ArmHistory, level: float, of: HistorySettings) -> ArmHist
     """Return an arm with its changes, one after the other, each beside those before it."""
     left, changes = _significant(arm.series, level), list[ArmChange]()
     while left and len(changes) < of.most:
-        first, by_findings = _named_first(arm, [series for series, _ in left], of)
+        first, by_findings = _naming_series(arm, [series for series, _ in left], of)
         q_value = {series.name: q for series, q in left}[first.name]
         assert first.fitted is not None
         course = np.interp(first.day, first.daily[0], first.fitted.curve)
@@ -300,7 +302,7 @@ def _same_step(series: Series, first: Series) -> bool:
     return both and one.since[0] <= other.since[1] and other.since[0] <= one.since[1]
 
 
-def _named_first(
+def _naming_series(
     arm: ArmHistory, series: Sequence[Series], of: HistorySettings
 ) -> tuple[Series, bool]:
     """Return the quantity that a change is named by, and whether the findings name it."""

@@ -126,7 +126,7 @@ def kept_parts(motion: Path, limits: PlanLimits, about: Array) -> Array:
     return np.where(parts < 1.0, (1.0 - ROUNDING) * parts, 1.0)
 
 
-def exceeded(
+def worst_violation(
     motion: Path,
     limits: PlanLimits,
     arm: Arm,
@@ -211,10 +211,10 @@ def distances(arm: Arm, boxes: tuple[Box, ...], q: Array) -> Array:
 
     No further than the true distance, and as continuous: the greatest by axis.
     """
-    return outside(arm, boxes, q)[0]
+    return box_violations(arm, boxes, q)[0]
 
 
-def outside(arm: Arm, boxes: tuple[Box, ...], q: Array) -> tuple[Array, Array]:
+def box_violations(arm: Arm, boxes: tuple[Box, ...], q: Array) -> tuple[Array, Array]:
     """Return (N, m) :func:`distances`, and (N, m, 3) their slopes by the links' places."""
     found, slopes = [], []
     for box in boxes:

@@ -28,7 +28,13 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.files.entries import check_count, mapping, sequence
-from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
+from dvrk_gravity.planning.limits import (
+    Box,
+    Combination,
+    LimitSettings,
+    PlanLimits,
+    stricter_limits,
+)
 from dvrk_gravity.planning.places import tip
 
 _RATES = ("velocity", "acceleration")
@@ -92,7 +98,7 @@ def limits_from(content: Mapping[str, Any], arm: Arm, beyond_defaults: bool = Fa
                     f"some of {shown(known.lower).split()[0]} to {shown(known.upper)} of "
                     f"{known.name}, the limits of the arm or of an entry before",
                 )  # fmt: skip
-        combinations = stricter((*combinations, given))
+        combinations = stricter_limits((*combinations, given))
     boxes = tuple(
         _box(f"boxes[{k}]", entry, k, arm)
         for k, entry in enumerate(sequence("boxes", content.get("boxes", [])))

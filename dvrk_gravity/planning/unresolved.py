@@ -82,7 +82,7 @@ def unresolved_pairs(
         for group in groups
         for first, second in combinations(group, 2)
         if first.named != second.named
-        if any((pair := paired(model, first, second)).either)
+        if any((pair := make_pair(model, first, second)).required)
     )
     known = model.uncertainty
     if known is None:
@@ -96,7 +96,9 @@ def unresolved_pairs(
     return UnresolvedPairs(model, pairs, motion_of, noise, coherent, poses, lasted)
 
 
-def paired(model: TorqueModel, first: FittedHypothesis, second: FittedHypothesis) -> HypothesisPair:
+def make_pair(
+    model: TorqueModel, first: FittedHypothesis, second: FittedHypothesis
+) -> HypothesisPair:
     """Return two causes, and which of them is to be shown if it is true.
 
     If a cause is true that another one at the same place contains, a diagnosis takes it as the
@@ -229,7 +231,7 @@ def _require_columns(cause: FittedHypothesis, motion: PlannedMotion, where: str)
         raise ConfigError(where, words, UNREADABLE_CAUSE)
 
 
-def diagnosed_again(
+def rediagnosis_command(
     path: str | Path, further: str, poses: bool = False, model: str | Path | None = None
 ) -> str:
     """Return the command that diagnoses a further recording together with the first ones.

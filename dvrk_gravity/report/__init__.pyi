@@ -1,6 +1,6 @@
 from .arm_drawing import Level as Level
 from .arm_drawing import Remark as Remark
-from .arm_drawing import drawn_arm as drawn_arm
+from .arm_drawing import arm_figure as arm_figure
 from .certificate import certificate_page as certificate_page
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png

@@ -42,7 +42,7 @@ def worst_of(levels: Iterable[Level]) -> Level:
     return max(levels, key=_LEVELS.index, default="")
 
 
-def drawn_arm(arm: Arm, remarks: Iterable[Remark]) -> str:
+def arm_figure(arm: Arm, remarks: Iterable[Remark]) -> str:
     """Return the HTML of an arm's drawing, and of a list of its joints with what is said of them.
 
     Args:

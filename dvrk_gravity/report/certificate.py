@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally, shown_drift
+from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally, format_drift
 from dvrk_gravity.identification import Evaluation, in_words
 from dvrk_gravity.report import html
-from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
+from dvrk_gravity.report.arm_drawing import Remark, arm_figure
 from dvrk_gravity.report.fit_pictures import torque_pictures
 from dvrk_gravity.report.fit_tables import level_of_verdict
 from dvrk_gravity.report.html import prose
@@ -45,7 +45,7 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
             f'<p class="poor">Simulated: {prose(certificate.simulated)}. This is not the '
             "certificate of an arm.</p>"
         )
-    yield drawn_arm(arm, [_remark(joint) for joint in certificate.joints])
+    yield arm_figure(arm, [_remark(joint) for joint in certificate.joints])
     yield "<h2>The second motion</h2>"
     yield html.side_by_side(*_pictures(evaluation, arm))
     yield "<h2>By joint</h2>"
@@ -145,7 +145,7 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> list[str]:
 
 
 def _drift(value: float | None, joint: JointCertificate) -> str:
-    return "" if value is None else shown_drift(value, joint.position_unit)
+    return "" if value is None else format_drift(value, joint.position_unit)
 
 
 def _position(value: float, joint: JointCertificate, decimals: int) -> str:

@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis import (
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
-from dvrk_gravity.report.arm_drawing import Remark, drawn_arm, worst_of
+from dvrk_gravity.report.arm_drawing import Remark, arm_figure, worst_of
 from dvrk_gravity.report.findings import (
     BETWEEN,
     BLIND,
@@ -92,7 +92,7 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
         yield f'<p class="small">{prose(limit)}</p>'
     if diagnosis.findings and diagnosis.cannot_judge:
         yield f"<p>{prose(BLIND)}</p>" + html.item_list(diagnosis.cannot_judge)
-    yield drawn_arm(arm, _remarks(diagnosis.findings))
+    yield arm_figure(arm, _remarks(diagnosis.findings))
     if diagnosis.findings:
         yield "<h2>Findings</h2>"
     for number, finding in enumerate(diagnosis.findings, start=1):

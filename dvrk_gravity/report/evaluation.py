@@ -8,7 +8,7 @@ from dvrk_gravity.identification import RULE, Evaluation, by_errors
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
-from dvrk_gravity.report.arm_drawing import drawn_arm
+from dvrk_gravity.report.arm_drawing import arm_figure
 from dvrk_gravity.report.fit_in_terminal import compared, expectation
 from dvrk_gravity.report.fit_pictures import pictures_by_joint
 from dvrk_gravity.report.fit_tables import (
@@ -43,7 +43,7 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
     def parts() -> Iterator[str]:
         said = compared(model, result.joints, result.coordinates, result.with_friction)
         yield f"<p>{prose(said[:1].upper() + said[1:])}.</p>"
-        yield drawn_arm(arm, error_remarks(result.joints, verdicts))
+        yield arm_figure(arm, error_remarks(result.joints, verdicts))
         yield "<h2>Joint by joint</h2>"
         yield from pictures_by_joint(result.traces, arm)
         yield "<h2>Tables</h2>"

@@ -72,7 +72,7 @@ def page(
         kind: What it is of: ``Identification of mtmr``.
         headline: The verdict in a sentence, with its size.
         facts: From which data, in a line.
-        parts: HTML of what follows: the arm (:func:`drawn_arm`), pictures, folded tables.
+        parts: HTML of what follows: the arm (:func:`arm_figure`), pictures, folded tables.
         level: Colours the headline.
         contradiction: Why the recordings say nothing of this arm, which comes before all else;
             ``""``: nothing does.

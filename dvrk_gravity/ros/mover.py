@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting import Path, Watch, held_on_error
+from dvrk_gravity.collecting import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
     DroppedSampleError,
     FollowingErrorCheck,
@@ -179,7 +179,7 @@ class Mover:
             KeyboardInterrupt: A signal asked for the end.
         """
         try:
-            with held_on_error(self.hold):
+            with hold_on_error(self.hold):
                 self._catch_up()
                 self._begin(path, duration)
                 self._sink, self._watch = record, watch

@@ -55,7 +55,7 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     content["unseparated"]["model"] = "model_0.yaml"
     asked, more = ("plan --separate", content), replace(BRIEF, search=20, further=20.0)
     outcome = further(1.0, *asked, more)
-    assert "pitch" in outcome.said
+    assert "pitch" in outcome.summary
     assert bool(outcome.paths) == separable
     if separable:
         assert Plan.load(outcome.paths[0]).duration == more.further
