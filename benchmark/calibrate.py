@@ -76,7 +76,7 @@ def calibrated(name: str, seed: int, settings: CalibrationSettings, folder: Path
     return {
         "arm": name, "seed": seed, "certified": certificate["certified"],
         "reasons": certificate["reasons"], "poses": len(worst),
-        "within": sum(each <= settings.allowed for each in worst),
+        "within": sum(each <= settings.max_drift for each in worst),
         "drift": max(worst, default=float("inf")), "beyond": beyond,
         "used": certificate["motion"]["used"], "commands": certificate["motion"]["commands"],
         "minutes": certificate["motion"]["seconds"] / 60.0,

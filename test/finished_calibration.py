@@ -43,8 +43,8 @@ FILE = {
     "base_rpy": [60, 0, 0],
 }  # fmt: skip
 BRIEF = CalibrationSettings(
-    motion=10.0, check=9.0, further=9.0, rounds=1, search=2, poses=3, seconds=0.5,
-    rehearsal=False,
+    motion_duration=10.0, check_duration=9.0, further_duration=9.0, rounds=1, search=2, poses=3,
+    release_duration=0.5, rehearsal=False,
 )  # fmt: skip
 ASKED = {"--arm": "small", "--seed": "1"}
 RELEASED = MotionTally(60.0, 0.0, 60_000, 0.9, "velocity of yaw")

@@ -12,12 +12,7 @@ from path_driver import WHOLE, at_beginning, go, plan_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.collecting import MotionStoppedError, PacedMotion, TaughtLimits
 from dvrk_gravity.compensate import MotionError
-from dvrk_gravity.planning import (
-    PlanLimits,
-    load_limits,
-    save_limits,
-    worst_violation,
-)
+from dvrk_gravity.planning import PlanLimits, load_limits, save_limits, worst_violation
 
 # --- limits that change --------------------------------------------------------------------
 
@@ -71,9 +66,7 @@ def test_a_plan_beyond_its_own_limits_is_not_saved_by_wider_ones(tmp_path: Path)
 
 def test_a_motion_taken_up_within_limits_is_proven_to_keep_them() -> None:
     plan = plan_of("ecm", seed=3)
-    assert (
-        worst_violation(PacedMotion(plan.motion, 1.0, 1.0, 0.2), plan.limits, plan.arm) is not None
-    )
+    assert worst_violation(PacedMotion(plan.motion, 1.0, 1.0, 0.2), plan.limits, plan.arm)
     assert worst_violation(PacedMotion(plan.motion, 0.1, 1.0, 1.0), plan.limits, plan.arm) is None
 
 

@@ -103,7 +103,7 @@ def test_a_bias_of_the_reading_is_predicted_and_not_compensated(fit, tmp_path):
     assert NAME in model.constant_is
     model.save(tmp_path / "model.yaml")
     loaded = TorqueModel.load(tmp_path / "model.yaml")
-    assert loaded.uncertainty is not None, loaded.unsure
+    assert loaded.uncertainty is not None, loaded.why_no_uncertainty
     assert loaded.constant_is == model.constant_is
 
 

@@ -10,15 +10,7 @@ import pytest
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.monitoring import (
-    BackgroundTests,
-    Listener,
-    Monitor,
-    MonitorSettings,
-    MonitorUpdate,
-    ObserverOutput,
-    Rows,
-)
+from dvrk_gravity.monitoring import BackgroundTests, Listener, Monitor, MonitorSettings, Rows
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.simulate import PlantFile
 
@@ -189,7 +181,7 @@ def test_at_rest_a_torque_that_friction_can_hold_is_no_push():
 
 def test_rows_are_skipped_and_counted_where_the_tests_are_behind():
     class Slow(Monitor):
-        def run_tests(self, rows: Rows, observed: ObserverOutput) -> MonitorUpdate:
+        def run_tests(self, rows, observed):
             started.append(len(rows))
             go.wait()
             return super().run_tests(rows, observed)

@@ -192,10 +192,9 @@ def test_gains_of_moments_are_chi_squared_of_one_and_of_a_force_s_three():
     for _ in range(20):
         noise = ecm.NOISE * random.standard_normal(rows.q.shape)
         window = Window.of(ecm.model(), rows, noise, band, Sampling())
-        window = replace(
-            window, torque=noise[: len(window.time)], open=np.zeros_like(window.uncertain_torque)
-        )
         window = replace(window, error=ecm.NOISE, error_factor=np.ones_like(window.error_factor))
+        nothing = np.zeros_like(window.uncertain_torque)
+        window = replace(window, torque=noise[: len(window.time)], uncertain_torque=nothing)
         known = ChangeTest(window.uncertain, window.residual)
         gain = change_candidates.transient_torques(window, known, 0, Tip(ecm.ARM)).gain
         heard_whole = gain[(gain > 0.0).all(axis=1)]
@@ -271,9 +270,9 @@ def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, 
     np.testing.assert_allclose(usual.level, level, rtol=0.1)
     limits = change_candidates.Limits(1e-6, level=np.array([usual.level[0], 1.0]))
     columns = np.array([[[1.0], [0.0]]])
-    assert limits.usual(columns) == pytest.approx(usual.level[0])
+    assert limits.typical_gain(columns) == pytest.approx(usual.level[0])
     columns[:, 1] = 1.0  # of another joint whose errors are as known
-    assert limits.usual(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
+    assert limits.typical_gain(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
 
 
 @pytest.mark.parametrize(("times", "heard_of"), [(2.0, 1.0), (3.0, 0.0)])

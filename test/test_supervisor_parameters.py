@@ -122,9 +122,8 @@ def test_other_settings_keep_the_arm_and_an_unchanged_model(tmp_path):
 def test_a_tenth_of_an_effort_limit_is_a_change_of_support():
     loop = SupervisorInLoop(**AT_ONCE, **TOLERANT)
     loop.first()
-    per_gram = settings_of(**{"payload.mass": 1e-3}).static_torque(Q) - settings_of().static_torque(
-        Q
-    )
+    loaded, bare = settings_of(**{"payload.mass": 1e-3}), settings_of()
+    per_gram = loaded.static_torque(Q) - bare.static_torque(Q)
     least = 1e-3 * CONSIDERABLE / (np.abs(per_gram) / ARM.effort_limit).max()
     for part, reported in ((0.95, False), (1.05, True)):
         loop.configure(**AT_ONCE, **TOLERANT, **{"payload.mass": part * float(least)})

@@ -185,7 +185,7 @@ class Description:
         held: Where joints of its file are held that are none of its joints, rad or m, by name.
         merged: Links that move with a body: its index, -1 for the base, and the link's frame seen
             from the body's own (``Body.frame``), by name.
-        doubts: What its file says of links that no link can have, or leaves out: a line each.
+        warnings: What its file says of links that no link can have, or leaves out: a line each.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
         urdf: Path of the URDF that it was read from; ``""``: from none.
     """
@@ -207,7 +207,7 @@ class Description:
     gravity_in_command: bool = True
     held: Mapping[str, float] = field(default_factory=dict)
     merged: Mapping[str, tuple[int, pin.SE3]] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     source: str = ""
     urdf: str = ""
 

@@ -282,7 +282,7 @@ def _frame(body: TreeBody, position: Array) -> _Frame:
     return _Frame(body.rotation, turn, body.offset if body.apart else None)
 
 
-def _carried(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motion:
+def _propagate_motion(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motion:
     """Carry a parent's motion to the frame of a body, and add its joint's."""
     spin, a = parent
     if spin is None:
@@ -318,7 +318,7 @@ def _torque(
     for body, (position, rate, gain) in zip(tree, coordinates, strict=True):
         frames.append(_frame(body, position))
         parent = base if body.parent < 0 else motions[body.parent]
-        motions.append(_carried(parent, frames[-1], rate, gain))
+        motions.append(_propagate_motion(parent, frames[-1], rate, gain))
     # What each body takes to move, and carries on.
     wrenches = [_wrench(link, motion) for link, motion in zip(links, motions, strict=True)]
     out = np.zeros((joints, base.a.shape[1]))
@@ -362,7 +362,7 @@ def _regressor(
             (base, fixed) if body.parent < 0 else (motions[body.parent], units[body.parent])
         )
         frame = _frame(body, position)
-        motions.append(_carried(parent, frame, rate, gain))
+        motions.append(_propagate_motion(parent, frame, rate, gain))
         units.append(_units(unit, body, frame, samples))
         _fill(out[:, PER_LINK * index : PER_LINK * (index + 1)], motions[-1], units[-1])
     return out

@@ -7,7 +7,7 @@ from .checked_driver import CheckedDriver as CheckedDriver
 from .draw_arm import draw_arm as draw_arm
 from .logbook import Logbook as Logbook
 from .logbook import file_hash as file_hash
-from .release import friction_hold_ratio as friction_hold_ratio
+from .release import hold_ratio as hold_ratio
 from .release import random_poses as random_poses
 from .release import release_poses as release_poses
 from .release import settle_constants as settle_constants

@@ -142,7 +142,7 @@ def certify(
     """
     joints = tuple(_joint(arm, k, fit, check, release) for k in range(arm.n))
     worst = _worst_drifts(arm, release)
-    held = sum(each <= settings.allowed for each in worst)
+    held = sum(each <= settings.max_drift for each in worst)
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
     # Where an earlier version diagnosed, it did not write which are suspected.
     suspected = [each for each in diagnosis["ambiguities"] if each.get("suspected", True)]
@@ -160,8 +160,9 @@ def certify(
     verdict = _verdict(arm, known["simulated"], joints, worst, release, reasons)
     return Certificate(
         arm=arm.name, reasons=reasons, verdict=verdict, joints=joints, poses=len(worst),
-        apart=release["apart"], seconds=settings.seconds, friction=release["friction"], held=held,
-        allowed=settings.allowed, reduced=settings.friction, motion=motion, findings=findings,
+        apart=release["apart"], seconds=settings.release_duration, friction=release["friction"],
+        held=held,
+        allowed=settings.max_drift, reduced=settings.friction, motion=motion, findings=findings,
         unknown=tuple(dict.fromkeys(unknown)), **known,
     )  # fmt: skip
 
@@ -213,7 +214,7 @@ def _reasons(
     if poor:
         errors = ", ".join(f"{each.name} {100 * each.nrmse:.0f} %" for each in poor[:_MANY])
         found.append(f"errors on the held-out motion are too large: {errors}")
-    away = [k for k, each in enumerate(worst) if not each <= settings.allowed]
+    away = [k for k, each in enumerate(worst) if not each <= settings.max_drift]
     if away:
         k = max(away, key=lambda pose: worst[pose])
         ways = [way / size for way, size in zip(release["drift"][k], arm.scale, strict=True)]
@@ -221,13 +222,15 @@ def _reasons(
         most = format_drift(release["drift"][k][joint], arm.units[joint])
         found.append(
             f"at {len(away)} of {len(worst)} poses it drifted by more than "
-            f"{math.degrees(settings.allowed):g} deg, at most {most} ({arm.joint_names[joint]})"
+            f"{math.degrees(settings.max_drift):g} deg, at most {most} ({arm.joint_names[joint]})"
         )
     elif len(worst) < settings.poses and fit["verdict"]["overall"] != POOR:
         why = f" ({release['why']})" if release["why"] else ""
         found.append(f"it was released at {len(worst)} of {settings.poses} poses{why}")
-    if motion.seconds > settings.longest:
-        found.append(f"it moved for {motion.seconds / 60:.1f} min, of {settings.longest / 60:g}")
+    if motion.seconds > settings.max_duration:
+        found.append(
+            f"it moved for {motion.seconds / 60:.1f} min, of {settings.max_duration / 60:g}"
+        )
     return tuple(found)
 
 

@@ -50,7 +50,7 @@ def release_poses(
     away = np.array(
         [np.abs((fitted - q) / arm.scale).max(axis=1).min(initial=np.inf) for q in found]
     )
-    left = [k for k in range(len(found)) if away[k] >= settings.apart][: 2 * settings.poses]
+    left = [k for k in range(len(found)) if away[k] >= settings.min_distance][: 2 * settings.poses]
     order: list[int] = []
     where = start
     while left and len(order) < settings.poses:
@@ -146,13 +146,13 @@ def friction_hold_share(
     model, arm = fit.model, fit.model.arm
     if model.verdict == POOR:
         return {"part": 0.0, "least": "", "joints": {}}
-    sure = friction_hold_ratio(fit, random_poses(arm, limits, model, seed), settings.friction) < 1.0
+    sure = hold_ratio(fit, random_poses(arm, limits, model, seed), settings.friction) < 1.0
     joints = dict(zip(arm.joint_names, sure.mean(axis=0).tolist(), strict=True))
     least = min(joints, key=lambda name: joints[name])
     return {"part": float(sure.all(axis=1).mean()), "least": least, "joints": joints}
 
 
-def friction_hold_ratio(fit: Fit, poses: Array, part: float) -> Array:
+def hold_ratio(fit: Fit, poses: Array, part: float) -> Array:
     """Return (k, n) 95 % bands of the torque at rest, over a part of each joint's dry friction.
 
     Below 1 that friction holds the arm. What the model lacks counts (:attr:`Fit.rest_error`).

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
-from dvrk_gravity.cli.collect import asking
+from dvrk_gravity.cli.collect import terminal_consent
 from dvrk_gravity.cli.diagnose import STAGES as OF_DIAGNOSE
 from dvrk_gravity.cli.identify import STAGES as OF_IDENTIFY
 from dvrk_gravity.files import outputs
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = _settings(arguments)
     rig = _rig(arguments, arm, settings)
     free = simulated or arguments.yes
-    consent = (lambda question: True) if free else asking(rig)
+    consent = (lambda question: True) if free else terminal_consent(rig)
     out.mkdir(parents=True, exist_ok=True)
     shown = command_line.ProgressBySteps(_STAGES)
 
@@ -104,10 +104,10 @@ def run(arguments: argparse.Namespace) -> int:
         shown.done()
         print(line, flush=True)
 
-    asked = _asked(arguments)
+    asked = _requested_options(arguments)
 
     def limits_now() -> PlanLimits:
-        if _asked(arguments) != asked:
+        if _requested_options(arguments) != asked:
             raise MotionError(f"{arguments.limits} or the arm's file has changed meanwhile")
         return limits
 
@@ -121,13 +121,17 @@ def run(arguments: argparse.Namespace) -> int:
     except BaseException as error:
         shown.done()
         if command_line.by_signal(error):
-            print(f"dvrk_gravity {NAME}: interrupted: {_kept(out)}", file=sys.stderr, flush=True)
+            print(
+                f"dvrk_gravity {NAME}: interrupted: {_resume_hint(out)}",
+                file=sys.stderr,
+                flush=True,
+            )
         raise
     print(f"written: {out / CERTIFICATE}, {(out / CERTIFICATE).with_suffix('.html')}")
     return 0 if certificate["certified"] else 1
 
 
-def _kept(out: Path) -> str:
+def _resume_hint(out: Path) -> str:
     """Return what is kept of a calibration, and how to go on."""
     from dvrk_gravity.calibration import Logbook
 
@@ -143,9 +147,9 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
 
     lasts = arguments.duration
     return CalibrationSettings(
-        motion=lasts, check=max(lasts / 2.0, DURATIONS[0]),
-        further=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=round(_PACE * arguments.time),
-        poses=arguments.poses, rehearsal=options.rehearses(arguments),
+        motion_duration=lasts, check_duration=max(lasts / 2.0, DURATIONS[0]),
+        further_duration=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=round(_PACE * arguments.time),
+        poses=arguments.poses, rehearsal=options.wants_rehearsal(arguments),
     )  # fmt: skip
 
 
@@ -165,7 +169,7 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
     return SimulatedRig(draw_arm(plant, arguments.seed), arguments.seed, settings.friction)
 
 
-def _asked(arguments: argparse.Namespace) -> dict[str, str]:
+def _requested_options(arguments: argparse.Namespace) -> dict[str, str]:
     """Return what is asked for, with the hash of each file, by option."""
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import file_hash

@@ -131,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     with driver_of(plan.arm, arguments, NAME) as driver:
         collected = carry_out(
             [plan], driver, arguments, model=model, limits=limits,
-            consent=(lambda question: True) if free else asking(driver),
+            consent=(lambda question: True) if free else terminal_consent(driver),
         )  # fmt: skip
     following = (
         f"identify {collected.bag} --arm {plan.arm.source or plan.arm.name} --out model.yaml"
@@ -189,7 +189,7 @@ def carry_out(
     progress = command_line.ProgressBySteps()
     try:
         return collect(
-            plans, driver, arguments.out, rehearse=options.rehearses(arguments),
+            plans, driver, arguments.out, rehearse=options.wants_rehearsal(arguments),
             resume=arguments.resume, report=lambda line: print(line, flush=True),
             progress=progress, **how,  # type: ignore[arg-type]
         )  # fmt: skip
@@ -218,7 +218,7 @@ def finish(collected: CollectedRecording, following: str) -> None:
     )
 
 
-def asking(driver: object) -> Callable[[str], bool]:
+def terminal_consent(driver: object) -> Callable[[str], bool]:
     """Return what asks on the terminal; Ctrl-C counts while it waits."""
     if sys.stdin is None or not sys.stdin.isatty():  # None: it is closed
         raise DvrkGravityError(

@@ -34,7 +34,7 @@ def convert(source: Path, target: Path, report: Path | None) -> int:
     if report is not None:
         content = json.dumps(exported.to_json(), indent=1, ensure_ascii=False)
         text_file.write(report, content + "\n")
-    for doubt in model.arm.doubts if model.of_file else ():
+    for doubt in model.arm.warnings if model.of_file else ():
         print(f"warning: {source}: {doubt}", file=sys.stderr)
     print(f"{target}: {model.arm.name}, {form} of {len(model.arm.bodies)} links")
     for line in (*_table(exported), *(f"  {note}" for note in exported.notes)):

@@ -118,10 +118,10 @@ def _arm(arguments: argparse.Namespace) -> Arm:
 
 def _play(scenario: Scenario, arm: Arm) -> tuple:
     """Play all parts and print a row of each."""
-    from dvrk_gravity.report import shown_position
+    from dvrk_gravity.report import position_units
     from dvrk_gravity.units import fixed
 
-    units = shown_position(arm)
+    units = position_units(arm)
     widths = [max(len(name), 8) + 2 for name in arm.joint_names]
     print(f"{'':{_TITLES}}largest displacement of each joint from its release")
     for words in (arm.joint_names, tuple(unit for _, unit in units)):
@@ -156,7 +156,7 @@ def draw(
     """
     import matplotlib
 
-    from dvrk_gravity.report import shown_position
+    from dvrk_gravity.report import position_units
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
@@ -164,10 +164,10 @@ def draw(
     parts: tuple[tuple[str, Sequence[Phase]], ...] = (
         ("Without compensation", (fall,)),
         (f"With it, at {len(floats)} poses", floats),
-        ("Pushed by hand, then released", (pushed, _going_on(pushed, rest))),
+        ("Pushed by hand, then released", (pushed, _continuation(pushed, rest))),
         (f"Compensator killed: held after {kill.hold_after * 1e3:.0f} ms", (kill.after,)),
     )
-    units = shown_position(arm)
+    units = position_units(arm)
     rows = tuple(dict.fromkeys(units))
     height = 1.2 + 3.4 * len(rows)
     figure = plt.figure(figsize=(15, height + 4.0), layout="constrained")
@@ -232,7 +232,7 @@ def _panel(
     axis.axhline(0.0, color="0.3", linewidth=0.6)
 
 
-def _going_on(first: Phase, then: Phase) -> Phase:
+def _continuation(first: Phase, then: Phase) -> Phase:
     """Return a phase as the continuation of another, in its time and from its start."""
     position = np.vstack([first.position[:1], then.position])
     return replace(

@@ -89,9 +89,9 @@ def run(args: argparse.Namespace) -> int:
     if model is None:
         arm = options.with_drive_gains(arm, args)
     else:
-        model = options.of_model(model, args)
+        model = options.model_with_drive_gains(model, args)
         arm = model.arm
-    still = options.still_joints(args.at, arm)
+    still = options.fixed_positions(args.at, arm)
     recordings = options.recordings(files, args, arm, args.coordinates or "joint")
     options.require_as_recorded(args.at, still, recordings)
     reference = recordings.pop() if references else None

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.model is None:
         raise ConfigError("--model", None, "a model file, beside recordings")
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
-    model = options.of_model(TorqueModel.load(arguments.model), arguments)
+    model = options.model_with_drive_gains(TorqueModel.load(arguments.model), arguments)
     recordings = options.recordings(arguments.recordings, arguments, model.arm)
     with Progress("monitoring", 1.0) as progress:
         seen = monitor(recordings, model, arguments.coordinates, progress=progress.update)

@@ -22,7 +22,7 @@ import numpy as np
 
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import json_file, text_file
-from dvrk_gravity.files.lock import alone_in
+from dvrk_gravity.files.lock import lock_folder
 from dvrk_gravity.planning import Plan
 from dvrk_gravity.recording import JOINT_STATE, STAMP, BagReader, BagWriter
 
@@ -104,7 +104,7 @@ class Journal:
         journal = cls(out, fingerprint(plans), topic)
         journal.folder.mkdir(exist_ok=True)
         try:
-            with alone_in(journal.folder, "--out"):
+            with lock_folder(journal.folder, "--out"):
                 if journal.file.exists():
                     journal = cls._resume(journal, plans, resume)
                 yield journal

@@ -219,10 +219,10 @@ class MotionCheck:
                 )
             ):
                 self._dropped = sample  # later ones near it are out of reach, too
-                raise self._jumped(change, step)
+                raise self._jump_error(change, step)
         self._last, self._time, self._dropped = sample, now, None
         self._compare(sample)
-        return self._believed(sample)
+        return self._with_believed_velocity(sample)
 
     def _compare(self, sample: Sample) -> None:
         """Compare reported velocities with those of the positions, through the same filter."""
@@ -276,7 +276,7 @@ class MotionCheck:
             "drifts? Move the joint by hand, and compare both with it"
         )
 
-    def _believed(self, sample: Sample) -> Sample:
+    def _with_believed_velocity(self, sample: Sample) -> Sample:
         velocity = sample.velocity
         if velocity is None:
             self.velocity = self._observed
@@ -296,7 +296,7 @@ class MotionCheck:
         farthest = (UNTIMED_STEP + FASTEST * step) * self._scale
         return bool((np.abs(sample.position - last.position) <= farthest).all())
 
-    def _jumped(self, change: Array, step: float) -> DroppedSampleError:
+    def _jump_error(self, change: Array, step: float) -> DroppedSampleError:
         joint = int(np.argmax(np.abs(change / self._scale)))
         unit = "rad" if self._scale[joint] == 1.0 else "m"
         return DroppedSampleError(

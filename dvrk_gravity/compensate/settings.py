@@ -60,7 +60,7 @@ class Settings:
     enabled: bool
     resume_automatically: bool
     disable_builtin: bool
-    _given: Mapping[str, Value] = field(default_factory=dict)  # the model's parameters
+    _model_values: Mapping[str, Value] = field(default_factory=dict)  # the model's parameters
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any], before: Settings | None = None) -> Settings:
@@ -81,7 +81,7 @@ class Settings:
         value: dict[str, Any] = defaults | checked
         arm = _with_limits(arm, value["effort_limit"])
         of_model = {name: checked[name] for name in model_parameters(arm) if name in checked}
-        if before is not None and of_model == before._given:
+        if before is not None and of_model == before._model_values:
             model = before.model
         else:
             model = TorqueModel.from_parameters(checked, arm)
@@ -123,7 +123,7 @@ class Settings:
             allowance=allowance,
             speed_limit=np.array(value["speed_limit"]),
             resume_automatically=value["resume"] == "automatic",
-            _given=of_model,
+            _model_values=of_model,
             **{name: value[name] for name in unchanged},
         )
 
@@ -237,7 +237,7 @@ def _require_readings(model: TorqueModel) -> None:
     wrong = {
         name: value
         for effect in sensor_effects()
-        if effect.misleads(arm, errors)
+        if effect.invalidates_commands(arm, errors)
         for name, value in effect.written(arm, errors).items()
     }
     if wrong:

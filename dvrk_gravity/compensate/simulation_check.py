@@ -117,14 +117,14 @@ def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
 
 
 def _inertia_note(arm: ModelArm) -> str:
-    if arm.off is None:
-        return f"no inertia: that of {arm.known} is used instead"
-    if arm.off.max() <= _COMPLETED:
+    if arm.inertia_error is None:
+        return f"no inertia: that of {arm.inertia_source} is used instead"
+    if arm.inertia_error.max() <= _COMPLETED:
         return ""
-    joint, middle = int(np.argmax(arm.off)), float(np.median(arm.off))
+    joint, middle = int(np.argmax(arm.inertia_error)), float(np.median(arm.inertia_error))
     return (
         "inertia that no rigid bodies can have: the nearest ones are simulated, whose torque "
-        f"differs by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
+        f"differs by {100 * middle:.0f} % (median joint) to {100 * arm.inertia_error[joint]:.0f} % "
         f"({arm.model.arm.joint_names[joint]})"
     )
 
@@ -218,7 +218,7 @@ def _prediction_errors(simulated: ModelArm, motion: Motion, starts: NDArray[np.i
         begin = motion.time[row]
         step = motion.time[row + 1] - begin
         rows = slice(row, row + int(1.0 + 1.5 * WINDOW / step))
-        efforts = _applied(plant, motion, rows, offset)
+        efforts = _applied_efforts(plant, motion, rows, offset)
         effort, there = (
             np.stack([np.interp(begin + at, motion.time[rows], column) for column in of.T], -1)
             for of, at in ((efforts, steps + 0.5 * STEP), (motion.q[rows], np.array([WINDOW])))
@@ -230,7 +230,7 @@ def _prediction_errors(simulated: ModelArm, motion: Motion, starts: NDArray[np.i
     return np.sqrt(np.mean(np.square(missed), axis=0))
 
 
-def _applied(plant: Plant, motion: Motion, rows: slice, offset: Array) -> Array:
+def _applied_efforts(plant: Plant, motion: Motion, rows: slice, offset: Array) -> Array:
     """Return (N, n) efforts that acted on the arm: measured ones without sensor bias."""
     efforts = motion.effort[rows].copy()
     for part in plant.parts:

@@ -210,7 +210,7 @@ def _compare_with_masses(settings: Settings, position: Array) -> None:
     Measured efforts do not show it: they may be read as wrongly as the model's recordings were.
     """
     arm = settings.model.arm
-    weight = None if arm.newtons_said else stated_weight(arm, position)
+    weight = None if arm.newtons_stated else stated_weight(arm, position)
     if weight is None:
         return
     unit = 1.0 / arm.effort_size if arm.read_in == ANY_UNIT else 1.0  # the unit was never stated

@@ -14,7 +14,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import JointDynamics, rotors_beside_links
+from dvrk_gravity.effects import JointDynamics, separable_rotors
 
 Format = Literal["URDF", "MJCF"]
 
@@ -45,7 +45,7 @@ class FileFormat:
         if self.motors:
             inertia = _at_joints(arm, dynamics.inertia, 2)
         else:
-            beside = np.isin(np.arange(arm.n), rotors_beside_links(arm))
+            beside = np.isin(np.arange(arm.n), separable_rotors(arm))
             inertia = np.where(beside, 0.0, dynamics.inertia) * [[0.0], [1.0]]
         return replace(
             dynamics,

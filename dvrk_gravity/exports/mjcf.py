@@ -48,7 +48,7 @@ def text(file_model: FileModel) -> str:
         _inertial(body, row, bool(link.axes))
         for axis in link.axes:
             _joint(body, link, axis.name, axis.joint if axis.own else None, file_model)
-    _coupled(root, tree, file_model)
+    _couple_joints(root, tree, file_model)
     _tendons(root, file_model)
     actuators = SubElement(root, "actuator")
     for joint in arm.joints:
@@ -127,7 +127,7 @@ def _joint(
         joint.set("springref", numbers(-constant / soft))
 
 
-def _coupled(root: Element, tree: tuple[FileLink, ...], file_model: FileModel) -> None:
+def _couple_joints(root: Element, tree: tuple[FileLink, ...], file_model: FileModel) -> None:
     """Write the constraints of joints that follow others."""
     followers = [axis for link in tree for axis in link.axes if not axis.own]
     if not followers:

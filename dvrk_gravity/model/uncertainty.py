@@ -110,7 +110,7 @@ class ModelUncertainty:
                         total += slope[..., None] * self.gravity[axis]
         return total
 
-    def of_longer(self, terms: Iterable[Term]) -> ModelUncertainty:
+    def extended_to(self, terms: Iterable[Term]) -> ModelUncertainty:
         """Return the same about terms some of which have gained coefficients, which come last.
 
         Nothing is said of those: beta has two more of a base that leans.

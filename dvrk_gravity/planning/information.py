@@ -63,7 +63,7 @@ class Objective(ABC):
 
     @property
     def slow(self) -> Array:
-        """(n,) speeds below which a joint counts as turning back, rad/s or m/s; `DifferenceSteps`."""
+        """(n,) speeds below which a joint counts as turning back, rad/s or m/s."""
         return np.asarray(DifferenceSteps().velocity * self.arm.scale)
 
     @abstractmethod

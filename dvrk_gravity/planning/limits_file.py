@@ -117,7 +117,7 @@ def limits_content(limits: PlanLimits, arm: Arm) -> dict[str, Any]:
             "acceleration": float(limits.acceleration[k] / size),
             "effort": float(limits.effort[k]),
         }
-    combinations = [_written(each, arm) for each in limits.combinations]
+    combinations = [_combination_entry(each, arm) for each in limits.combinations]
     boxes = [
         {"name": box.name, "lower": list(box.lower), "upper": list(box.upper),
          "links": list(box.links)}
@@ -135,7 +135,7 @@ def save_limits(path: str | Path, limits: PlanLimits, arm: Arm, comment: str) ->
     text_file.write(path, f"# {comment}\n{yaml_file.dump(limits_content(limits, arm))}")
 
 
-def _written(combination: Combination, arm: Arm) -> dict[str, Any]:
+def _combination_entry(combination: Combination, arm: Arm) -> dict[str, Any]:
     size = _size(arm, arm.joint_names.index(combination.factors[0][0]))
     entry: dict[str, Any] = {"of": dict(combination.factors)}
     ends = (combination.lower, combination.upper)

@@ -153,8 +153,8 @@ class MotionSearch:
         def count(_: Array) -> None:
             nonlocal done
             done += 1
-            report(min(1.0, max(done / total, self._spent())))
-            if self._spent() >= 1.0:
+            report(min(1.0, max(done / total, self._spent_share())))
+            if self._spent_share() >= 1.0:
                 raise StopIteration  # as the solver expects it of who wants no more
 
         drawn = sorted((self._draw(k) for k in range(settings.draws)), key=self.value, reverse=True)
@@ -232,7 +232,7 @@ class MotionSearch:
 
         stiffness = self.settings.stiffness
         for _ in range(rounds):
-            if self._spent() >= 1.0:
+            if self._spent_share() >= 1.0:
                 break
             x = minimize(
                 self._lagrangian, x, args=(multipliers, stiffness), jac=True, method="L-BFGS-B",
@@ -246,7 +246,7 @@ class MotionSearch:
             stiffness *= self.settings.stiffer
         return x, multipliers
 
-    def _spent(self) -> float:
+    def _spent_share(self) -> float:
         """Return the part of the search's time, or of its evaluations, that is spent."""
         settings = self.settings
         parts = [(time.process_time() - self._begun) / settings.seconds]

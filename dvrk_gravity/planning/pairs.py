@@ -219,7 +219,9 @@ class Separation(Objective):
         """Return (N, n) the part of torques that shows: friction hides that of a joint at rest."""
         if state.qd is None or state.direction is not None:
             return np.ones(state.q.shape)
-        return np.where(self.arm.rubs, np.abs(state.qd) / np.hypot(state.qd, self.slow), 1.0)
+        return np.where(
+            self.arm.has_friction, np.abs(state.qd) / np.hypot(state.qd, self.slow), 1.0
+        )
 
     def score(self, gram: Array) -> tuple[float, Array]:
         """Return the sum of K / (1 + K / 10.5) over the senses of all pairs, and its slope."""

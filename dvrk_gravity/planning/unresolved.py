@@ -141,12 +141,12 @@ def load_unresolved(
     """
     content = json_file.load(path)
     try:
-        return _unresolved(content, Path(path).parent, model)
+        return _parse_unresolved(content, Path(path).parent, model)
     except ConfigError as error:
         raise error if error.source else error.in_file(path) from None
 
 
-def _unresolved(
+def _parse_unresolved(
     content: Mapping[str, Any], folder: Path, model: TorqueModel | str | Path | None
 ) -> UnresolvedPairs:
     if "verdict" not in content:
@@ -189,13 +189,13 @@ def _unresolved(
 def _groups(entry: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Return the groups of causes by their place in the file; of 0.3 and before, its pairs."""
     if "groups" in entry:
-        groups = _listed(entry["groups"], f"{ENTRY}.groups")
+        groups = _require_list(entry["groups"], f"{ENTRY}.groups")
         found = {f"{ENTRY}.groups[{k}]": group for k, group in enumerate(groups)}
     else:
-        pairs = _listed(entry.get("pairs"), f"{ENTRY}.pairs")
+        pairs = _require_list(entry.get("pairs"), f"{ENTRY}.pairs")
         found = {f"{ENTRY}.pairs[{k}]": _of_pair(pair) for k, pair in enumerate(pairs)}
     for where, group in found.items():
-        if len(_listed(group, where)) < 2:
+        if len(_require_list(group, where)) < 2:
             raise ConfigError(where, group, "two causes or more")
     check_count(ENTRY, sum(map(len, found.values())), _MOST_CAUSES)
     return found
@@ -214,7 +214,7 @@ def _of_pair(pair: Any) -> Any:
     ]
 
 
-def _listed(value: Any, where: str) -> list[Any]:
+def _require_list(value: Any, where: str) -> list[Any]:
     if not isinstance(value, list):
         raise ConfigError(where, value, "a list")
     return value

@@ -9,10 +9,10 @@ from .evaluation import evaluation_page as evaluation_page
 from .findings import parameter_rows as parameter_rows
 from .findings import size_of as size_of
 from .findings import what_is_compared as what_is_compared
-from .fit_in_terminal import compared as compared
 from .fit_in_terminal import error_table as error_table
 from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text
+from .fit_in_terminal import verdict_comparison as verdict_comparison
 from .fit_pictures import residual_pictures as residual_pictures
 from .fit_pictures import torque_pictures as torque_pictures
 from .history import FEW_ARMS as FEW_ARMS
@@ -41,4 +41,4 @@ from .terminal import columns as columns
 from .terminal import warning_lines as warning_lines
 from .terminal import wrap as wrap
 from .units import effort_in_table as effort_in_table
-from .units import shown_position as shown_position
+from .units import position_units as position_units

@@ -37,7 +37,7 @@ class Remark:
     level: Level = ""
 
 
-def worst_of(levels: Iterable[Level]) -> Level:
+def worst_level(levels: Iterable[Level]) -> Level:
     """Return the level that needs attention most; ``""`` of none."""
     return max(levels, key=_LEVELS.index, default="")
 
@@ -51,7 +51,7 @@ def arm_figure(arm: Arm, remarks: Iterable[Remark]) -> str:
     """
     remarks = list(remarks)
     worst = {
-        name: worst_of(remark.level for remark in remarks if remark.joint == name)
+        name: worst_level(remark.level for remark in remarks if remark.joint == name)
         for name in ("", *arm.joint_names)
     }
     lines = []
@@ -77,7 +77,7 @@ def _class(level: str) -> str:
 
 
 def _svg(arm: Arm, worst: dict[str, Level], label: str) -> str:
-    origins = _projected(arm)
+    origins = _project(arm)
     base, places = origins[0], origins[1:]
     parts = [
         _line(places[body.parent] if body.parent >= 0 else base, place, "link")
@@ -91,7 +91,7 @@ def _svg(arm: Arm, worst: dict[str, Level], label: str) -> str:
     # The body that a joint moves first; a parallelogram's joint moves several.
     first = [int(np.flatnonzero([body.row[k] for body in arm.bodies])[0]) for k in range(arm.n)]
     true = places[first]
-    beside = _apart(true)
+    beside = _spread_places(true)
     moved = zip(true, beside, strict=True)
     parts += [_line(place, spot, "lead") for place, spot in moved if (spot != place).any()]
     for joint, (x, y), number in zip(arm.joints, beside, range(1, arm.n + 1), strict=True):
@@ -119,7 +119,7 @@ def _line(start: Array, end: Array, kind: str) -> str:
     return f'<line class="{kind}" x1="{a:.1f}" y1="{b:.1f}" x2="{c:.1f}" y2="{d:.1f}"/>'
 
 
-def _projected(arm: Arm) -> Array:
+def _project(arm: Arm) -> Array:
     """Return (1 + bodies, 2) places of the base and of the bodies' origins in the drawing."""
     lower, upper = arm.range
     middle = 0.5 * (lower + upper)[None]
@@ -142,20 +142,20 @@ def _projected(arm: Arm) -> Array:
     return np.asarray(scale * (drawn - drawn.min(axis=0)) if size.any() else drawn)
 
 
-def _apart(places: Array) -> Array:
+def _spread_places(places: Array) -> Array:
     """Return (n, 2) places near the given ones at which no joint covers another."""
     found: list[Array] = []
     for place in places:
-        found.append(next(spot for spot in _around(place) if _free(spot, found)))
+        found.append(next(spot for spot in _nearby_places(place) if _is_free(spot, found)))
     return np.array(found)
 
 
-def _around(place: Array) -> Iterable[Array]:
+def _nearby_places(place: Array) -> Iterable[Array]:
     yield place
     for ring in itertools.count(1):
         for angle in np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False):
             yield place + ring * _RADIUS * np.array([np.cos(angle), np.sin(angle)])
 
 
-def _free(spot: Array, taken: Sequence[Array]) -> bool:
+def _is_free(spot: Array, taken: Sequence[Array]) -> bool:
     return all(np.linalg.norm(spot - other) > 2.2 * _RADIUS for other in taken)

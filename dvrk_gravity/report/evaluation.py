@@ -9,7 +9,7 @@ from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.arm_drawing import arm_figure
-from dvrk_gravity.report.fit_in_terminal import compared, expectation
+from dvrk_gravity.report.fit_in_terminal import expectation, verdict_comparison
 from dvrk_gravity.report.fit_pictures import pictures_by_joint
 from dvrk_gravity.report.fit_tables import (
     error_remarks,
@@ -41,7 +41,7 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
     facts = f"{sources}; {result.samples} samples; errors in {result.coordinates} coordinates."
 
     def parts() -> Iterator[str]:
-        said = compared(model, result.joints, result.coordinates, result.with_friction)
+        said = verdict_comparison(model, result.joints, result.coordinates, result.with_friction)
         yield f"<p>{prose(said[:1].upper() + said[1:])}.</p>"
         yield arm_figure(arm, error_remarks(result.joints, verdicts))
         yield "<h2>Joint by joint</h2>"

@@ -57,7 +57,7 @@ def size_of(finding: Finding) -> str:
         return together
     effect = effects.named(finding.effect)
     names = effect.listed(finding.parameters)
-    doubtful = [effect.meaning(name).doubts(finding.parameters[name]) for name in names]
+    doubtful = [effect.meaning(name).is_hedged(finding.parameters[name]) for name in names]
     rows = [f"{label} {value}" for label, value in parameter_rows(finding)]
     found = [row for _, row in sorted(zip(doubtful, rows, strict=True), key=itemgetter(0))]
     shown = ", ".join(found[:_SIZES]) or finding.place

@@ -210,11 +210,11 @@ def _data(arm: ArmHistory, most: int | None, up: str, address: str) -> dict[str,
         "s": arm.serial, "k": arm.arm, "u": round(arm.urgency, 3), "a": address,
         "n": len(arm.visits), "f": sum(visit.verdict == "failed" for visit in arm.visits),
         "c": [sentence(found) for found in arm.changes],
-        "q": [_drawn(each, names.get(each.name), reports, up) for each in shown[:most]],
+        "q": [_draw_series(each, names.get(each.name), reports, up) for each in shown[:most]],
     }  # fmt: skip
 
 
-def _drawn(
+def _draw_series(
     series: Series, found: ArmChange | None, reports: Mapping[float, str], up: str
 ) -> dict[str, Any]:
     percent = effects.named(series.effect).meaning(series.parameter).percent

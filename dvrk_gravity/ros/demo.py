@@ -233,7 +233,9 @@ class Scenario:
         """Release the arm with compensation, at one pose after the other."""
         for number, pose in enumerate(self._stage.poses, start=1):
             title = f"floating at pose {number}"
-            yield self._compensated(pose, partial(self._watch, title, self._schedule.floating))
+            yield self._act_under_compensation(
+                pose, partial(self._watch, title, self._schedule.floating)
+            )
             self._client.enable(False)
 
     def push(self) -> tuple[Phase, Phase]:
@@ -247,7 +249,7 @@ class Scenario:
             pushed = self._phase("pushed by hand", mark, start)
             return pushed, self._watch("left alone again", self._schedule.rest)
 
-        return self._compensated(self._stage.poses[0], act)
+        return self._act_under_compensation(self._stage.poses[0], act)
 
     def kill(self) -> Kill:
         """Kill the compensator while it commands: the watchdog holds the arm."""
@@ -273,7 +275,7 @@ class Scenario:
     def begin_monitor(self) -> None:
         """Start the monitor, and listen to it."""
         self._heard: dict[str, list[tuple[float, list[float]]]] = {}
-        self._said: list[dict[str, Any]] = []
+        self._monitor_events: list[dict[str, Any]] = []
         node = self._client.node
         for name in ("expected_js", "external_js", "external_js_std"):
             heard = self._heard.setdefault(name, [])
@@ -284,7 +286,7 @@ class Scenario:
         self._begin("monitor", ["--params-file", str(self._monitored)])
 
     def _on_event(self, message: Any) -> None:
-        self._said.append(json.loads(message.data))
+        self._monitor_events.append(json.loads(message.data))
 
     def fasten(self) -> MonitorRecord:
         """Move the arm, fasten a load to it, and wait for the monitor to name that."""
@@ -324,7 +326,9 @@ class Scenario:
 
     def _has_named_change(self, since: float) -> bool:
         """Return whether the monitor has named a change since a time of the arm's clock, s."""
-        return any(said["kind"] != "push" and said["reported"] > since for said in self._said)
+        return any(
+            said["kind"] != "push" and said["reported"] > since for said in self._monitor_events
+        )
 
     def _monitor_record(self, load: dict[str, Any], fastened: float) -> MonitorRecord:
         expected, external = (dict(self._heard[name]) for name in ("expected_js", "external_js"))
@@ -333,14 +337,14 @@ class Scenario:
         unknown = [math.nan] * self._stage.arm.n
         torque = np.array([expected[stamp] for stamp in stamps])
         outside = np.array([external[stamp] for stamp in stamps])
-        events = ((said["reported"] - stamps[0], said["sentence"]) for said in self._said)
+        events = ((said["reported"] - stamps[0], said["sentence"]) for said in self._monitor_events)
         return MonitorRecord(
             np.array(stamps) - stamps[0], torque - outside, torque,
             np.array([spread.get(stamp, unknown) for stamp in stamps]), fastened - stamps[0],
             load["mass"], load["link"], tuple(events),
         )  # fmt: skip
 
-    def _compensated(self, pose: Array, act: Callable[[], Result]) -> Result:
+    def _act_under_compensation(self, pose: Array, act: Callable[[], Result]) -> Result:
         """Act on the arm under compensation from a pose on; again if compensation stopped."""
         for _ in range(self._schedule.attempts):
             self._go_to(pose)

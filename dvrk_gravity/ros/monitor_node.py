@@ -103,7 +103,7 @@ class Monitor(PromptNode):
         self._statistics = Statistics()
         self._every, self._count = round(_ROWS / value["publish_rate"]), 0
         self._frame = value["wrench_frame"] or self._listener.tip
-        self._said, self._failures = "", 0
+        self._save_result, self._failures = "", 0
         self._connect(value["save_seconds"])
         self.get_logger().info(
             f"monitoring {model.arm.name} on {self.resolve_topic_name(MEASURED)}"
@@ -201,9 +201,9 @@ class Monitor(PromptNode):
         if self._listener.failures > self._failures:
             self._failures = self._listener.failures
             self.get_logger().error(f"the tests start again: {self._listener.why_failed}")
-        if self._minutes.said != self._said:
-            self._said = self._minutes.said
-            self.get_logger().info(f"~/save: {self._said}")
+        if self._minutes.last_result != self._save_result:
+            self._save_result = self._minutes.last_result
+            self.get_logger().info(f"~/save: {self._save_result}")
 
     def _publish_diagnostics(self) -> None:
         now, listener = time.monotonic(), self._listener
@@ -218,7 +218,7 @@ class Monitor(PromptNode):
             "changes": "; ".join(changes) or "none",
             "last event": event_text(listener.events[-1], arm) if listener.events else "none",
             **self._wrench_values(),
-            "saved": self._minutes.said or "nothing",
+            "saved": self._minutes.last_result or "nothing",
             "messages kept": str(len(self._minutes)),
             "rows not tested": str(listener.skipped),
             "tests started again": str(listener.failures),

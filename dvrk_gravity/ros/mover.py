@@ -41,7 +41,7 @@ LATE = 0.02
 # A motion may be so far ahead of the arm's own clock, s: more than the 10 ms between measurements
 # and their transport. A simulated arm whose machine is too slow has a slow clock. After a stand-
 # still of 50 ms a simulated arm is 80 ms behind a set point that is this and LATE ahead: with more
-# an undisturbed joint at 230 deg/s is further behind than Following allows.
+# an undisturbed joint at 230 deg/s is further behind than FollowingErrorCheck allows.
 AHEAD = 0.03
 # No other node must have commanded the arm for so long before we do, s.
 LISTEN = 1.0

@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.model import UNCERTAINTY_PARAMETER, TorqueModel, arm_beside
+from dvrk_gravity.model import UNCERTAINTY_PARAMETER, TorqueModel, resolve_arm_path
 from dvrk_gravity.parameters import Parameter
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, keep_awake
 from dvrk_gravity.validation import refuse_json
@@ -128,7 +128,7 @@ def given_parameters(node: Node) -> dict[str, Any]:
         if not name.startswith(OF_RCLPY)
     }
     for folder in _folders:
-        values = arm_beside(values, folder)
+        values = resolve_arm_path(values, folder)
     return values
 
 
@@ -140,7 +140,7 @@ def model_of(values: Mapping[str, Any]) -> TorqueModel:
     """
     name = Path(str(values.get(UNCERTAINTY_PARAMETER.name, ""))).name
     folders = [folder for folder in _folders if (folder / name).exists()]
-    return TorqueModel.beside(values, (folders or _folders or [Path()])[0])
+    return TorqueModel.from_values(values, (folders or _folders or [Path()])[0])
 
 
 def plain_value(value: Any) -> Any:

@@ -195,7 +195,7 @@ class Simulator(Node):
         model = self._truth.model
         changed = model.parameters() | flatten(json_file.loads(message.data))
         self._truth = replace(self._truth, model=TorqueModel.from_parameters(changed, model.arm))
-        self._arm.become(self._truth.plant(self._friction_scale))
+        self._arm.replace_plant(self._truth.plant(self._friction_scale))
         self.get_logger().info(f"the arm has changed: {message.data}")
 
     def _on_timer(self) -> None:

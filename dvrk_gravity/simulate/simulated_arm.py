@@ -248,7 +248,7 @@ class SimulatedArm:
         self._push = self._finite("effort", effort)
         self._push_until = self.plant.time + duration
 
-    def become(self, plant: Plant) -> None:
+    def replace_plant(self, plant: Plant) -> None:
         """Go on as another plant from where the arm is, as when a load is fastened in motion.
 
         Args:

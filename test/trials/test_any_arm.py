@@ -172,7 +172,7 @@ def gantry(folder, limit: int) -> Arm:
 
 def test_a_gantry_is_identified_evaluated_and_diagnosed(tmp_path):
     arm = gantry(tmp_path, 60)
-    truth = TorqueModel.stated(arm)
+    truth = TorqueModel.from_arm(arm)
     first, second = slid(truth, 0), slid(truth, 1)
     fit = identify(first, arm)
     assert fit.verdict.level == "good"
@@ -186,7 +186,7 @@ def test_a_gantry_is_identified_evaluated_and_diagnosed(tmp_path):
 
 
 def test_an_effort_limit_far_above_the_torques_changes_nothing(tmp_path):
-    recording = slid(TorqueModel.stated(gantry(tmp_path, 60)), 0)
+    recording = slid(TorqueModel.from_arm(gantry(tmp_path, 60)), 0)
     tight, wide = (
         identify(recording, gantry(tmp_path, limit), effects=FEW) for limit in (60, 1_000_000)
     )

@@ -177,7 +177,7 @@ def updated(
     before = motion.model.uncertainty
     if before is None:
         return model
-    before = before.of_longer(model.terms)
+    before = before.extended_to(model.terms)
     mean, covariance = validation.posterior(named)
     variance, vectors = np.linalg.eigh(covariance)
     spread = vectors * np.sqrt(np.maximum(variance, 0.0))

@@ -460,7 +460,7 @@ class Hypothesis(ABC):
     def remedy(self, carried: bool) -> str:
         """Return what to do about it, in one line; ``carried``: the extended model has it."""
         joint = self.names[0] if self.names else self.site.words(self.arm)
-        return or_extended(
+        return remedy_text(
             self.EFFECT.REMEDY.format(joint=joint), carried, self.EFFECT.READS_WRONGLY
         )
 
@@ -471,7 +471,7 @@ class Hypothesis(ABC):
         return f"{self.effect} at {where}{detail}"
 
 
-def or_extended(what: str, carried: bool, reading: bool = False) -> str:
+def remedy_text(what: str, carried: bool, reading: bool = False) -> str:
     """Return a remedy, with the extended model as the alternative where that has the effect."""
     does = "reads recordings correctly in spite of it" if reading else "has it"
     model = f"use the extended model, which {does}" if carried else ""
