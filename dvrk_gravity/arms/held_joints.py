@@ -68,7 +68,7 @@ def hold_joints(arm: Description, where: Mapping[str, float]) -> Description:
 
 
 def distal_held_joints(arm: Description, recorded: tuple[str, ...]) -> dict[str, float] | None:
-    """Return where joints are held that were not recorded, if they lie beyond those that were.
+    """Return positions, rad or m, of unrecorded joints that lie beyond all recorded ones.
 
     At zero, or at the limit next to it. ``None`` if a recorded joint is carried by one that was
     not: its orientation is unknown then.

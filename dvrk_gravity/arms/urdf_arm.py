@@ -118,11 +118,11 @@ def _joint(name: str, joint: ElementTree.Element) -> Joint:
     )
     lower, upper = read_limits(name, joint)
     ends = (float(attribute(joint, "limit", key) or 0.0) for key in ("lower", "upper"))
-    said = joint.get("type") == "continuous" or any(ends)
+    range_given = joint.get("type") == "continuous" or any(ends)
     return Joint(
         name, lower, upper, effort or np.inf, KINDS[str(joint.get("type"))],
         damping=damping, friction=friction, velocity_limit=velocity or np.inf,
-        range_stated=said, effort_stated=effort is not None,
+        range_stated=range_given, effort_stated=effort is not None,
     )  # fmt: skip
 
 

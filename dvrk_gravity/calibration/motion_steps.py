@@ -48,10 +48,10 @@ def plan_first(work: Work, book: Logbook, step: str) -> Outcome:
         work.arm, work.limits, series_basis(of.motion_duration), None, work.seed,
         _search(of.search), partial(work.progress, step),
     )  # fmt: skip
-    said = f"{of.motion_duration:g} s, condition number {design.condition:.0f}"
+    summary = f"{of.motion_duration:g} s, condition number {design.condition:.0f}"
     if still := design.plan.still:
-        said += f"; hardly moves {', '.join(still)} within its limits"
-    return _write_plan(work, "motion", design.plan, said)
+        summary += f"; hardly moves {', '.join(still)} within its limits"
+    return _write_plan(work, "motion", design.plan, summary)
 
 
 def plan_second(work: Work, book: Logbook, step: str) -> Outcome:
@@ -135,12 +135,12 @@ def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSet
     return replace(solver or SolverSettings(), seconds=np.inf, evaluations=max(evaluations, 1))
 
 
-def _write_plan(work: Work, name: str, plan: Plan, said: str) -> Outcome:
+def _write_plan(work: Work, name: str, plan: Plan, summary: str) -> Outcome:
     picture = work.at(f"{name}.png")
     text_file.write_bytes(picture, work.pages.plan(plan))
     path = work.at(f"{name}.yaml")
     plan.save(path, f"Planned by dvrk_gravity calibrate, seed {work.seed}.")
-    return Outcome(said, (path, picture))
+    return Outcome(summary, (path, picture))
 
 
 def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:

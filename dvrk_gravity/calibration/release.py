@@ -47,10 +47,12 @@ def release_poses(
         PlanError: There is no such pose.
     """
     found = random_poses(arm, limits, model, seed)
-    away = np.array(
+    distance = np.array(
         [np.abs((fitted - q) / arm.scale).max(axis=1).min(initial=np.inf) for q in found]
     )
-    left = [k for k in range(len(found)) if away[k] >= settings.min_distance][: 2 * settings.poses]
+    left = [k for k in range(len(found)) if distance[k] >= settings.min_distance][
+        : 2 * settings.poses
+    ]
     order: list[int] = []
     where = start
     while left and len(order) < settings.poses:
@@ -66,7 +68,7 @@ def release_poses(
         where = found[near]
     if not order:
         raise PlanError("no pose within the identified range can be reached within the limits")
-    return found[order], float(away[order].min())
+    return found[order], float(distance[order].min())
 
 
 def settle_constants(model: TorqueModel, poses: Array, drift: Array, allowed: float) -> TorqueModel:
@@ -91,11 +93,11 @@ def settle_constants(model: TorqueModel, poses: Array, drift: Array, allowed: fl
     if not felt.any():
         return model
     names = ", ".join(name for name, is_felt in zip(arm.joint_names, felt, strict=True) if is_felt)
-    said = f"{names}: {TORQUE} (stayed where it was released, at {len(poses)} poses)"
+    settled = f"{names}: {TORQUE} (stayed where it was released, at {len(poses)} poses)"
     return replace(
         model,
         constant=np.where(felt, 0.0, model.constant),
-        constant_is="; ".join(filter(None, (model.constant_is, said))),
+        constant_is="; ".join(filter(None, (model.constant_is, settled))),
     )
 
 

@@ -104,15 +104,15 @@ def run(arguments: argparse.Namespace) -> int:
         shown.done()
         print(line, flush=True)
 
-    asked = _requested_options(arguments)
+    requested = _requested_options(arguments)
 
     def limits_now() -> PlanLimits:
-        if _requested_options(arguments) != asked:
+        if _requested_options(arguments) != requested:
             raise MotionError(f"{arguments.limits} or the arm's file has changed meanwhile")
         return limits
 
     work = Work(
-        out, asked, arm, limits, rig, _pages(arm),
+        out, requested, arm, limits, rig, _pages(arm),
         arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings, limits_now,
         consent, report, shown,
     )  # fmt: skip
@@ -132,7 +132,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _resume_hint(out: Path) -> str:
-    """Return what is kept of a calibration, and how to go on."""
+    """Return in words what an interrupted calibration keeps, and how to resume it."""
     from dvrk_gravity.calibration import Logbook
 
     steps = Logbook.steps_in(out)
@@ -170,7 +170,7 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
 
 
 def _requested_options(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return what is asked for, with the hash of each file, by option."""
+    """Return the requested value of each option, with the hash of each file."""
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import file_hash
 

@@ -219,7 +219,7 @@ def finish(collected: CollectedRecording, following: str) -> None:
 
 
 def terminal_consent(driver: object) -> Callable[[str], bool]:
-    """Return what asks on the terminal; Ctrl-C counts while it waits."""
+    """Return a function that asks for consent on the terminal; Ctrl-C counts while it waits."""
     if sys.stdin is None or not sys.stdin.isatty():  # None: it is closed
         raise DvrkGravityError(
             "the arm is to move, and there is no terminal to ask on: consent beforehand with --yes"

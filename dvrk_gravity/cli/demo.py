@@ -204,8 +204,11 @@ def _load(axis: Any, arm: Arm, watched: MonitorRecord) -> None:
                  label=f"{watched.mass:g} kg fastened to {watched.link}")  # fmt: skip
     for when, _ in watched.events:
         axis.axvline(when, color="C2", linewidth=1.6)
-    said = (f"+{when - watched.fastened:.0f} s: {sentence}" for when, sentence in watched.events)
-    axis.text(0.01, 0.96, "\n".join(textwrap.fill(each, 64) for each in said), va="top", fontsize=8,
+    sentences = (
+        f"+{when - watched.fastened:.0f} s: {sentence}" for when, sentence in watched.events
+    )
+    text = "\n".join(textwrap.fill(each, 64) for each in sentences)
+    axis.text(0.01, 0.96, text, va="top", fontsize=8,
               color="C2", transform=axis.transAxes)  # fmt: skip
     axis.set_xlim(watched.fastened - 10.0, max(watched.time[-1], watched.fastened + 15.0))
     axis.set_title(

@@ -80,9 +80,9 @@ def run(args: argparse.Namespace) -> int:
     references = [] if args.reference is None else [args.reference]
     read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
     read += [] if args.arm is None else [Arm.file(args.arm)]
-    beside = uncertainty_file(Path(EXTENDED)).name
+    uncertainty_name = uncertainty_file(Path(EXTENDED)).name
     files = [*args.recordings, *references]
-    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*files, *read])
+    out = outputs.check_folder("--out", args.out, [*WRITTEN, uncertainty_name], [*files, *read])
     model = None if args.model is None else TorqueModel.load(args.model)
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)

@@ -139,7 +139,7 @@ def _work(arguments: argparse.Namespace) -> int:
 
 
 def work_with_pages(unit: Unit) -> Result:
-    """Return what becomes of a recording, with its report: what a worker does."""
+    """Return a recording's result with its report: the function that workers run."""
     from dvrk_gravity.fleet import Pages, work
     from dvrk_gravity.report import diagnosis_page, identification_page
 

@@ -173,7 +173,7 @@ def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
 
 
 def _gains_by_joint(text: str, arm: Arm) -> list[float]:
-    """Return what is read as one at each joint, N·m or N, of ``JOINT=UNIT,…``; others: 1."""
+    """Return each joint's effort unit in N·m or N, from ``JOINT=UNIT,…``; unnamed joints: 1."""
     from dvrk_gravity.arms import newton_metres
 
     joints, gains = {joint.name: joint for joint in arm.joints}, dict.fromkeys(arm.joint_names, 1.0)

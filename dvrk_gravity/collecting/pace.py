@@ -85,11 +85,11 @@ class PacedMotion:
         moments, extra = self.motion.grid(step, rows)
         first = int(np.searchsorted(moments, self.begin))
         after = np.concatenate([[self.begin], moments[first:]])
-        beside = np.concatenate([extra[:, first : first + 1], extra[:, first:]], axis=1)
-        beside = beside * self.speed ** np.arange(3.0)[:, None, None]
+        allowance = np.concatenate([extra[:, first : first + 1], extra[:, first:]], axis=1)
+        allowance = allowance * self.speed ** np.arange(3.0)[:, None, None]
         times = self.ramp + (after - self.begin) / self.speed
         if not self.ramp:
-            return times, beside
+            return times, allowance
         second, third, fourth = extra.max(axis=1) * 8.0 / step**2
         speeds = np.abs(self.motion.at(moments)[1] @ rows.T) + extra[1]
         rate, slope, curve, change = (  # of s by time, and of its derivatives
@@ -107,9 +107,9 @@ class PacedMotion:
         count = int(np.ceil(self.ramp / _STEP))
         within = np.tile(np.array(bounds)[:, None], (1, count, 1)) * _STEP**2 / 8.0
         # The point at the end of the ramp has an interval on either side.
-        beside[:, 0] = np.maximum(beside[:, 0], within[:, 0])
+        allowance[:, 0] = np.maximum(allowance[:, 0], within[:, 0])
         ramp = self.ramp * np.arange(count) / count
-        return np.concatenate([ramp, times]), np.concatenate([within, beside], axis=1)
+        return np.concatenate([ramp, times]), np.concatenate([within, allowance], axis=1)
 
 
 def resume_motion(

@@ -79,7 +79,7 @@ class CommandSubscribers:
         return {each: node for each, node in self._nodes.items() if each not in self._answers}
 
     def due_questions(self, now: float) -> dict[bytes, str]:
-        """Return those of them that have been there for :data:`BECOMES_KNOWN`."""
+        """Return the unanswered ones that have been there for :data:`BECOMES_KNOWN`."""
         return {
             each: node
             for each, node in self.unanswered().items()

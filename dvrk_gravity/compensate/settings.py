@@ -147,7 +147,7 @@ class Settings:
         return self.limits.clip(self.torque(q, None))
 
     def clipped_share(self, q: Array) -> Array:
-        """Return what the limits leave out of that, (n,) parts of the arm's own effort limits."""
+        """Return (n,) what the limits clip from the static torque, over the arm's effort limits."""
         torque = self.torque(q, None)
         return np.abs(self.limits.clip(torque) - torque) / self.model.arm.effort_limit
 

@@ -282,7 +282,7 @@ def _compare(mean: Array, model: Array, settings: Settings, tolerance: float) ->
 
 
 def _dry_friction(settings: Settings, position: Array) -> Array:
-    """Return (n,) torques that friction holds at rest, as far as it is compensated, N·m."""
+    """Return the (n,) dry friction that is compensated, at rest the same both ways, N·m."""
     speed = DRY_SPEED * settings.model.arm.scale
     up, down = (settings.parts(position, way)[1] for way in (speed, -speed))
     return np.maximum(np.minimum(up, -down), 0.0)

@@ -188,7 +188,7 @@ class CheckResult:
 
 
 def check_file(path: str | Path) -> CheckResult:
-    """Return what is wrong with a console file, and whether it can be used.
+    """Return the findings on a console file, and whether it can be used.
 
     Args:
         path: The file; the other ``gc-*.json`` in its folder are read to find copies.
@@ -215,7 +215,7 @@ def check_file(path: str | Path) -> CheckResult:
 
 
 def check(document: Mapping[str, Any]) -> Iterator[ConsoleFinding]:
-    """Yield what is wrong with a file's content, taken by itself."""
+    """Yield findings on a file's content, taken by itself."""
     problems = list(field_problems(document))
     for problem in problems:
         yield ConsoleFinding("field", Severity.SERIOUS, problem.field, str(problem))

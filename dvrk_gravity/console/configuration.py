@@ -47,8 +47,8 @@ def _calibration_files(content: Any, folder: Path, seen: set[str]) -> Iterator[s
         if not isinstance(value, str):
             yield from _calibration_files(value, folder, seen)
         elif key in KEYS:
-            beside = folder / value
-            yield str(beside) if beside.is_file() else value
+            other_file = folder / value
+            yield str(other_file) if other_file.is_file() else value
         elif (
             value.endswith(".json")
             and value not in seen

@@ -179,7 +179,7 @@ def cost(
 
 
 def _cost_of_wrong_readings(model: TorqueModel, lower: Array, upper: Array) -> str:
-    """Return that the console takes readings as they are, and by how much its torque is off then.
+    """Return a note on the torque error of a console, which does not correct readings.
 
     Drives are taken to apply efforts at the scale at which they are read.
     """

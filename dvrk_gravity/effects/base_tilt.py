@@ -46,7 +46,7 @@ class BaseTilt(Effect):
 
     @classmethod
     def kinematic_columns(cls, arm: Arm) -> tuple[Column, ...]:
-        """Return those of roll and pitch."""
+        """Return the columns of the base's roll and pitch, per rad."""
         return tuple(Column(cls.NAME, THE_BASE, axis, MISPLACED) for axis in range(2))
 
     @classmethod

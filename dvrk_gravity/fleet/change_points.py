@@ -111,7 +111,7 @@ def daily(time: Array, value: Array, error: Array) -> tuple[Array, Array, Array]
 
 
 def fit(time: Array, value: Array, error: Array, given: Array | None = None) -> FittedSeries:
-    """Return what a series did.
+    """Fit season and change to a series.
 
     Args:
         time: (N,) days, increasing, at least :data:`FEWEST`.

@@ -76,7 +76,7 @@ class FleetPlan:
                 yield serial, deque(unit for unit in units if not self.store.has(unit))
 
     def pending_comparisons(self) -> Iterator[Unit]:
-        """Yield what is left to be compared with a model, arm by arm."""
+        """Yield recordings still to be compared with a model, arm by arm."""
         for serial, units in self.units.items():
             if serial not in self._models:
                 continue

@@ -238,7 +238,7 @@ def date(day: float) -> datetime:
 
 
 def with_fit(series: Series, given: Array | None = None) -> Series:
-    """Return a series with what it did, beside (N,) a course that is allowed for."""
+    """Return a series with its fitted changes, an expected (N,) course allowed for."""
     time, value, error = series.daily
     if len(time) < FEWEST:
         return replace(series, fitted=None)

@@ -84,7 +84,7 @@ def run_fleet(
 
 
 def pending_comparisons(planned: FleetPlan, summary: Summary) -> Iterator[Unit]:
-    """Yield what is left to be compared with models, and count what is done already."""
+    """Yield recordings still to be compared with models, and count those done already."""
     before = planned.skipped
     for unit in planned.pending_comparisons():
         summary.skipped += planned.skipped - before

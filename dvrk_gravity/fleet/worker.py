@@ -181,15 +181,15 @@ def _hash_of(files: Sequence[Path]) -> str:
 def _model_files(path: str) -> Iterator[list[Path]]:
     """Give a model's file and, if there is one, that of its uncertainty, with their names."""
     if not is_url(path):
-        beside = uncertainty_file(Path(path))
-        yield [Path(path), *([beside] if beside.exists() else [])]
+        uncertainty_path = uncertainty_file(Path(path))
+        yield [Path(path), *([uncertainty_path] if uncertainty_path.exists() else [])]
         return
     with remote.fetch(path) as file:
-        beside = uncertainty_file(file)
-        url = f"{path.rpartition('/')[0]}/{beside.name}"
+        uncertainty_path = uncertainty_file(file)
+        url = f"{path.rpartition('/')[0]}/{uncertainty_path.name}"
         with suppress(RecordingError), remote.fetch(url) as its:
-            beside.write_bytes(its.read_bytes())
-        yield [file, *([beside] if beside.exists() else [])]
+            uncertainty_path.write_bytes(its.read_bytes())
+        yield [file, *([uncertainty_path] if uncertainty_path.exists() else [])]
 
 
 @lru_cache(maxsize=16)

@@ -83,7 +83,7 @@ def model_parameters(arm: Arm) -> Mapping[str, Parameter]:
 
 
 def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
-    """Return those of an arm's models and those of the nodes, by name."""
+    """Return the declarations of parameters of an arm's models and of the nodes, by name."""
     return {**model_parameters(arm), **node_parameters(arm)}
 
 
@@ -217,12 +217,12 @@ class TorqueModel:
         """
         model = cls.from_parameters(resolve_arm_path(values, folder))
         name = str(values.get(UNCERTAINTY_PARAMETER.name, ""))
-        beside = folder / Path(name).name
+        uncertainty_path = folder / Path(name).name
         if not name:
             return model
-        if not beside.exists():
-            return replace(model, why_no_uncertainty=f"{beside.name} is not in {folder}")
-        uncertainty = ModelUncertainty.load(beside)
+        if not uncertainty_path.exists():
+            return replace(model, why_no_uncertainty=f"{uncertainty_path.name} is not in {folder}")
+        uncertainty = ModelUncertainty.load(uncertainty_path)
         others = list(foreign_groups(model.identity, uncertainty.identity))
         if uncertainty.identity and others:
             raise ConfigError(
@@ -233,13 +233,14 @@ class TorqueModel:
         if not uncertainty.fits(model.terms):
             return replace(
                 model,
-                why_no_uncertainty=f"{beside.name} is of other coefficients than the model has",
+                why_no_uncertainty=f"{uncertainty_path.name} is of other coefficients than the "
+                "model has",
             )
         return replace(model, uncertainty=uncertainty)
 
     @classmethod
     def from_arm(cls, arm: Arm | str | Path) -> TorqueModel:
-        """Return what an arm's own file says of its torques: masses, damping and friction.
+        """Return the model of an arm's own file: its masses, damping and friction.
 
         Args:
             arm: The arm, its name, or its file.
@@ -373,9 +374,9 @@ class TorqueModel:
         values = self.parameters()
         values[IDENTITY_PARAMETER.name] = identity = self.identity
         if self.uncertainty is not None:
-            beside = uncertainty_file(path)
-            self.uncertainty.save(beside, identity)
-            values[UNCERTAINTY_PARAMETER.name] = beside.name
+            uncertainty_path = uncertainty_file(path)
+            self.uncertainty.save(uncertainty_path, identity)
+            values[UNCERTAINTY_PARAMETER.name] = uncertainty_path.name
         values["arm"] = relative_arm_path(str(values["arm"]), path.parent)
         body = yaml_file.dump({"/**": {"ros__parameters": unflatten(values)}})
         text_file.write(path, head + body)
@@ -423,7 +424,7 @@ class TorqueModel:
         return sum(found.values(), np.zeros(state.q.shape))
 
     def prediction(self, state: State) -> Array:
-        """Return what :meth:`torque_at` does, (N, n) N·m, for comparison with what was measured.
+        """Return (N, n) torques as :meth:`torque_at`, N·m, to compare with measured ones.
 
         Raises:
             ConfigError: A torque that is not finite, or so large that sums of its squares are not.

@@ -58,7 +58,7 @@ class Limits:
     level: Array = field(default_factory=lambda: np.ones(1))
 
     def typical_gain(self, columns: Array) -> float:
-        """Return what the gain of (m, n, k) whitened columns is usually, over that of known errors.
+        """Return the mean gain of (m, n, k) whitened columns without a change, over that expected.
 
         By the joints at which they act: of several parameters the largest.
         """
@@ -131,7 +131,7 @@ class ChangeCandidate:
         return np.asarray(self._active_columns @ self.evidence.theta)
 
     def plausible_fit(self, window: Window) -> ChangeCandidate | None:
-        """Return it, or as it is at the nearest likely setting; ``None``: neither is possible."""
+        """Return it if plausible, else refitted at the nearest plausible setting, or ``None``."""
         theta = self.evidence.theta
         if self.hypothesis.plausible(theta):
             return self
@@ -142,7 +142,7 @@ class ChangeCandidate:
         return replace(self, hypothesis=hypothesis, columns=columns)._refit()
 
     def _refit(self) -> ChangeCandidate | None:
-        """Return it with what the samples say of its columns; ``None``: that is impossible."""
+        """Return the candidate with parameters fitted again; ``None``: they are not plausible."""
         prior = prior_precision(self.hypothesis, self.columns.shape[2])
         evidence = self.test.evidence(self._active_columns, prior)
         if not self.hypothesis.plausible(evidence.theta):
@@ -161,7 +161,7 @@ class ChangeCandidate:
         return found.since
 
     def refit_from(self, since: float, window: Window) -> ChangeCandidate | None:
-        """Return it as it begins at a time, s; ``None``: what it then would be is impossible."""
+        """Return the candidate refitted for an onset, s; ``None``: the fit is not plausible."""
         columns = window.whiten(window.columns(self.hypothesis, since))
         first = int(np.searchsorted(window.ends, since, "right"))
         return replace(self, since=since, first=first, columns=columns)._refit()
@@ -173,7 +173,7 @@ class ChangeCandidate:
         return float((np.sqrt(np.mean(torque[acts] ** 2, axis=0)) / window.error).max())
 
     def is_persistent(self) -> bool:
-        """Return whether either half of its information shows it, in one size."""
+        """Return whether each half of its information shows it, with about the same size."""
         columns, k = self._active_columns, self.columns.shape[2]
         power = np.cumsum(np.sum(columns**2, axis=(1, 2)))
         middle = int(np.searchsorted(power, 0.5 * power[-1])) + 1
@@ -215,12 +215,12 @@ class ChangeCandidate:
         return tuple(names[j] for j in np.argsort(-size) if size[j] > 0.1 * size.max())
 
     def differs_by_link(self, other: ChangeCandidate) -> bool:
-        """Return whether it is another's effect at another link."""
+        """Return whether both are the same effect, at different links."""
         own = self.hypothesis
         return own.effect == other.hypothesis.effect and own.site.kind is Kind.LINK
 
     def alternative(self) -> Alternative:
-        """Return it as the alternative to another cause."""
+        """Return effect, joints and site, to report as the alternative to another cause."""
         return Alternative(self.hypothesis.effect, self.joints(), self.hypothesis.where)
 
     def values(self) -> dict[str, Estimate]:
@@ -326,12 +326,12 @@ class TypicalGains:
 
     @classmethod
     def begin(cls, n: int) -> TypicalGains:
-        """Return those of n joints of which nothing is known: as of some moments of gain one."""
+        """Return the prior of n joints: as if some moments of gain one had been seen."""
         count = np.full((len(_LENGTHS), n + 1), _BEFORE)
         return cls(count * _freedom(n), count, np.zeros(n + 1))
 
     def updated(self, found: TransientTorques, limit: Array, kept: float) -> TypicalGains:
-        """Return these, of which a part is kept, with other moments' up to (p, n + 1) limits."""
+        """Return the means with p further moments, up to their (p, n + 1) limits; old ones fade."""
         length = _length_of(found)
         total, count = kept * self.total, kept * self.count
         gain = np.minimum(found.gain, limit)
@@ -351,7 +351,7 @@ class TypicalGains:
         return np.asarray(np.clip(usual, _LEAST, 1.0))
 
     def for_transients(self, found: TransientTorques) -> Array:
-        """Return (p, n + 1) what is usual for moments, over the degrees of freedom.
+        """Return (p, n + 1) mean gains of moments of these lengths, over the degrees of freedom.
 
         At least one: where it is less, rare errors (after reversals) are as large all the same.
         """
@@ -372,7 +372,7 @@ def _length_of(found: TransientTorques) -> NDArray[np.int64]:
 def transient_torques(
     window: Window, known: ChangeTest, since: int, tip: Tip | None, blind: Sequence[int] = ()
 ) -> TransientTorques:
-    """Return what acts for moments that end after a sample.
+    """Return gains and torques of moments that end after a sample.
 
     Args:
         window: The samples.

@@ -48,12 +48,12 @@ class RestPeriod:
 
     @classmethod
     def of(cls, rows: Rows, unexpected: Array) -> RestPeriod:
-        """Return the mean of (K, n) rows at rest."""
+        """Return the period of one mean, of (K, n) rows and their torques at rest, N·m."""
         mean = unexpected.mean(axis=0)[None]
         return cls(rows.q.mean(axis=0), rows.time.mean(keepdims=True), mean)
 
     def extended_by(self, later: RestPeriod, farthest: Array) -> RestPeriod:
-        """Return both, or the later one where the arm has moved by more than (n,) meanwhile."""
+        """Return both periods as one; the later one if a joint moved farther than (n,) rad or m."""
         if np.any(np.abs(later.q - self.q) > farthest):
             return later
         time = np.concatenate([self.time, later.time])[-_MOST:]

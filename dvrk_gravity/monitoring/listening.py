@@ -40,7 +40,7 @@ State = Literal["silent", "learning", "as expected", "held by friction", "extern
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What is known of one row.
+    """State, torques and wrench of one row.
 
     Attributes:
         stamp: Of its middle, by the clock of the arm's messages, ns.
@@ -243,7 +243,7 @@ class Listener:
         return readings
 
     def _reading(self, time: float, q: Array, qd: Array, effort: Array, residual: Array) -> Reading:
-        """Return what is known of a row, with (n,) positions, velocities, effort and residual."""
+        """Return the reading of a row: its (n,) torques, their deviation, the wrench at the tip."""
         assert self._origin is not None  # there was a sample
         if self._smooth is not None and time - self._smooth[0] <= self._gap:
             keep = np.exp(-self._tests.monitor.gain * (time - self._smooth[0]))

@@ -78,7 +78,7 @@ def gain_for(step: float, torque_noise: Array, momentum_noise: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ObserverOutput:
-    """What an observer makes of K rows.
+    """Residual and momentum of K rows.
 
     Attributes:
         residual: (K, n) low-passed measured minus expected torque, N·m.
@@ -92,7 +92,7 @@ class ObserverOutput:
 
     @classmethod
     def joined(cls, each: Sequence[ObserverOutput]) -> ObserverOutput:
-        """Return what was made of some rows, one after the other."""
+        """Return the outputs of consecutive rows as one."""
         names = [field.name for field in fields(cls)]
         return cls(*(np.concatenate([getattr(one, name) for one in each]) for name in names))
 

@@ -26,7 +26,7 @@ _FASTEST_BAND = 20.0  # Hz, of the efforts
 
 @dataclass(frozen=True, eq=False)
 class MonitorResult:
-    """What a monitor saw in recordings.
+    """Events and external torque that a monitor found in recordings.
 
     Attributes:
         model: The model.
@@ -56,7 +56,7 @@ def monitor(
     settings: MonitorSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> MonitorResult:
-    """Return what a monitor that listened to recordings would have said.
+    """Run a monitor over recordings and return its events and external torques.
 
     Args:
         recordings: Trajectories, or the paths of their files, one after the other.

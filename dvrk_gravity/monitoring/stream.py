@@ -88,7 +88,7 @@ class MonitorSettings:
 
 @dataclass(frozen=True, eq=False)
 class MonitorUpdate:
-    """What a monitor makes of (K, n) rows.
+    """Result of the tests on (K, n) rows.
 
     Attributes:
         residual: (K, n) low-passed measured minus expected torque, N·m.
@@ -276,7 +276,7 @@ class Monitor:
         return window
 
     def _extended_baseline(self, window: Window, new: int) -> Sums:
-        """Return what is known of the directions with what is about to leave the window."""
+        """Return the sums over all samples that left the window, or are about to."""
         settings, rate = self.settings, self.settings.sampling.row_rate
         leaving = window.time < window.time[0] + new / rate
         rows = window.uncertain[leaving, :, : window.n_fixed].reshape(-1, window.n_fixed)
@@ -351,7 +351,7 @@ class Monitor:
             yield Event("unexplained", onset, now, joints)
             return
         # What begins with a change that was reported may be the error of that one's torque.
-        beside = bool(self.changes) and self._baseline is None
+        ambiguous = bool(self.changes) and self._baseline is None
         change = Change(best.hypothesis, best.evidence.theta, onset, joints[0])
         self.changes, self._baseline = (*self.changes, change), None
         since = int(np.argmax(self._rows.time >= onset))
@@ -359,7 +359,7 @@ class Monitor:
         self._unexpected, self._momentum = self._unexpected[since:], self._momentum[since:]
         yield Event(
             "change", onset, now, joints, best.hypothesis.effect, best.hypothesis.where, None,
-            best.reported(window), "perhaps" if rivals or beside else "certain",
+            best.reported(window), "perhaps" if rivals or ambiguous else "certain",
             tuple(each.alternative() for each in rivals),
         )  # fmt: skip
 

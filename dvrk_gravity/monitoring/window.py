@@ -63,7 +63,7 @@ class Band:
 
     @classmethod
     def of(cls, model: TorqueModel, measured: Array, gain: Array) -> Band:
-        """Return that of an identified model.
+        """Return the error band of an identified model.
 
         Args:
             model: The model.
@@ -167,14 +167,14 @@ class Window:
         )  # fmt: skip
 
     def with_rests(self) -> Window:
-        """Return it with samples in which friction holds a joint: as much as it can is error."""
+        """Return the window with samples of resting joints, their breakaway torque as error."""
         at_rest = self._filter(np.where(self.motion.stuck, self.breakaway_torque / self.error, 0.0))
         return replace(
             self, usable=self.available, error_factor=np.hypot(self.error_factor, at_rest)
         )
 
     def without_spikes(self) -> Window:
-        """Return it without what is over in half a second: a knock, a jump that is followed.
+        """Return the window without spikes of up to half a second: knocks, jumps of an encoder.
 
         An encoder that slips by two degrees, say, lets a controller move the arm so far at once: of
         the acceleration, which is not in the readings, no change knows.
@@ -217,7 +217,7 @@ class Window:
         return follows
 
     def whiten(self, values: Array, rows: slice = slice(None)) -> Array:
-        """Return (r, n, …) values of some samples, whitened; zero where they say nothing.
+        """Return (r, n, …) whitened values of some samples, zero where they are not usable.
 
         Before the first of them the values are zero.
         """
@@ -240,7 +240,7 @@ class Window:
         return np.hypot(self.error * self.error_factor[rows], left.reshape(-1, self.motion.arm.n))
 
     def without_change(self, hypothesis: Hypothesis, theta: Array, since: float) -> Window:
-        """Return it without the torque of a change, whose size and shape are uncertain.
+        """Return the window less the torque of a change, whose size and shape stay uncertain.
 
         Its size by as much as itself, and by the friction that grows with it; its shape, since no
         cable is a polynomial, by a fifth that depends on position, and by errors of a twentieth.
@@ -254,9 +254,9 @@ class Window:
         torque, place = columns @ theta, _normalized_positions(self.motion)
         rubs = FRICTION_BY_LOAD * np.abs(torque) * self._filter(self.motion.signs)
         shapes = [_diagonal(SHAPE * torque * place**power) for power in (1, 2)]
-        beside = [self.uncertain_torque, columns * np.abs(theta), _diagonal(rubs), *shapes]
+        uncertain = [self.uncertain_torque, columns * np.abs(theta), _diagonal(rubs), *shapes]
         return replace(
-            self, torque=self.torque - torque, uncertain_torque=np.concatenate(beside, axis=2),
+            self, torque=self.torque - torque, uncertain_torque=np.concatenate(uncertain, axis=2),
             error_factor=np.hypot(self.error_factor, _OF_SHAPE * torque / self.error),
         )  # fmt: skip
 
@@ -325,7 +325,7 @@ class LowPass:
 
     @classmethod
     def of(cls, motion: MeasuredMotion, gain: Array) -> LowPass:
-        """Return that of the samples of a motion, with (n,) gains in 1/s."""
+        """Return the low-pass for a motion's samples, with the observer's (n,) gains in 1/s."""
         assert motion.rate is not None  # no static poses
         return cls(motion.parts, np.exp(-gain / motion.rate))
 

@@ -122,7 +122,7 @@ def design_motion(
 
 
 def prior_knowledge(arm: Arm, limits: PlanLimits, model: TorqueModel | None) -> Knowledge:
-    """Return what is known before a motion: a model's posterior, else the effects' priors."""
+    """Return the knowledge before a motion: a model's posterior, else the effects' priors."""
     if model is not None and model.uncertainty is not None and model.uncertainty.size:
         return ModelKnowledge(model, model.uncertainty)
     return PriorKnowledge(arm, limits.lower, limits.upper)

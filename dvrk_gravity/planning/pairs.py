@@ -76,7 +76,7 @@ class Prediction:
 
     @classmethod
     def of(cls, gram: Array, root: Array) -> Prediction:
-        """Return it for (p, p) G and (p, r) L."""
+        """Return the prediction for a (p, p) Gram matrix G and (p, r) covariance root L."""
         # Of 1e12 times the noise a Cholesky factor may fail by rounding.
         values, vectors = np.linalg.eigh(np.eye(root.shape[1]) + root.T @ gram @ root)
         half = vectors / np.sqrt(np.maximum(values, 1.0))

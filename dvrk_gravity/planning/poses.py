@@ -176,8 +176,8 @@ def _choose_poses(
         gain[found] = -np.inf
         best = int(np.argmax(gain))
         found.append(best)
-        beside = covariance @ x[best].T
-        covariance = covariance - beside @ np.linalg.solve(inner[best], beside.T)
+        gain = covariance @ x[best].T
+        covariance = covariance - gain @ np.linalg.solve(inner[best], gain.T)
         report((number + 1) / count)
     return found
 

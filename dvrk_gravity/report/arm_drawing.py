@@ -56,8 +56,8 @@ def arm_figure(arm: Arm, remarks: Iterable[Remark]) -> str:
     }
     lines = []
     for name in arm.joint_names:
-        said = "; ".join(remark.text for remark in remarks if remark.joint == name)
-        text = f"<b>{escape(name)}</b>" + (f": {prose(said)}" if said else "")
+        remarks_text = "; ".join(remark.text for remark in remarks if remark.joint == name)
+        text = f"<b>{escape(name)}</b>" + (f": {prose(remarks_text)}" if remarks_text else "")
         lines.append(f"<li{_class(worst[name])}>{text}</li>")
     whole = "".join(
         f"<p{_class(remark.level)}><b>the arm</b>: {prose(remark.text)}</p>"
@@ -91,10 +91,10 @@ def _svg(arm: Arm, worst: dict[str, Level], label: str) -> str:
     # The body that a joint moves first; a parallelogram's joint moves several.
     first = [int(np.flatnonzero([body.row[k] for body in arm.bodies])[0]) for k in range(arm.n)]
     true = places[first]
-    beside = _spread_places(true)
-    moved = zip(true, beside, strict=True)
+    spread_places = _spread_places(true)
+    moved = zip(true, spread_places, strict=True)
     parts += [_line(place, spot, "lead") for place, spot in moved if (spot != place).any()]
-    for joint, (x, y), number in zip(arm.joints, beside, range(1, arm.n + 1), strict=True):
+    for joint, (x, y), number in zip(arm.joints, spread_places, range(1, arm.n + 1), strict=True):
         shape = (
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS}"/>'
             if joint.kind == "revolute"
@@ -103,7 +103,7 @@ def _svg(arm: Arm, worst: dict[str, Level], label: str) -> str:
         )
         text = f'<text x="{x:.1f}" y="{y + 4:.1f}">{number}</text>'
         parts.append(f'<g class="joint{_and(worst[joint.name])}">{shape}{text}</g>')
-    corners = np.vstack([origins, beside])
+    corners = np.vstack([origins, spread_places])
     size = np.maximum(np.ptp(corners, axis=0), (_WIDTH, _HEIGHT)) + 40.0
     left, top = 0.5 * (corners.min(axis=0) + corners.max(axis=0) - size)
     box = f"{left:.0f} {top:.0f} {size[0]:.0f} {size[1]:.0f}"

@@ -73,8 +73,8 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         "errors and gains below are of those."
     )
     if diagnosis.misplaced:
-        said = misplaced_load(diagnosis.misplaced)
-        facts = f"{said[0].upper()}{said[1:]}. {facts}"
+        sentence = misplaced_load(diagnosis.misplaced)
+        facts = f"{sentence[0].upper()}{sentence[1:]}. {facts}"
     if own := model_verdict(diagnosis.model_verdict):
         facts += f" {own[0].upper()}{own[1:]}."
     level = worst_level(remark.level for remark in _remarks(diagnosis.findings)) or "good"
@@ -186,14 +186,14 @@ def _separation_command(command: str) -> str:
 
 def _known(known: Sequence[Known], against_reference: bool) -> str:
     """Return what is expected: minor effects, the model's uncertainty and known error."""
-    said = (
+    sentences = (
         f"{entry.sentence}. What to do: {entry.remedy}" if entry.remedy else entry.sentence
         for entry in known
     )
     within = BETWEEN if against_reference else KNOWN
     return (
         f'<h2>Expected, not reported as findings</h2><p class="small">{within}:</p>'
-        + html.item_list(said)
+        + html.item_list(sentences)
     )
 
 

@@ -41,8 +41,10 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
     facts = f"{sources}; {result.samples} samples; errors in {result.coordinates} coordinates."
 
     def parts() -> Iterator[str]:
-        said = verdict_comparison(model, result.joints, result.coordinates, result.with_friction)
-        yield f"<p>{prose(said[:1].upper() + said[1:])}.</p>"
+        comparison = verdict_comparison(
+            model, result.joints, result.coordinates, result.with_friction
+        )
+        yield f"<p>{prose(comparison[:1].upper() + comparison[1:])}.</p>"
         yield arm_figure(arm, error_remarks(result.joints, verdicts))
         yield "<h2>Joint by joint</h2>"
         yield from pictures_by_joint(result.traces, arm)

@@ -27,7 +27,7 @@ BETWEEN = "differences from the reference within day-to-day variation"
 
 
 def misplaced_load(place: str) -> str:
-    """Return that a load does not fit where it is stated to be."""
+    """Return the sentence on a load that does not fit its stated place."""
     return (
         f"no load fits at its stated place, {place}: what follows is with a load that may be "
         "anywhere"
@@ -66,7 +66,7 @@ def size_of(finding: Finding) -> str:
 
 
 def exact_model(why: str) -> str:
-    """Return what it means that a model states no uncertainty; ``""`` if it does."""
+    """Return a note on a model without uncertainty, for that reason; ``""`` without a reason."""
     if not why:
         return ""
     return (

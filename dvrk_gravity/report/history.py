@@ -182,10 +182,12 @@ def arm_page(arm: ArmHistory, rate: float) -> str:
         for day, verdict, text, name, report in visits
     )
     table = f'<h2>Recordings</h2><div class="table"><table>{rows}</table></div>'
-    said = "; ".join(map(sentence, arm.changes)) or "no change that holds"
+    changes_text = "; ".join(map(sentence, arm.changes)) or "no change that holds"
     facts = f"{len(arm.visits)} recordings. Values as in the history of the fleet."
     data = [_data(arm, None, "../", "")]
-    return page(f"History of {arm.arm} {arm.serial}", said, facts, [_application(data), table])
+    return page(
+        f"History of {arm.arm} {arm.serial}", changes_text, facts, [_application(data), table]
+    )
 
 
 def _headline(arms: Sequence[ArmHistory]) -> str:

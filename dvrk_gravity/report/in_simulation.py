@@ -63,10 +63,10 @@ def section(result: InSimulation, arm: Arm) -> str:
 def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
     """Return the results of one joint for the terminal, under a heading."""
     joint = arm.joint_names.index(name)
-    said = []
+    text_lines = []
     if result.before is not None and result.after is not None:
         factor, unit = position_units(arm)[joint]
-        said.append(
+        text_lines.append(
             f"{name}'s position after {WINDOW:g} s is off by "
             f"{fixed(factor * result.after[joint], 2)} instead of "
             f"{fixed(factor * result.before[joint], 2)} {unit}"
@@ -75,18 +75,21 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
         before, after = _largest(drift.before, arm), _largest(drift.after, arm)
         with_friction = f"with {100 * drift.friction:.0f} % of its friction"
         if before[joint] - after[joint] > _LEAST_DRIFT:
-            said.append(
+            text_lines.append(
                 f"{with_friction} {name} drifts {fixed(after[joint], 1)} "
                 f"instead of {fixed(before[joint], 1)} {position_units(arm)[joint][1]} in "
                 f"{DURATION:g} s"
             )
         else:
-            said.append(
+            text_lines.append(
                 f"{with_friction} {name} drifts by {fixed(after[joint], 1)} "
                 f"{position_units(arm)[joint][1]}, as with the given model"
             )
     condition = ", if the extended model is true" if result.drifts else ""
-    return [f"in the simulator{condition}:", *(f"   {line}" for line in (*said, *result.notes))]
+    return [
+        f"in the simulator{condition}:",
+        *(f"   {line}" for line in (*text_lines, *result.notes)),
+    ]
 
 
 def _largest(way: Array, arm: Arm) -> Array:

@@ -176,9 +176,11 @@ class Compensator(PromptNode):
         self._settle()
 
     def _on_watchdog(self, message: DiagnosticStatus) -> None:
-        said = WatchdogStatus.of(message.name, {entry.key: entry.value for entry in message.values})
-        if said is not None:
-            self._watchdogs.note(said, time.monotonic())
+        status = WatchdogStatus.of(
+            message.name, {entry.key: entry.value for entry in message.values}
+        )
+        if status is not None:
+            self._watchdogs.note(status, time.monotonic())
 
     def _watchdog_obstacle(self) -> str:
         supervisor = self._supervisor

@@ -327,7 +327,7 @@ class Scenario:
     def _has_named_change(self, since: float) -> bool:
         """Return whether the monitor has named a change since a time of the arm's clock, s."""
         return any(
-            said["kind"] != "push" and said["reported"] > since for said in self._monitor_events
+            event["kind"] != "push" and event["reported"] > since for event in self._monitor_events
         )
 
     def _monitor_record(self, load: dict[str, Any], fastened: float) -> MonitorRecord:
@@ -337,7 +337,9 @@ class Scenario:
         unknown = [math.nan] * self._stage.arm.n
         torque = np.array([expected[stamp] for stamp in stamps])
         outside = np.array([external[stamp] for stamp in stamps])
-        events = ((said["reported"] - stamps[0], said["sentence"]) for said in self._monitor_events)
+        events = (
+            (event["reported"] - stamps[0], event["sentence"]) for event in self._monitor_events
+        )
         return MonitorRecord(
             np.array(stamps) - stamps[0], torque - outside, torque,
             np.array([spread.get(stamp, unknown) for stamp in stamps]), fastened - stamps[0],

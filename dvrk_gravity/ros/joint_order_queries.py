@@ -50,9 +50,9 @@ class JointOrderQueries:
     def look(self, active: bool) -> str:
         """Return why the arm must not be commanded, ``""``: it may; to be called now and then."""
         now = time.monotonic()
-        apart = {self._node.get_fully_qualified_name(), *self._watchdogs()}
+        excluded = {self._node.get_fully_qualified_name(), *self._watchdogs()}
         found = self._subscriptions.nodes(seldom=active).items()
-        self._subscribers.look({each: name for each, name in found if name not in apart}, now)
+        self._subscribers.look({each: name for each, name in found if name not in excluded}, now)
         for subscriber in self._queries.keys() - self._subscribers.unanswered().keys():
             self._forget(subscriber)
         for subscriber, name in self._subscribers.due_questions(now).items():

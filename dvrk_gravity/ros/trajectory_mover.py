@@ -44,7 +44,7 @@ class _NoForeignCommands:
     command = ""
 
     def heard_lately(self) -> bool:
-        """Return that none was heard."""
+        """Return False: no other node's command was heard."""
         return False
 
     def reason(self) -> str:

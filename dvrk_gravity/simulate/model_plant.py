@@ -87,7 +87,7 @@ class ModelArm:
         )
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
-        """Return it at zero position, at rest, with a factor on every friction."""
+        """Return the plant, at rest at zero position, with a factor on every friction."""
         return Plant(self.model, self.links, self.rotors, friction_scale)
 
 

@@ -192,7 +192,7 @@ class Plant:
         self._evaluated = None
 
     def _parts(self) -> tuple[PlantPart, ...]:
-        """Return what acts on the arm."""
+        """Return the prepared parts of all terms that act on the arm: torque, friction, loads."""
         return tuple(term.plant() for term in self.model.terms)
 
     def _require_inertia(self) -> None:

@@ -100,7 +100,7 @@ class Effect(ABC):
 
     @classmethod
     def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Yield what a history of an arm follows: of the same form in every recording of it.
+        """Yield the hypotheses that an arm's history follows, of one form in every recording.
 
         By default what :meth:`unit_changes` asks about, each hypothesis once.
         """
@@ -112,7 +112,7 @@ class Effect(ABC):
 
     @classmethod
     def monitor_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Yield what may have changed while an arm is monitored.
+        """Yield the hypotheses that a monitor tests while an arm moves.
 
         By default what :meth:`history_hypotheses` follows.
         """
@@ -312,7 +312,7 @@ class Hypothesis(ABC):
         return True
 
     def clamped(self, theta: Array) -> Hypothesis | None:
-        """Return it at the nearest likely settings, if those of (k,) theta are not plausible."""
+        """Return the hypothesis at the nearest typical settings, if (k,) theta is not plausible."""
         return None
 
     @property
@@ -332,7 +332,7 @@ class Hypothesis(ABC):
 
     # How its settings are found.
     def relinearised(self, theta: Array) -> Hypothesis:
-        """Return it with its :attr:`fixed_point` settings at the values that theta implies."""
+        """Return the hypothesis with its :attr:`fixed_point` settings as (k,) theta implies."""
         if not self.fixed_point:
             return self
         found = self.parameters(theta)

@@ -205,7 +205,7 @@ class AllFriction(Hypothesis):
 
     @classmethod
     def of(cls, motion: Motion) -> Iterator[AllFriction]:
-        """Yield it for an identified model with friction at several joints: as one, and by kind."""
+        """Yield hypotheses on all friction of an identified model: one factor, and one by kind."""
         rubs = np.flatnonzero(motion.friction.any(axis=0)).tolist()
         if motion.static or motion.model.of_file or len(rubs) < 2:
             return

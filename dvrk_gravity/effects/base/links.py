@@ -120,8 +120,8 @@ def separable_rotors(arm: Arm) -> tuple[int, ...]:
     found = []
     for motor, row in enumerate(arm.joint_to_actuator):
         torque = np.outer(qdd @ row, row).ravel()
-        beside = torque - basis @ (basis.T @ torque)
-        if np.linalg.norm(beside) > _RANK * np.linalg.norm(torque):
+        unexplained = torque - basis @ (basis.T @ torque)
+        if np.linalg.norm(unexplained) > _RANK * np.linalg.norm(torque):
             found.append(motor)
     return tuple(found)
 

@@ -55,7 +55,7 @@ class Estimate:
         return Estimate(-self.value, -self.high, -self.low, self.unit)
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as findings.json and the monitor's events have it."""
+        """Return value, interval and unit as findings.json and the monitor's events have them."""
         known = not math.isnan(self.low)
         ci95 = [self.low, self.high] if known else None
         return {"value": self.value, "ci95": ci95, "unit": self.unit}
