@@ -158,8 +158,8 @@ def test_the_completed_inertia_is_the_model_s_but_for_what_cannot_be():
     found = ModelArm.of(model_)
 
     # The last link's inertia shows at the roll: there and only there another must be simulated.
-    assert found.off[:6].max() < 0.01
-    assert found.off[6] > 0.3
+    assert found.inertia_error[:6].max() < 0.01
+    assert found.inertia_error[6] > 0.3
     plant = found.plant()
     inertia = [model_.term("link_inertia"), model_.term("rotor_inertia")]
     for q in positions(5):

@@ -56,7 +56,7 @@ def test_links_are_bodies_by_default_and_the_held_out_error_is_that_of_a_free_fi
 
 
 def test_the_simulator_moves_an_identified_arm_as_it_is():
-    assert ModelArm.of(fitted.chain().fit.model).off.max() < 1e-9
+    assert ModelArm.of(fitted.chain().fit.model).inertia_error.max() < 1e-9
 
 
 def test_a_saved_model_s_links_are_still_bodies_and_its_uncertainty_is_of_them(tmp_path):

@@ -1,10 +1,10 @@
+from .arm_variation import draw_arm as draw_arm
 from .certificate import Certificate as Certificate
 from .certificate import JointCertificate as JointCertificate
 from .certificate import certify as certify
 from .certificate import format_drift as format_drift
 from .certificate import largest_drift as largest_drift
 from .checked_driver import CheckedDriver as CheckedDriver
-from .draw_arm import draw_arm as draw_arm
 from .logbook import Logbook as Logbook
 from .logbook import file_hash as file_hash
 from .release import hold_ratio as hold_ratio

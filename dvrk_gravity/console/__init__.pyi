@@ -5,8 +5,8 @@ from .check import CheckResult as CheckResult
 from .check import check_file as check_file
 from .conversion import Conversion as Conversion
 from .conversion import convert_model as convert_model
-from .export import FormError as FormError
-from .export import export as export
+from .document import FormError as FormError
+from .document import export as export
 from .file import ARMS as ARMS
 from .file import FILE_NAME as FILE_NAME
 from .file import N_GRAVITY as N_GRAVITY

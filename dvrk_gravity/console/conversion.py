@@ -16,7 +16,7 @@ import numpy as np
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.check import ConsoleFinding, Severity, check
-from dvrk_gravity.console.export import Export, FormError, export, require_arm
+from dvrk_gravity.console.document import Export, FormError, export, require_arm
 from dvrk_gravity.console.file import N_POLYNOMIALS, ConsoleFile
 from dvrk_gravity.console.projection import (
     calibrated_range,

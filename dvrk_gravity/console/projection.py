@@ -18,7 +18,7 @@ import numpy as np
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.arms.mtm import gravity
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.console.export import stated_polynomials
+from dvrk_gravity.console.document import stated_polynomials
 from dvrk_gravity.console.file import LEVEL, N_GRAVITY, N_POLYNOMIALS, N_POWERS, form_model
 from dvrk_gravity.effects import Blend, JointPolynomials, PlantPart, Range, State, Term, evaluate
 from dvrk_gravity.errors import ConfigError

@@ -5,6 +5,7 @@ from .columns import identified as identified
 from .columns import search_starts as search_starts
 from .columns import start_columns as start_columns
 from .columns import term_moves as term_moves
+from .description_uncertainty import WEIGHT as WEIGHT
 from .kinematics import KinematicCalibration as KinematicCalibration
 from .kinematics import kinematic_columns as kinematic_columns
 from .kinematics import kinematic_moves as kinematic_moves
@@ -16,7 +17,6 @@ from .named_arm import parts as parts
 from .named_arm import relative_arm_path as relative_arm_path
 from .named_arm import resolve_arm_path as resolve_arm_path
 from .named_arm import values_of as values_of
-from .stated_uncertainty import WEIGHT as WEIGHT
 from .torque_model import BIAS_IS as BIAS_IS
 from .torque_model import BY_EFFECTS as BY_EFFECTS
 from .torque_model import CONSOLE_PARAMETER as CONSOLE_PARAMETER

@@ -26,6 +26,7 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
 from dvrk_gravity.files import json_file, outputs, text_file, yaml_file
+from dvrk_gravity.model.description_uncertainty import stated_uncertainty
 from dvrk_gravity.model.identity import IDENTITY_PARAMETER, foreign_groups, identity_of
 from dvrk_gravity.model.named_arm import (
     arm_of,
@@ -34,7 +35,6 @@ from dvrk_gravity.model.named_arm import (
     resolve_arm_path,
     values_of,
 )
-from dvrk_gravity.model.stated_uncertainty import stated_uncertainty
 from dvrk_gravity.model.uncertainty import SUFFIX, ModelUncertainty
 from dvrk_gravity.parameters import Parameter, Value, check_all, flatten, node_parameters, unflatten
 from dvrk_gravity.validation import is_urdf, path_of, refuse_json
