@@ -50,12 +50,12 @@ class Asked:
         self.now = 5.0
         self.nodes: dict[bytes, str] = {}
 
-    def comes(self, taker: bytes, node: str = NODE) -> None:
-        self.nodes[taker] = node
+    def comes(self, subscriber: bytes, node: str = NODE) -> None:
+        self.nodes[subscriber] = node
         self.subscribers.look(self.nodes, self.now)
 
-    def goes(self, taker: bytes) -> None:
-        del self.nodes[taker]
+    def goes(self, subscriber: bytes) -> None:
+        del self.nodes[subscriber]
         self.subscribers.look(self.nodes, self.now)
 
     def obstacle(self, after: float = 0.0, active: bool = False) -> str:

@@ -39,7 +39,7 @@ def leaning(model: TorqueModel, seed: int) -> Recording:
     """Return a motion in a base that leans of an arm whose masses are some others, drawn."""
     known, random = model.uncertainty, np.random.default_rng(seed)
     assert known is not None
-    heavier = known.moved(model.terms, random.normal(size=known.size))
+    heavier = known.shift_terms(model.terms, random.normal(size=known.size))
     vector = gravity_in_base(*LEANS)
     terms = tuple(t if t.gravity_vector is None else t.with_gravity(vector) for t in heavier)
     time = np.arange(0.0, 20.0, 0.01)
@@ -124,7 +124,7 @@ def test_the_coefficients_that_beta_gains_in_a_base_that_leans_leave_the_others_
     )  # fmt: skip
     leaning_beta = [Gravity(mtm, np.zeros(14), mtm.gravity)]
 
-    (moved,) = known.extended_to(leaning_beta).moved(leaning_beta, np.arange(1.0, 13.0))
+    (moved,) = known.extended_to(leaning_beta).shift_terms(leaning_beta, np.arange(1.0, 13.0))
 
     np.testing.assert_array_equal(moved.theta, [*range(1, 13), 0.0, 0.0])
 

@@ -181,11 +181,9 @@ def test_an_arm_that_moves_before_the_first_command_is_not_at_rest() -> None:
     for sign in (1.0, -1.0):
         with pytest.raises(MotionError, match="pitch"):
             followed(still[0]).rest_position(still + sign * np.radians(1.01) * step)
-    # The one that moves most for its kind is named: 1.2 deg, or 2.5 mm.
+    both = np.repeat([[0.0] * 4, [0.0, 0.021, 0.0025, 0.0]], 5, axis=0)  # 1.2 deg, 2.5 mm: by scale
     with pytest.raises(MotionError, match="insertion"):
-        followed(still[0]).rest_position(
-            np.repeat([[0.0] * 4, [0.0, 0.021, 0.0025, 0.0]], 5, axis=0)
-        )
+        followed(still[0]).rest_position(both)
 
 
 def test_a_stopped_joint_goes_on_by_its_lag_and_no_further_than_its_set_point() -> None:

@@ -178,7 +178,7 @@ def _momentum(tree: tuple[TreeBody, ...], links: Array, q: Array, qd: Array) -> 
             slopes[joint] -= factor * turned
         if body.parent < 0:
             continue
-        before, own = carried[body.parent], frame.carried(linear, angular)
+        before, own = carried[body.parent], frame.transport(linear, angular)
         carried[body.parent] = before[0] + own[0], before[1] + own[1]
     return momenta, slopes
 
@@ -264,7 +264,7 @@ class _Frame(NamedTuple):
             vector = np.stack([c * x - s * y, s * x + c * y, z])
         return self.rotation @ vector
 
-    def carried(self, linear: Array, angular: Array) -> tuple[Array, Array]:
+    def transport(self, linear: Array, angular: Array) -> tuple[Array, Array]:
         """Return a force and a moment about the body's origin as the parent's: about its own.
 
         So it is with a linear and an angular momentum.
@@ -329,7 +329,7 @@ def _torque(
             out[joint] += factor * (force if body.slides else moment)[2]
         if body.parent < 0:
             continue
-        before, own = wrenches[body.parent], frame.carried(force, moment)
+        before, own = wrenches[body.parent], frame.transport(force, moment)
         wrenches[body.parent] = before[0] + own[0], before[1] + own[1]
     return out
 

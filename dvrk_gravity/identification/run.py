@@ -29,7 +29,7 @@ from dvrk_gravity.identification.trajectories.problem import (
     require_form,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
-from dvrk_gravity.model import Columns, TorqueModel, identified
+from dvrk_gravity.model import Columns, TorqueModel, fitted_effects
 from dvrk_gravity.observation import (
     OTHER_SIDE,
     KnownPayload,
@@ -168,7 +168,7 @@ def _judged_with_constants(fit: Fit, bias: Mapping[str, str]) -> Fit:
 
 def _require_identified(effects: Sequence[str] | None, arm: Arm) -> None:
     """Refuse effects that trajectories are not fitted with."""
-    known = identified(arm)
+    known = fitted_effects(arm)
     for effect in effects or ():
         if effect not in known:
             reasons = {term.NAME: term.NOT_FITTED for term in terms()}

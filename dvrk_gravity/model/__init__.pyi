@@ -1,7 +1,7 @@
 from .calibration_samples import CalibrationSamples as CalibrationSamples
 from .calibration_samples import KeptSettings as KeptSettings
 from .columns import Columns as Columns
-from .columns import identified as identified
+from .columns import fitted_effects as fitted_effects
 from .columns import search_starts as search_starts
 from .columns import start_columns as start_columns
 from .columns import term_moves as term_moves

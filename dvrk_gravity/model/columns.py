@@ -31,7 +31,7 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.model.kinematics import KinematicCalibration, kinematic_columns
 
 
-def identified(arm: Arm) -> tuple[str, ...]:
+def fitted_effects(arm: Arm) -> tuple[str, ...]:
     """Return the names of the effects that trajectories of an arm are fitted with."""
     found = (unknowns.term.NAME for unknowns in _unknowns(arm, Range(*arm.range)))
     displaced = (column.effect for column in kinematic_columns(arm))
@@ -245,7 +245,7 @@ class Columns:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""
         links, springs = self.rigid.bodies(theta[: len(self.rigid.columns)])
         change = theta[self.kinematic]
-        return self.kinematics.moved(self.arm, change, links, springs)
+        return self.kinematics.updated(self.arm, change, links, springs)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
         """Return the model's terms for (p,) coefficients; those that are zero are left out.

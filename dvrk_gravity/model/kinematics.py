@@ -60,7 +60,9 @@ class KinematicCalibration:
         """Return the columns of :meth:`slopes`, none without links to take them with."""
         return () if self.links is None else kinematic_columns(arm)
 
-    def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> KinematicCalibration:
+    def updated(
+        self, arm: Arm, change: Array, links: Array, springs: Array
+    ) -> KinematicCalibration:
         """Return the kinematics that (k,) coefficients of :meth:`columns` ask for.
 
         Args:

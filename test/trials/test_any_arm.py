@@ -19,8 +19,7 @@ from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.model import identified as identified_effects
+from dvrk_gravity.model import TorqueModel, fitted_effects
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
 from testing.mujoco_arms import KINOVA
@@ -127,7 +126,7 @@ def test_a_model_of_any_arm_moves_in_the_simulator_and_balances(known, model, tm
 def test_joints_that_turn_without_an_end_are_fitted_with_the_same_effects():
     endless = Arm.load(KINOVA)
     assert np.isinf(endless.upper).any()
-    assert identified_effects(endless) == identified_effects(Arm.load(UR5))
+    assert fitted_effects(endless) == fitted_effects(Arm.load(UR5))
 
 
 def test_a_compensator_without_the_weight_of_its_arm_is_refused_in_one_line(known):
