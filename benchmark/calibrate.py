@@ -4,7 +4,7 @@
     python benchmark/calibrate.py --arms mtmr psm --count 2 --time 10
 
 Each arm has other masses, friction, cables, zeros of its joints and mounting than the model that
-it is planned with (`drawn_arm`). It is moved, identified, checked on a second motion, diagnosed,
+it is planned with (`draw_arm`). It is moved, identified, checked on a second motion, diagnosed,
 moved again where that is needed, and released at 20 poses that nothing was fitted on, with a tenth
 of its friction. Rehearsals are left out: there is nothing to meet.
 
@@ -33,7 +33,7 @@ from dvrk_gravity.calibration import (
     SimulatedRig,
     Work,
     calibrate,
-    drawn_arm,
+    draw_arm,
     largest_drift,
 )
 from dvrk_gravity.errors import DvrkGravityError
@@ -56,7 +56,7 @@ HOLD, LONGEST = 0.95, 10.0
 def calibrated(name: str, seed: int, settings: CalibrationSettings, folder: Path) -> dict[str, Any]:
     """Calibrate one arm, and return what came of it."""
     arm = Arm.load(FILES.get(name, name))
-    rig = SimulatedRig(drawn_arm(PlantFile.of(arm), seed), seed, settings.friction)
+    rig = SimulatedRig(draw_arm(PlantFile.of(arm), seed), seed, settings.friction)
     pages = Pages(
         plan_picture, identification_page, diagnosis_page, partial(certificate_page, arm=arm)
     )
@@ -76,7 +76,7 @@ def calibrated(name: str, seed: int, settings: CalibrationSettings, folder: Path
     return {
         "arm": name, "seed": seed, "certified": certificate["certified"],
         "reasons": certificate["reasons"], "poses": len(worst),
-        "within": sum(each <= settings.allowed for each in worst),
+        "within": sum(each <= settings.max_drift for each in worst),
         "drift": max(worst, default=float("inf")), "beyond": beyond,
         "used": certificate["motion"]["used"], "commands": certificate["motion"]["commands"],
         "minutes": certificate["motion"]["seconds"] / 60.0,

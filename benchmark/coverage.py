@@ -46,7 +46,7 @@ from dvrk_gravity.identification import (
     identify,
     with_motor_weights,
 )
-from dvrk_gravity.model import Columns, starts
+from dvrk_gravity.model import Columns, search_starts
 from dvrk_gravity.observation import observe
 from testing.jobs import run_all
 from testing.lab_motion import draw_calibration
@@ -223,7 +223,7 @@ def repeated(
             chosen = true_columns(columns, world)
             weighted = with_motor_weights(problem, chosen)
         else:
-            weighted, chosen = choose(problem, starts(columns), lambda share: None)
+            weighted, chosen = choose(problem, search_starts(columns), lambda share: None)
         truth = true_values(world, columns, chosen)
         results.append((estimate(weighted, chosen).parameters, truth))
     return results

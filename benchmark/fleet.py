@@ -29,7 +29,7 @@ import pinocchio as pin
 
 from dvrk_gravity.__main__ import main as command
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration import drawn_arm
+from dvrk_gravity.calibration import draw_arm
 from dvrk_gravity.effects import ElasticCable, Range
 from dvrk_gravity.fleet import ArmEntry, Engine, Manifest, client_of
 from dvrk_gravity.planning import Multisine
@@ -110,7 +110,7 @@ def record(job: Job) -> float:
     """Record an arm on a day, into a file; return the seconds that it took."""
     begun = time.monotonic()
     arm = Arm.load(job.arm)
-    plant = drawn_arm(PlantFile.of(arm), job.seed)
+    plant = draw_arm(PlantFile.of(arm), job.seed)
     random = np.random.default_rng([job.seed, 1, job.number])
     of_day = ALL_JOINTS * random.standard_normal()
     factors = 1.0 + of_day + EACH_JOINT * random.standard_normal(arm.n)

@@ -3,7 +3,7 @@
     PYTHONPATH=. python benchmark/latency.py [--blocks N] [--seconds S] [--json FILE]
 
 A second compensator has a monitor that listens to the same messages, of an arm as its model says;
-the model is identified first, which takes half a minute.
+the model is identify_demo_model first, which takes half a minute.
 
 All run as processes of their own, in a ROS domain of their own, from beginning to end; blocks of
 messages go to one after the other in turn, so that whatever else the machine does meets both.
@@ -27,7 +27,7 @@ from units import Target, as_json, judge, processor_time
 
 from dvrk_gravity.files import text_file
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, identified, private_domain
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, identify_demo_model, private_domain
 
 HERE = Path(__file__).resolve().parent
 MODEL = HERE.parent / "config" / "mtmr_28002.yaml"
@@ -55,7 +55,7 @@ def measure(blocks: int, seconds: float, folder: Path) -> tuple[float, dict[str,
     # Between two runs nothing is sent for 0.1 s: that is no silence to stop for.
     waits = ("-p", "resume:=automatic", "-p", "timeout:=0.3", "-p", "await_watchdog:=0.0")
     arguments = ("--params-file", str(MODEL), *waits)
-    known = identified("mtmr", "", 1.0, folder / "model.yaml")
+    known = identify_demo_model("mtmr", "", 1.0, folder / "model.yaml")
     with ExitStack() as stack:
         stack.enter_context(private_domain())
         client = stack.enter_context(Client())

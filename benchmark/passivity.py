@@ -165,7 +165,7 @@ def in_hand(hand: Hand, excess: float, delay: float, observed: bool, duration: f
 def bound(hand: Hand, delay: float, duration: float) -> np.ndarray:
     """Return the (7,) speeds that a passive hand may see, from what the right model does in it."""
     right = in_hand(hand, 0.0, delay, False, duration).max(axis=0)
-    return HIDDEN * np.maximum(SETTINGS.growth * right, ALLOWANCE)
+    return HIDDEN * np.maximum(SETTINGS.allowed_growth * right, ALLOWANCE)
 
 
 def moves(

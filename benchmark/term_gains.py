@@ -24,7 +24,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import RigidColumns
 from dvrk_gravity.identification import Fit, evaluate, identify
-from dvrk_gravity.model import identified
+from dvrk_gravity.model import fitted_effects
 from dvrk_gravity.recording import Coordinates, Recording
 
 PLAIN = ("coulomb_friction", "viscous_friction", "rotor_inertia")
@@ -88,7 +88,7 @@ def main() -> None:
     arm, recording = Arm.of(given.arm), Recording.load(given.recording)
     if given.drive_gains:
         recording = replace(recording, effort=recording.effort * np.array(given.drive_gains))
-    every = [effect for effect in identified(arm) if effect not in RigidColumns.EFFECTS]
+    every = [effect for effect in fitted_effects(arm) if effect not in RigidColumns.EFFECTS]
     variants: dict[str, tuple[list[str] | None, bool]] = {BODIES: (None, False)}
     variants |= {f"without {left}": ([e for e in every if e != left], True) for left in every}
     variants[" and ".join(PLAIN)] = list(PLAIN), True

@@ -54,7 +54,7 @@ def in_one_unit(values: Sequence[float], unit: str) -> list[str]:
         unit: SI unit, as for :func:`quantity`.
     """
     factor, name = suited(max(map(abs, values)), unit)
-    texts = (_written([value * factor], 0.0)[0][0] for value in values)
+    texts = (_rounded_texts([value * factor], 0.0)[0][0] for value in values)
     return [f"{text} {name}".rstrip() for text in texts]
 
 
@@ -76,7 +76,7 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
 def _shown(values: Sequence[float], half: float, unit: str) -> tuple[list[str], str, str]:
     """Return values and half an interval in the unit that suits them, to the interval's digits."""
     factor, name = suited(max(half, *map(abs, values)), unit)
-    texts, spread = _written([value * factor for value in values], half * factor)
+    texts, spread = _rounded_texts([value * factor for value in values], half * factor)
     return texts, spread, name
 
 
@@ -89,7 +89,7 @@ def suited(size: float, unit: str) -> tuple[float, str]:
     return factor, name
 
 
-def _written(numbers: Sequence[float], width: float) -> tuple[list[str], str]:
+def _rounded_texts(numbers: Sequence[float], width: float) -> tuple[list[str], str]:
     """Return numbers and half an interval, to the interval's digits."""
     decimals = _decimals(max(numbers, key=abs), width)
     if decimals is None:

@@ -24,7 +24,7 @@ from dvrk_gravity.calibration import (
     Work,
     all_steps,
     calibrate,
-    drawn_arm,
+    draw_arm,
 )
 from dvrk_gravity.effects import State
 from dvrk_gravity.files import json_file
@@ -43,8 +43,8 @@ FILE = {
     "base_rpy": [60, 0, 0],
 }  # fmt: skip
 BRIEF = CalibrationSettings(
-    motion=10.0, check=9.0, further=9.0, rounds=1, search=2, poses=3, seconds=0.5,
-    rehearsal=False,
+    motion_duration=10.0, check_duration=9.0, further_duration=9.0, rounds=1, search=2, poses=3,
+    release_duration=0.5, rehearsal=False,
 )  # fmt: skip
 ASKED = {"--arm": "small", "--seed": "1"}
 RELEASED = MotionTally(60.0, 0.0, 60_000, 0.9, "velocity of yaw")
@@ -61,7 +61,7 @@ class PathRig:
 
     def __init__(self, arm: Arm, resumes: bool = True) -> None:
         self.resumes = resumes
-        self._arm, self._truth = arm, drawn_arm(PlantFile.of(arm), 1).model
+        self._arm, self._truth = arm, draw_arm(PlantFile.of(arm), 1).model
         self._at = 0.5 * (arm.lower + arm.upper)
         self.released: list[np.ndarray] = []
         self.on_release: Callable[[], None] = lambda: None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import Collected, CollectSettings, SimulatedDriver, collect
+from dvrk_gravity.collecting import CollectedRecording, CollectSettings, SimulatedDriver, collect
 from dvrk_gravity.planning import Basis, FourierMotion, Plan, PlanLimits, slacks
 from dvrk_gravity.recording import Recording, encode_joint_state
 from dvrk_gravity.simulate import PlantFile
@@ -94,7 +94,7 @@ def at_beginning(plan: Plan, stop=lambda phase, time: None, away: float = 0.0) -
     return PathDriver(plan.arm, plan.at(0.0)[0] + away * plan.arm.scale, stop)
 
 
-def go(driver: PathDriver, out: Path, plans: Any, **how: Any) -> Collected:
+def go(driver: PathDriver, out: Path, plans: Any, **how: Any) -> CollectedRecording:
     """Collect briefly."""
     return collect(plans, driver, out, report=driver.report, settings=BRIEF, **how)
 

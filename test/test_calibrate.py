@@ -28,7 +28,7 @@ from dvrk_gravity.calibration import (
     MotionTally,
     all_steps,
     calibrate,
-    drawn_arm,
+    draw_arm,
     file_hash,
     release_poses,
 )
@@ -36,7 +36,7 @@ from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
-from dvrk_gravity.files.lock import alone_in
+from dvrk_gravity.files.lock import lock_folder
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import PlanLimits, Straight
 from dvrk_gravity.recording import Recording
@@ -83,7 +83,7 @@ def test_a_motion_that_was_interrupted_becomes_one_whole_recording(finished, tmp
         assert np.array_equal(again.position, once.position)
         assert np.array_equal(again.effort, once.effort)
     assert (np.diff(again.time).max() > 0.1) == resumes  # where it was cut
-    whole = BRIEF.check
+    whole = BRIEF.check_duration
     assert 0.5 * whole < begun["seconds"]  # of the process that died: they count
     assert outcome.motion.seconds >= 0.5 * whole if resumes else outcome.motion.seconds >= whole
 
@@ -158,7 +158,7 @@ def test_a_folder_of_something_else_is_refused_and_kept(tmp_path):
 
 
 def test_two_at_once_in_one_folder_are_refused(finished, tmp_path):
-    with alone_in(tmp_path, "--out"), pytest.raises(ConfigError, match="--out"):
+    with lock_folder(tmp_path, "--out"), pytest.raises(ConfigError, match="--out"):
         calibrate(work_in(tmp_path, finished.arm))
     assert not list(tmp_path.iterdir())
 
@@ -231,7 +231,7 @@ def test_an_arm_is_released_with_consent_at_poses_away_from_what_was_fitted(fini
     poses, apart = release_poses(finished.arm, limits, model, fitted, BRIEF, 5, fitted[0])
     away = np.abs((poses[:, None] - fitted) / finished.arm.scale).max(axis=2).min(axis=1)
     assert away.min() == pytest.approx(apart)
-    assert apart >= BRIEF.apart
+    assert apart >= BRIEF.min_distance
     for each in (poses, np.array(rig.released)):
         assert len(each) == BRIEF.poses
         assert ((each >= limits.lower) & (each <= limits.upper)).all()
@@ -242,7 +242,7 @@ def test_an_arm_is_released_with_consent_at_poses_away_from_what_was_fitted(fini
 
 def test_arms_of_one_seed_are_the_same_and_of_two_are_not():
     plant = PlantFile.of(ECM)
-    first, again, other = (drawn_arm(plant, seed) for seed in (3, 3, 4))
+    first, again, other = (draw_arm(plant, seed) for seed in (3, 3, 4))
     q = np.random.default_rng(0).uniform(*ECM.range, (5, ECM.n))
     state = State(q, 0.3 * ECM.scale + 0.0 * q)
     torques = [each.model.torque_at(state) for each in (first, again, other)]

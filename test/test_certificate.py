@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from finished_calibration import BRIEF, RELEASED, Finished, finished_calibration
 
-from dvrk_gravity.calibration import certify, holding, largest_drift, random_poses, shown_drift
+from dvrk_gravity.calibration import certify, format_drift, hold_ratio, largest_drift, random_poses
 from dvrk_gravity.identification import POOR, identify
 from dvrk_gravity.planning import Plan, PlanLimits
 
@@ -95,7 +95,7 @@ def test_a_drift_is_no_more_exact_than_it_is():
         (0.0, "rad", "0.00 deg"), (8e-5, "rad", "< 0.01 deg"), (2e-4, "rad", "0.01 deg"),
         (np.radians(14.44), "rad", "14.44 deg"), (1e-6, "m", "< 0.01 mm"), (9e-4, "m", "0.90 mm"),
     ):  # fmt: skip
-        assert shown_drift(drift, unit) == text
+        assert format_drift(drift, unit) == text
     assert largest_drift(0.0) == "< 0.01 deg"  # none of zero is claimed
     assert largest_drift(2e-4) == "at most 0.01 deg"
 
@@ -107,8 +107,9 @@ def test_the_certificate_of_a_calibration_has_what_its_files_say(finished):
     assert found["certified"] == (not found["reasons"])
     assert found["poses"] == BRIEF.poses
     assert found["motion"]["used"] <= 1.0 + 1e-9
-    assert found["motion"]["commands"] > 1000.0 * (BRIEF.motion + BRIEF.check)
-    assert found["motion"]["seconds"] > BRIEF.motion + BRIEF.check + BRIEF.poses * BRIEF.seconds
+    moved = BRIEF.motion_duration + BRIEF.check_duration
+    assert found["motion"]["commands"] > 1000.0 * moved
+    assert found["motion"]["seconds"] > moved + BRIEF.poses * BRIEF.release_duration
     for joint in found["joints"]:
         name = joint["name"]
         assert joint["sure"] == fit["held"]["joints"][name]
@@ -127,7 +128,7 @@ def test_the_band_of_what_holds_a_joint_counts_what_the_model_lacks(finished):
     error = np.sqrt(np.mean(fit.rest_error(poses) ** 2, axis=0))
     known = [fit.holding[name].error_anywhere for name in arm.joint_names]
     np.testing.assert_allclose(error, known)  # the same poses, and the same function
-    ratio = holding(fit, poses, 0.1)
+    ratio = hold_ratio(fit, poses, 0.1)
     friction = np.array([fit.holding[name].friction for name in arm.joint_names])
     np.testing.assert_allclose(ratio * 0.1 * friction, 1.96 * fit.rest_error(poses))
     # At which poses friction holds is counted among those within limits and identified range.
@@ -166,12 +167,12 @@ def test_a_joint_that_friction_may_not_hold_is_measured_further_while_time_is_le
     assert not further(sure + 1e-6).paths
     outcome = further(sure - 1e-6)
     assert [path.name for path in outcome.paths] == ["further_1.yaml", "further_1.png"]
-    assert "pitch" in outcome.said
-    assert Plan.load(outcome.paths[0]).duration == BRIEF.further
-    late = further(0.5, settings=replace(BRIEF, longest=30.0))
+    assert "pitch" in outcome.summary
+    assert Plan.load(outcome.paths[0]).duration == BRIEF.further_duration
+    late = further(0.5, settings=replace(BRIEF, max_duration=30.0))
     assert not late.paths
-    assert "0.5 min" in late.said
+    assert "0.5 min" in late.summary
 
 
 def test_without_a_want_there_is_no_further_motion(further):
-    assert further(1.0, settings=replace(BRIEF, longest=1.0)).said == ""
+    assert further(1.0, settings=replace(BRIEF, max_duration=1.0)).summary == ""

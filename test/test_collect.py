@@ -20,7 +20,7 @@ from path_driver import STEP, WHOLE, PathDriver, at_beginning, go, once, plan_of
 from dvrk_gravity.collecting import MotionStoppedError
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import ConfigError, DvrkGravityError, RecordingError
-from dvrk_gravity.files.lock import alone_in
+from dvrk_gravity.files.lock import lock_folder
 from dvrk_gravity.recording import BagReader, Recording
 
 
@@ -270,7 +270,7 @@ def test_what_is_gone_of_a_motion_is_missed_and_the_bag_is_not_written(stopped) 
 def test_a_collection_that_another_process_makes_is_left_alone(stopped) -> None:
     driver, resume, state = stopped
     before = state.read_bytes()
-    with alone_in(state.parent, "--out"), pytest.raises(ConfigError, match=r"--out: got "):
+    with lock_folder(state.parent, "--out"), pytest.raises(ConfigError, match=r"--out: got "):
         resume()
     assert state.read_bytes() == before
     assert not driver.commanded

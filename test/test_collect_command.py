@@ -71,7 +71,7 @@ class Terminal:
             return False
 
         self.waits = types
-        return collect.asking(self)("free?")
+        return collect.terminal_consent(self)("free?")
 
     def close(self) -> None:
         self.stdin.close()
@@ -94,7 +94,7 @@ def test_only_y_and_yes_consent_and_what_was_typed_before_a_question_is_no_answe
     terminal = Terminal(monkeypatch)
     terminal.waits = lambda: True
     with pytest.raises(KeyboardInterrupt):  # a signal while it waits
-        collect.asking(terminal)("free?")
+        collect.terminal_consent(terminal)("free?")
     terminal.close()
 
 
@@ -104,11 +104,11 @@ def test_where_nobody_can_be_asked_consent_is_needed_beforehand(
     for stdin in (StringIO("y\n"), None):  # a file; closed
         monkeypatch.setattr("sys.stdin", stdin)
         with pytest.raises(DvrkGravityError, match="--yes"):
-            collect.asking(None)
+            collect.terminal_consent(None)
 
 
 def test_a_simulated_arm_is_rehearsed_only_where_that_is_asked_for() -> None:
-    for words, rehearses in (
+    for words, wants_rehearsal in (
         ([], True),
         (["--no-rehearsal"], False),
         (["--simulated"], False),
@@ -119,8 +119,8 @@ def test_a_simulated_arm_is_rehearsed_only_where_that_is_asked_for() -> None:
             parser = argparse.ArgumentParser()
             verb.add_arguments(parser)
             asked = [] if verb is collect else ["--arm", "ecm", "--out", "bag"]
-            found = options.rehearses(parser.parse_args([*words, *asked]))
-            assert found == rehearses, (verb.NAME, words)
+            found = options.wants_rehearsal(parser.parse_args([*words, *asked]))
+            assert found == wants_rehearsal, (verb.NAME, words)
 
 
 # --- what they do --------------------------------------------------------------------------

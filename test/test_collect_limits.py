@@ -10,14 +10,9 @@ import pytest
 from path_driver import WHOLE, at_beginning, go, plan_of
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import MotionStoppedError, Paced, TaughtLimits
+from dvrk_gravity.collecting import MotionStoppedError, PacedMotion, TaughtLimits
 from dvrk_gravity.compensate import MotionError
-from dvrk_gravity.planning import (
-    PlanLimits,
-    exceeded,
-    load_limits,
-    save_limits,
-)
+from dvrk_gravity.planning import PlanLimits, load_limits, save_limits, worst_violation
 
 # --- limits that change --------------------------------------------------------------------
 
@@ -71,8 +66,8 @@ def test_a_plan_beyond_its_own_limits_is_not_saved_by_wider_ones(tmp_path: Path)
 
 def test_a_motion_taken_up_within_limits_is_proven_to_keep_them() -> None:
     plan = plan_of("ecm", seed=3)
-    assert exceeded(Paced(plan.motion, 1.0, 1.0, 0.2), plan.limits, plan.arm) is not None
-    assert exceeded(Paced(plan.motion, 0.1, 1.0, 1.0), plan.limits, plan.arm) is None
+    assert worst_violation(PacedMotion(plan.motion, 1.0, 1.0, 0.2), plan.limits, plan.arm)
+    assert worst_violation(PacedMotion(plan.motion, 0.1, 1.0, 1.0), plan.limits, plan.arm) is None
 
 
 def test_a_taught_room_is_what_was_shown_less_a_margin(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dvrk_gravity.compensate import Takers, shifted, stated_order
+from dvrk_gravity.compensate import CommandSubscribers, order_mismatch, stated_order
 from dvrk_gravity.errors import ConfigError
 
 JOINTS = ("yaw", "pitch", "insertion")
@@ -26,7 +26,7 @@ LATE = 10.0  # after the patience with an answer, s
     ],
 )
 def test_joints_of_another_device_before_or_between_the_arm_s_shift_its_efforts(names, wrong):
-    refused = shifted(JOINTS, names)
+    refused = order_mismatch(JOINTS, names)
     assert bool(refused) == bool(wrong)
     if wrong:
         ours = ",".join(name for name in names if name in JOINTS)
@@ -43,24 +43,24 @@ def test_a_stated_order_has_each_joint_once():
 
 
 class Asked:
-    """Takers with a clock of the test's own."""
+    """Subscribers with a clock of the test's own."""
 
     def __init__(self, *order: str, stated: bool = False) -> None:
-        self.takers = Takers(TOPIC, order or JOINTS, stated)
+        self.subscribers = CommandSubscribers(TOPIC, order or JOINTS, stated)
         self.now = 5.0
         self.nodes: dict[bytes, str] = {}
 
-    def comes(self, taker: bytes, node: str = NODE) -> None:
-        self.nodes[taker] = node
-        self.takers.look(self.nodes, self.now)
+    def comes(self, subscriber: bytes, node: str = NODE) -> None:
+        self.nodes[subscriber] = node
+        self.subscribers.look(self.nodes, self.now)
 
-    def goes(self, taker: bytes) -> None:
-        del self.nodes[taker]
-        self.takers.look(self.nodes, self.now)
+    def goes(self, subscriber: bytes) -> None:
+        del self.nodes[subscriber]
+        self.subscribers.look(self.nodes, self.now)
 
     def obstacle(self, after: float = 0.0, active: bool = False) -> str:
         self.now += after
-        return self.takers.obstacle(self.now, active)
+        return self.subscribers.obstacle(self.now, active)
 
 
 def test_nothing_is_commanded_before_the_controller_has_answered_with_our_order():
@@ -68,8 +68,8 @@ def test_nothing_is_commanded_before_the_controller_has_answered_with_our_order(
     assert TOPIC in asked.obstacle()
     asked.comes(b"1")
     assert NODE in asked.obstacle()
-    asked.takers.answer(b"1", JOINTS)
-    assert asked.takers.unanswered() == {}
+    asked.subscribers.answer(b"1", JOINTS)
+    assert asked.subscribers.unanswered() == {}
     assert asked.obstacle() == ""
 
 
@@ -77,9 +77,9 @@ def test_one_that_has_just_appeared_is_not_asked_in_case_it_is_a_watchdog():
     asked = Asked()
     asked.comes(b"1")
     asked.comes(b"2", "/watchdog")
-    assert asked.takers.to_ask(asked.now + 0.1) == {}
+    assert asked.subscribers.due_questions(asked.now + 0.1) == {}
     asked.goes(b"2")  # now it is known for one, and not looked at any more
-    assert asked.takers.to_ask(asked.now + 0.5) == {b"1": NODE}
+    assert asked.subscribers.due_questions(asked.now + 0.5) == {b"1": NODE}
 
 
 @pytest.mark.parametrize("stated", [False, True])
@@ -87,13 +87,13 @@ def test_one_that_has_just_appeared_is_not_asked_in_case_it_is_a_watchdog():
 def test_a_controller_of_another_order_is_refused_with_both_orders_and_the_way_out(stated, active):
     asked = Asked(stated=stated)
     asked.comes(b"1")
-    asked.takers.answer(b"1", TURNED)
+    asked.subscribers.answer(b"1", TURNED)
     refused = asked.obstacle(active=active)
     for token in (NODE, ",".join(TURNED), ",".join(JOINTS), f"command_joints:={','.join(TURNED)}"):
         assert token in refused
     follows = Asked(*TURNED, stated=True)  # that way out
     follows.comes(b"1")
-    follows.takers.answer(b"1", TURNED)
+    follows.subscribers.answer(b"1", TURNED)
     assert follows.obstacle(active=active) == ""
 
 
@@ -101,7 +101,7 @@ def test_a_controller_of_another_order_is_refused_with_both_orders_and_the_way_o
 def test_a_controller_of_other_joints_is_refused_and_no_order_helps(joints):
     asked = Asked(stated=True)
     asked.comes(b"1")
-    asked.takers.answer(b"1", joints)
+    asked.subscribers.answer(b"1", joints)
     assert ",".join(joints) in asked.obstacle()
     assert "command_joints:=" not in asked.obstacle()
 
@@ -112,20 +112,20 @@ def test_one_that_cannot_be_asked_needs_a_statement():
             asked = Asked(stated=stated)
             asked.comes(b"1")
             if answers:
-                asked.takers.answer(b"1", ())
+                asked.subscribers.answer(b"1", ())
             said = asked.obstacle(after=0.0 if answers else LATE)
             assert bool(said) != stated
             if said:
                 assert NODE in said
                 assert f"command_joints:={','.join(JOINTS)}" in said
-            asked.takers.answer(b"1", TURNED)  # late, and different
+            asked.subscribers.answer(b"1", TURNED)  # late, and different
             assert ",".join(TURNED) in asked.obstacle()
 
 
 def test_a_recorder_beside_the_controller_changes_nothing_in_flight_nor_later():
     asked = Asked()
     asked.comes(b"1")
-    asked.takers.answer(b"1", JOINTS)
+    asked.subscribers.answer(b"1", JOINTS)
     asked.comes(b"2", "/recorder")
     assert asked.obstacle(active=True) == ""
     assert "/recorder" in asked.obstacle(active=False)
@@ -136,21 +136,21 @@ def test_a_recorder_beside_the_controller_changes_nothing_in_flight_nor_later():
 def test_a_controller_that_starts_again_is_asked_again_before_it_gets_another_command(lingers):
     asked = Asked(stated=True)
     asked.comes(b"1")
-    asked.takers.answer(b"1", JOINTS)
+    asked.subscribers.answer(b"1", JOINTS)
     asked.comes(b"2")
     if not lingers:  # DDS keeps a killed one for 20 s
         asked.goes(b"1")
-    assert asked.takers.unanswered() == {b"2": NODE}
+    assert asked.subscribers.unanswered() == {b"2": NODE}
     assert NODE in asked.obstacle(active=True)
-    asked.takers.answer(b"2", TURNED)
+    asked.subscribers.answer(b"2", TURNED)
     assert ",".join(TURNED) in asked.obstacle(active=True)
 
 
 def test_when_the_controller_is_gone_nothing_is_known():
     asked = Asked()
     asked.comes(b"1")
-    asked.takers.answer(b"1", JOINTS)
+    asked.subscribers.answer(b"1", JOINTS)
     asked.goes(b"1")
     assert TOPIC in asked.obstacle(active=True)
-    asked.takers.answer(b"1", JOINTS)  # an answer of one that is gone
+    asked.subscribers.answer(b"1", JOINTS)  # an answer of one that is gone
     assert TOPIC in asked.obstacle(active=True)

@@ -11,7 +11,7 @@ from known_mtm import ARM, truth
 from support import MODEL_FILE
 
 from dvrk_gravity import command_line
-from dvrk_gravity.calibration import settled_by
+from dvrk_gravity.calibration import settle_constants
 from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import ElasticCable
 from dvrk_gravity.errors import ConfigError
@@ -103,7 +103,7 @@ def test_a_bias_of_the_reading_is_predicted_and_not_compensated(fit, tmp_path):
     assert NAME in model.constant_is
     model.save(tmp_path / "model.yaml")
     loaded = TorqueModel.load(tmp_path / "model.yaml")
-    assert loaded.uncertainty is not None, loaded.unsure
+    assert loaded.uncertainty is not None, loaded.why_no_uncertainty
     assert loaded.constant_is == model.constant_is
 
 
@@ -159,7 +159,7 @@ def test_a_release_on_both_sides_settles_a_constant(side, drift, settled):
     model = replace(SHIPPED, constant=BIAS * np.eye(7)[SHOULDER])
     middle = 0.5 * (ARM.lower + ARM.upper)
     poses = np.array([middle + by for by in side])
-    found = settled_by(model, poses, np.full((2, 7), drift), np.radians(0.5))
+    found = settle_constants(model, poses, np.full((2, 7), drift), np.radians(0.5))
     assert found.constant.any() != settled
     assert (NAME in found.constant_is) is settled
 

@@ -52,7 +52,8 @@ def test_every_verb_reads_a_recording_in_the_same_coordinates(recording, truth):
     )
     assert all(finding.p_value < 1e-3 for finding in right.faults)
     # What `identify` has found and corrected before is no news to a diagnosis.
-    as_before = correct_recordings([recording()], replace(WEIGHT, found_in="actuator"), None, {})
+    actuator = replace(WEIGHT, detected_coordinates="actuator")
+    as_before = correct_recordings([recording()], actuator, None, {})
     assert (as_before.faults, as_before.warnings) == ((), ())
     assert as_before.recordings[0].coordinates == truth
 

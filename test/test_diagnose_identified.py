@@ -159,9 +159,10 @@ def state() -> State:
 
 def torques(model: TorqueModel) -> Array:
     """Return (d, T, n) torques of a motion by which a model may be off, a deviation each."""
-    ways = np.eye(model.uncertainty.size)
-    there = (replace(model, terms=tuple(model.uncertainty.moved(model.terms, way))) for way in ways)
-    return np.array([each.torque_at(state()) for each in there]) - model.torque_at(state())
+    known = model.uncertainty
+    each = (tuple(known.shift_terms(model.terms, way)) for way in np.eye(known.size))
+    there = [replace(model, terms=terms).torque_at(state()) for terms in each]
+    return np.array(there) - model.torque_at(state())
 
 
 def rms(torque: Array) -> Array:

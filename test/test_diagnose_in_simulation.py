@@ -23,7 +23,7 @@ from diagnosed import (
 )
 
 from dvrk_gravity.arms import N_JOINTS
-from dvrk_gravity.compensate import in_simulation, let_go, with_simulation
+from dvrk_gravity.compensate import in_simulation, simulate_release, with_simulation
 from dvrk_gravity.diagnosis import Diagnosis, diagnose, load
 from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
@@ -59,7 +59,7 @@ def test_the_arm_itself_drifts_less_under_the_extended_model():
     truth = TorqueModel.from_parameters(model().parameters() | load, ARM)
     plant, pose = ModelArm.of(truth).plant(), MIDDLE + 0.5 * HALF
     given, extended = (
-        (np.abs(let_go(plant, each, pose, 0.5)) / ARM.scale).max()
+        (np.abs(simulate_release(plant, each, pose, 0.5)) / ARM.scale).max()
         for each in (model(), weighted().model)
     )
     assert given > np.radians(1.0)
@@ -82,7 +82,7 @@ def test_an_arm_with_a_tenth_of_its_friction_is_compensated_for_a_tenth():
     plant = ModelArm.of(seven().model()).plant(0.1)
 
     of_a_tenth, of_all = (
-        np.degrees(np.abs(let_go(plant, with_weight(1.1), POSE, part=part)).max(axis=0))
+        np.degrees(np.abs(simulate_release(plant, with_weight(1.1), POSE, part=part)).max(axis=0))
         for part in (0.1, 1.0)
     )
 
@@ -96,7 +96,7 @@ def test_an_arm_that_sticks_is_not_simulated_on_and_stays_where_it_is():
 
     def simulated(compensating: TorqueModel) -> tuple[np.ndarray, float]:
         began = plant.time
-        return let_go(plant, compensating, POSE, 1.01), plant.time - began
+        return simulate_release(plant, compensating, POSE, 1.01), plant.time - began
 
     at_once, of_stuck = simulated(seven().model())
     falls, _ = simulated(with_weight(0.6))
@@ -158,8 +158,8 @@ def test_the_completed_inertia_is_the_model_s_but_for_what_cannot_be():
     found = ModelArm.of(model_)
 
     # The last link's inertia shows at the roll: there and only there another must be simulated.
-    assert found.off[:6].max() < 0.01
-    assert found.off[6] > 0.3
+    assert found.inertia_error[:6].max() < 0.01
+    assert found.inertia_error[6] > 0.3
     plant = found.plant()
     inertia = [model_.term("link_inertia"), model_.term("rotor_inertia")]
     for q in positions(5):

@@ -28,7 +28,7 @@ from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.recording import LowPass, Recording
 
 ARM = Arm.load(UR5)
-MODEL = TorqueModel(ARM, TorqueModel.stated(ARM).terms)
+MODEL = TorqueModel(ARM, TorqueModel.from_arm(ARM).terms)
 DELAY, MISSED = 0.04, 0.5  # s; part of all that is faster than SLOW, which the model has too much
 SLOW = 0.6  # Hz
 LEANS = 0.3, -0.2  # rad, roll and pitch
@@ -39,7 +39,7 @@ def leaning(model: TorqueModel, seed: int) -> Recording:
     """Return a motion in a base that leans of an arm whose masses are some others, drawn."""
     known, random = model.uncertainty, np.random.default_rng(seed)
     assert known is not None
-    heavier = known.moved(model.terms, random.normal(size=known.size))
+    heavier = known.shift_terms(model.terms, random.normal(size=known.size))
     vector = gravity_in_base(*LEANS)
     terms = tuple(t if t.gravity_vector is None else t.with_gravity(vector) for t in heavier)
     time = np.arange(0.0, 20.0, 0.01)
@@ -54,7 +54,7 @@ def leaning(model: TorqueModel, seed: int) -> Recording:
 
 def told(seed: int) -> list[tuple[CrossValidation, list[Candidate]]]:
     """Return the tilt beside the model's parameters in a base that is level, and in the leaning."""
-    model = TorqueModel.stated(ARM)
+    model = TorqueModel.from_arm(ARM)
     motion = load([leaning(model, seed)], model)
     validation = CrossValidation.of(FilteredData.of(motion))
     tilt = validation.data.candidate(next(BaseTilt.hypotheses(motion)))
@@ -98,7 +98,7 @@ def test_a_tilt_is_exact_though_masses_are_off():
 
 def test_a_large_tilt_s_columns_are_rebuilt_until_they_agree():
     """Without noise, and by a model that is exact: by secants alone, about ten steps."""
-    model = TorqueModel.stated(ARM)
+    model = TorqueModel.from_arm(ARM)
     q = np.random.default_rng(2).uniform(-1.0, 1.0, (60, ARM.n))
     vector = gravity_in_base(0.4, -0.3)
     terms = tuple(t if t.gravity_vector is None else t.with_gravity(vector) for t in model.terms)
@@ -111,7 +111,7 @@ def test_a_large_tilt_s_columns_are_rebuilt_until_they_agree():
 
 
 def test_where_nothing_changes_what_the_model_says_nothing_changes():
-    model = TorqueModel.stated(ARM)
+    model = TorqueModel.from_arm(ARM)
     validation = CrossValidation.of(FilteredData.of(load([leaning(model, 0)], model)))
     assert relinearised(validation, []) == (validation, [])
 
@@ -124,7 +124,7 @@ def test_the_coefficients_that_beta_gains_in_a_base_that_leans_leave_the_others_
     )  # fmt: skip
     leaning_beta = [Gravity(mtm, np.zeros(14), mtm.gravity)]
 
-    (moved,) = known.of_longer(leaning_beta).moved(leaning_beta, np.arange(1.0, 13.0))
+    (moved,) = known.extended_to(leaning_beta).shift_terms(leaning_beta, np.arange(1.0, 13.0))
 
     np.testing.assert_array_equal(moved.theta, [*range(1, 13), 0.0, 0.0])
 

@@ -58,7 +58,7 @@ def test_what_says_nothing_of_gravity_or_no_masses_complete_is_refused(tmp_path)
 
 def test_a_model_file_carries_it_whatever_has_become_of_the_arm_s(tmp_path):
     arm = stating(tmp_path, {"read": False, "command": False})
-    TorqueModel.stated(arm).save(tmp_path / "model.yaml")
+    TorqueModel.from_arm(arm).save(tmp_path / "model.yaml")
     stating(tmp_path, {})
     loaded = TorqueModel.load(tmp_path / "model.yaml").arm
     assert (loaded.gravity_in_reading, loaded.gravity_in_command) == (False, False)
@@ -95,7 +95,7 @@ def test_a_weight_that_no_masses_or_not_all_joints_give_is_refused(tmp_path):
 
 def test_what_the_arm_holds_itself_is_not_commanded_but_a_payload_is(tmp_path):
     for read in (True, False):
-        model = TorqueModel.stated(stating(tmp_path, {"read": read, "command": False}))
+        model = TorqueModel.from_arm(stating(tmp_path, {"read": read, "command": False}))
         settings = Settings.from_parameters(model.parameters())
         np.testing.assert_allclose(settings.torque(POSE, np.zeros(6)), np.zeros(6), atol=1e-12)
         loaded = model.parameters() | {"payload.mass": 1.0, "payload.link": "wrist_3_link"}
@@ -104,7 +104,7 @@ def test_what_the_arm_holds_itself_is_not_commanded_but_a_payload_is(tmp_path):
 
 def moved(arm: Arm, part: float = 1.0, pose: np.ndarray = POSE) -> tuple[float, Supervisor]:
     """Start a compensator on a simulated arm, and return how far a joint gets in 1 s, deg."""
-    model = TorqueModel.stated(arm)
+    model = TorqueModel.from_arm(arm)
     values = model.parameters() | {
         name: tuple(part * np.array(value))
         for name, value in model.parameters().items()

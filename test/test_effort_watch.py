@@ -10,7 +10,7 @@ from path_driver import plan_of
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.collecting import EffortWatch, SimulatedDriver
-from dvrk_gravity.compensate import LAG, Following, MotionError, Sample
+from dvrk_gravity.compensate import LAG, FollowingErrorCheck, MotionError, Sample
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import ModelUncertainty, TorqueModel, coefficients_of
 from dvrk_gravity.planning import Plan, covering_plan
@@ -133,8 +133,8 @@ def test_an_undisturbed_arm_is_not_stopped_where_its_model_was_not_identified(la
 # --- following -----------------------------------------------------------------------------
 
 
-def followed(*positions: np.ndarray, arm: Arm = ECM, step: float = 0.01) -> Following:
-    following = Following(arm)
+def followed(*positions: np.ndarray, arm: Arm = ECM, step: float = 0.01) -> FollowingErrorCheck:
+    following = FollowingErrorCheck(arm)
     for k, position in enumerate(positions):
         following.add(Sample(round(1e9 * (1.0 + k * step)), position, None, None))
     return following
@@ -175,15 +175,15 @@ def test_a_joint_of_small_range_may_be_a_quarter_of_it_behind() -> None:
 def test_an_arm_that_moves_before_the_first_command_is_not_at_rest() -> None:
     noise = np.array([0.0, 3e-3, -3e-3, 0.0, 0.2])[:, None] * SECOND  # one reading is far off
     still = 0.1 + np.concatenate([noise, noise])
-    np.testing.assert_allclose(followed(still[0]).at_rest(still), 0.1)
+    np.testing.assert_allclose(followed(still[0]).rest_position(still), 0.1)
     step = np.where(np.arange(10) < 5, 0.0, 1.0)[:, None] * SECOND
-    followed(still[0]).at_rest(still + np.radians(0.99) * step)
+    followed(still[0]).rest_position(still + np.radians(0.99) * step)
     for sign in (1.0, -1.0):
         with pytest.raises(MotionError, match="pitch"):
-            followed(still[0]).at_rest(still + sign * np.radians(1.01) * step)
-    # The one that moves most for its kind is named: 1.2 deg, or 2.5 mm.
+            followed(still[0]).rest_position(still + sign * np.radians(1.01) * step)
+    both = np.repeat([[0.0] * 4, [0.0, 0.021, 0.0025, 0.0]], 5, axis=0)  # 1.2 deg, 2.5 mm: by scale
     with pytest.raises(MotionError, match="insertion"):
-        followed(still[0]).at_rest(np.repeat([[0.0] * 4, [0.0, 0.021, 0.0025, 0.0]], 5, axis=0))
+        followed(still[0]).rest_position(both)
 
 
 def test_a_stopped_joint_goes_on_by_its_lag_and_no_further_than_its_set_point() -> None:

@@ -11,7 +11,7 @@ from dvrk_gravity.planning import (
     Move,
     Multisine,
     PlanLimits,
-    careful,
+    careful_limits,
     covering_plan,
     exciting_motion,
     slacks,
@@ -86,7 +86,7 @@ def test_a_velocity_limit_in_the_arm_s_file_binds(tmp_path) -> None:
     np.testing.assert_allclose(limits.velocity, [0.1, np.radians(60.0)])
     _, velocity = exciting_motion(limits, 30.0, 1).at(np.arange(0.0, 30.0, STEP))
     assert np.abs(velocity[:, 0]).max() < 0.1 + SLACK
-    assert np.abs(careful(arm)[0][0]) <= 0.1
+    assert np.abs(careful_limits(arm)[0][0]) <= 0.1
 
 
 def test_a_move_is_as_quick_as_the_limits_that_it_is_given() -> None:

@@ -23,7 +23,7 @@ def test_an_unknown_error_has_one_reason():
         result = SimpleNamespace(expected={}, cutoff=cutoff, coordinates=coordinates)
         model = SimpleNamespace(
             of_file=False,
-            unsure="",
+            why_no_uncertainty="",
             uncertainty=SimpleNamespace(band=band),
             arm=SimpleNamespace(direct_drive=False),
         )

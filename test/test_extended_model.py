@@ -380,6 +380,6 @@ def test_secants_of_wrong_positions_go_over_into_slopes():
 
 def test_a_motor_that_saturates_loses_with_the_cube_of_its_torque():
     weak = first_of("torque_saturation")
-    acting, largest = motion().acting[:, weak.joints[0]], weak.setting["torque"]
+    acting, largest = motion().applied_torque[:, weak.joints[0]], weak.setting["torque"]
     lost = added(weak, np.array([0.1]))[:, weak.joints[0]]
     np.testing.assert_allclose(lost, 0.1 * acting**3 / largest**2, atol=1e-12)

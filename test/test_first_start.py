@@ -109,7 +109,7 @@ def test_a_joint_at_its_stop_is_watched_until_it_has_left_it():
     check = ConstantCheck(arm, 0.3 * np.eye(7)[1], at)
     for now in np.arange(0.0, 20.0, 0.1):
         assert not read(check, at, now)
-        assert not check.over
+        assert not check.finished
     assert "shoulder_pitch" in read(check, at - 0.04 * np.eye(7)[1], 20.0)
 
 
@@ -118,14 +118,14 @@ def test_a_ramp_and_a_slew_limit_do_not_count():
     check = ConstantCheck(SHIPPED.arm, 0.3 * np.eye(7)[1], at)
     for now in np.arange(0.0, 20.0, 0.1):
         assert not read(check, at, now, whole=False)
-        assert not check.over
+        assert not check.finished
     for now in np.arange(20.0, 21.5, 0.1):
         assert not read(check, at, now)
-    assert check.over
+    assert check.finished
 
 
 def test_stamps_that_run_fast_do_not_end_the_watch():
     check = ConstantCheck(SHIPPED.arm, 0.3 * np.eye(7)[1], POSE)
     for now in np.arange(0.0, 0.9, 0.1):
         assert not read(check, POSE, now, pace=10.0)
-    assert not check.over
+    assert not check.finished

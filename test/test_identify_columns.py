@@ -18,7 +18,7 @@ from dvrk_gravity.effects import (
     base_directions,
     beta_map,
     prior_scale,
-    rotors_beside_links,
+    separable_rotors,
 )
 from dvrk_gravity.estimation import NormalEquations, Solution, fit
 from dvrk_gravity.gravity import regressor as gravity_regressor
@@ -56,7 +56,7 @@ def test_links_are_bodies_by_default_and_the_held_out_error_is_that_of_a_free_fi
 
 
 def test_the_simulator_moves_an_identified_arm_as_it_is():
-    assert ModelArm.of(fitted.chain().fit.model).off.max() < 1e-9
+    assert ModelArm.of(fitted.chain().fit.model).inertia_error.max() < 1e-9
 
 
 def test_a_saved_model_s_links_are_still_bodies_and_its_uncertainty_is_of_them(tmp_path):
@@ -193,7 +193,7 @@ def test_a_rotor_is_beside_links_where_torque_shows_it_apart_from_them(arm):
         for more in ([], *([rotor / np.linalg.norm(rotor)] for rotor in rotors))
     ]
     apart = np.flatnonzero(np.array(ranks[1:]) > ranks[0])
-    assert rotors_beside_links(arm) == tuple(apart.tolist())
+    assert separable_rotors(arm) == tuple(apart.tolist())
     travel = np.diag(arm.joint_to_actuator) * arm.scale
     part = assumed_rotors(arm) * travel / arm.actuator_effort_limit
     assert part == pytest.approx(np.full(arm.n, part[0]))

@@ -100,7 +100,7 @@ def test_the_shipped_model_has_its_identity():
 
 def test_another_model_s_uncertainty_is_refused(tmp_path):
     path = tmp_path / "model.yaml"
-    replace(TorqueModel.stated(UR5), of_file=False).save(path)
+    replace(TorqueModel.from_arm(UR5), of_file=False).save(path)
     assert TorqueModel.load(path).uncertainty is not None
     values = parameters(path)
     heavier = [1.25 * value for value in values["link_weight.forearm_link"]]

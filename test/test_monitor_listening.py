@@ -10,7 +10,7 @@ import pytest
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.monitoring import Judge, Listener, Monitor, MonitorSettings, Observed, Rows, Seen
+from dvrk_gravity.monitoring import BackgroundTests, Listener, Monitor, MonitorSettings, Rows
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.simulate import PlantFile
 
@@ -50,8 +50,8 @@ class Stream:
         for number in range(1, 1 + round(seconds * RATE)):
             self.send(**given)
             if number % RATE == 0:
-                self.found += self.listener.judged(wait=True)
-        self.found += self.listener.judged(wait=True)
+                self.found += self.listener.collect_events(wait=True)
+        self.found += self.listener.collect_events(wait=True)
 
 
 @pytest.fixture
@@ -165,8 +165,8 @@ def test_at_rest_a_torque_that_friction_can_hold_is_no_push():
             effort = model.torque(q) - external + 1e-3 * random.normal(size=arm.n)
             stamp = EPOCH + round(k / RATE * 1e9)
             listener.receive(stamp, arm.joint_names, q, 0.0 * q, effort, k / RATE)
-            listener.judged(wait=k % RATE == 0)
-        listener.judged(wait=True)
+            listener.collect_events(wait=k % RATE == 0)
+        listener.collect_events(wait=True)
         return (first + seconds * RATE) / RATE
 
     rest(5.0, 0, 0.0)
@@ -181,31 +181,31 @@ def test_at_rest_a_torque_that_friction_can_hold_is_no_push():
 
 def test_rows_are_skipped_and_counted_where_the_tests_are_behind():
     class Slow(Monitor):
-        def judge(self, rows: Rows, observed: Observed) -> Seen:
+        def run_tests(self, rows, observed):
             started.append(len(rows))
             go.wait()
-            return super().judge(rows, observed)
+            return super().run_tests(rows, observed)
 
     from threading import Event
 
     started, go = [], Event()
-    judge = Judge(Slow(MODEL))
+    tests = BackgroundTests(Slow(MODEL))
     row = Rows(np.zeros(1), *np.zeros((3, 1, 4)))
-    observed = judge.monitor.observe(row)
+    observed = tests.monitor.observe(row)
     for _ in range(14):
-        judge.ask(Rows.none(4), observed)
-    assert judge.skipped == 0
-    judge.ask(row, observed)
-    assert judge.skipped == 1
+        tests.submit(Rows.empty(4), observed)
+    assert tests.skipped == 0
+    tests.submit(row, observed)
+    assert tests.skipped == 1
     go.set()
-    judge.close()
+    tests.close()
 
 
 def test_tests_that_fail_begin_anew_and_say_why(stream, monkeypatch):
     def fail(*_):
         raise FloatingPointError("made up")
 
-    monkeypatch.setattr(Monitor, "judge", fail)
+    monkeypatch.setattr(Monitor, "run_tests", fail)
     stream.run(2.2)
     monkeypatch.undo()
     failures = stream.listener.failures

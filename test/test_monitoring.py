@@ -23,11 +23,11 @@ from dvrk_gravity.monitoring import (
     Sums,
     Tip,
     Window,
+    change_candidates,
     gain_for,
     local_noise,
     monitor,
-    trials,
-    whitened,
+    whiten,
 )
 from dvrk_gravity.monitoring import window as windows
 
@@ -111,7 +111,7 @@ def test_whitening_leaves_independent_errors_of_unit_variance():
     follows[[0, 12]] = False
     covariance[:12, 12:] = covariance[12:, :12] = 0.0  # a gap: another series
     errors = np.array([deviation]), np.array([kept])
-    transform = whitened(np.eye(m)[:, None, :], follows, *errors)[:, 0, :]
+    transform = whiten(np.eye(m)[:, None, :], follows, *errors)[:, 0, :]
     np.testing.assert_allclose(transform @ covariance @ transform.T, np.eye(m), atol=1e-12)
 
 
@@ -122,7 +122,7 @@ def test_the_evidence_of_a_change_is_that_of_least_squares():
     residual, earlier = random.normal(size=(m, n)), random.normal(size=(25, d))
     known = random.normal(size=25)
     test = ChangeTest(uncertain, residual, Sums.of(earlier, known))
-    found = list(test.of_spans(columns, [np.zeros(1), np.zeros(2)], [0, 13, 30]))
+    found = list(test.evidence_by_onset(columns, [np.zeros(1), np.zeros(2)], [0, 13, 30]))
 
     prior = np.vstack([earlier, np.eye(d)])
     right = np.concatenate([known, np.zeros(d), residual.ravel()])
@@ -192,10 +192,11 @@ def test_gains_of_moments_are_chi_squared_of_one_and_of_a_force_s_three():
     for _ in range(20):
         noise = ecm.NOISE * random.standard_normal(rows.q.shape)
         window = Window.of(ecm.model(), rows, noise, band, Sampling())
-        window = replace(window, torque=noise[: len(window.time)], open=np.zeros_like(window.open))
-        window = replace(window, error=ecm.NOISE, larger=np.ones_like(window.larger))
+        window = replace(window, error=ecm.NOISE, error_factor=np.ones_like(window.error_factor))
+        nothing = np.zeros_like(window.uncertain_torque)
+        window = replace(window, torque=noise[: len(window.time)], uncertain_torque=nothing)
         known = ChangeTest(window.uncertain, window.residual)
-        gain = trials.moments(window, known, 0, Tip(ecm.ARM)).gain
+        gain = change_candidates.transient_torques(window, known, 0, Tip(ecm.ARM)).gain
         heard_whole = gain[(gain > 0.0).all(axis=1)]
         alone.append(heard_whole[:, :-1].mean())
         force.append(heard_whole[:, -1].mean())
@@ -253,9 +254,9 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
     def deviation(q: np.ndarray) -> np.ndarray:
         rows = Rows(time, q, np.gradient(q, time, axis=0), model.torque(q))
         band = Band(model.uncertainty.error, np.full(n, 0.1), np.full(n, FASTEST))
-        return np.median(Window.of(model, rows, 0.0 * q, band, Sampling()).larger, axis=0)
+        return np.median(Window.of(model, rows, 0.0 * q, band, Sampling()).error_factor, axis=0)
 
-    rubs = windows.held_by_friction(model, 0.0 * still[0])[1] / model.uncertainty.error[1]
+    rubs = windows.breakaway_torque(model, 0.0 * still[0])[1] / model.uncertainty.error[1]
     assert deviation(still)[1] > 0.9 * rubs  # insertion's motor may hold pitch
     assert (deviation(moving)[1:3] < 1.05).all()
 
@@ -264,14 +265,14 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
 def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, level):
     gain = smaller * np.random.default_rng(8).chisquare([1.0, 1.0, 3.0], (12000, 3))
     last = np.tile([4, 8, 16, 25], 3000)
-    found = trials.Moments(np.zeros(12000, dtype=int), last, gain, gain[:, :2])
-    usual = trials.UsualGains.begin(2).after(found, np.full(3, 1e3), 1.0)
+    found = change_candidates.TransientTorques(np.zeros(12000, dtype=int), last, gain, gain[:, :2])
+    usual = change_candidates.TypicalGains.begin(2).updated(found, np.full(3, 1e3), 1.0)
     np.testing.assert_allclose(usual.level, level, rtol=0.1)
-    limits = trials.Limits(1e-6, level=np.array([usual.level[0], 1.0]))
+    limits = change_candidates.Limits(1e-6, level=np.array([usual.level[0], 1.0]))
     columns = np.array([[[1.0], [0.0]]])
-    assert limits.usual(columns) == pytest.approx(usual.level[0])
+    assert limits.typical_gain(columns) == pytest.approx(usual.level[0])
     columns[:, 1] = 1.0  # of another joint whose errors are as known
-    assert limits.usual(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
+    assert limits.typical_gain(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
 
 
 @pytest.mark.parametrize(("times", "heard_of"), [(2.0, 1.0), (3.0, 0.0)])
@@ -281,4 +282,4 @@ def test_an_arm_is_judged_up_to_twice_the_speed_that_is_known(times, heard_of):
     q = np.tile(0.5 * (known.lower + known.upper) + model.joint_offset, (1000, 1))
     rows = Rows(time, q, np.tile(times * known.speed, (1000, 1)), model.torque(q))
     band = Band(known.error, np.full(n, 0.1), np.full(n, FASTEST))
-    assert np.mean(Window.of(model, rows, 0.0 * q, band, Sampling()).heard[50:]) == heard_of
+    assert np.mean(Window.of(model, rows, 0.0 * q, band, Sampling()).available[50:]) == heard_of

@@ -119,7 +119,7 @@ def test_an_arm_that_hangs_is_not_read_with_efforts_of_the_wrong_sign(upright, h
     """Read so, friction would drive it; where they have the wrong sign, it is the right reading."""
 
     def said(recording: Recording) -> list[str]:
-        motion = load([recording], TorqueModel.stated(ARM))
+        motion = load([recording], TorqueModel.from_arm(ARM))
         return [score.reading.words for score in try_readings(motion) if score.passes]
 
     assert ALL not in said(hanging)

@@ -201,7 +201,7 @@ def test_a_unit_is_doubted_from_a_factor_of_four_on_and_gains_are_refused_from_t
         assert any(note.kind == "effort_unit" for note in notes) == doubted, factor
         twice = 2 * [in_amperes(scaled(factor))]
         odd = tuple(note for note in notes if note.kind != "effort_read")
-        assert require_newtons(TorqueModel.stated(with_gains), twice) == odd
+        assert require_newtons(TorqueModel.from_arm(with_gains), twice) == odd
     for factor in (0.03, 34.0):
         with pytest.raises(ConfigError, match="drive gains"):
             in_their_unit(with_gains, [in_amperes(scaled(factor))])
@@ -221,7 +221,7 @@ def test_an_effort_against_what_nominal_masses_need_is_warned_of(lab):
 
 def test_a_joint_that_is_not_where_the_model_has_it_held_is_refused(tmp_path):
     arm = Arm.load(PANDA)
-    held = arm.holding({FINGER: 0.01})
+    held = arm.with_held_joints({FINGER: 0.01})
     position = np.zeros((5, arm.n))
     position[:, -1] = [0.01, 0.012, 0.01, 0.01, 0.06]
     elsewhere = Recording(
@@ -246,7 +246,7 @@ def test_an_arm_that_is_held_has_the_dynamics_of_one_whose_joint_does_not_move()
     arm = Arm.load(PANDA)
     whole, held = (
         build_tree(variant, nominal_inertias(variant), variant.gravity)
-        for variant in (arm, arm.holding({FINGER: 0.01}))
+        for variant in (arm, arm.with_held_joints({FINGER: 0.01}))
     )
     for q, qd, qdd in np.random.default_rng(0).normal(size=(5, 3, 7)):
         expected = whole.inverse_dynamics(np.append(q, 0.01), np.append(qd, 0), np.append(qdd, 0))

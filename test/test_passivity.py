@@ -125,13 +125,13 @@ def test_what_was_fed_is_paid_before_the_hand_is_believed():
     factors = np.array(
         [watch.update(np.full(7, v), friction, k * DT)[0] for k, v in enumerate(speeds)]
     )
-    sure = SETTINGS.sure / RATIO
+    sure = SETTINGS.certain_friction / RATIO
     net = np.cumsum((factors - sure) * 0.02 * speeds) * DT
     low = int(np.flatnonzero(factors < 1.0)[0])
     back = low + int(np.flatnonzero(np.diff(factors[low:]) > 0)[0])
     assert net[low] > 0.0
     assert net[back] < 0.02 * net[low]
-    assert back - low >= SETTINGS.settling / DT
+    assert back - low >= SETTINGS.settling_time / DT
     assert factors[-1] == 1.0
 
 

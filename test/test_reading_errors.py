@@ -260,7 +260,7 @@ def test_the_compensator_refuses_a_reading_that_is_known_to_be_wrong_unless_it_i
         assert f"reading.{name.replace('__', '.')}" in line
         assert "accept_reading_errors: true" in line
         accepted = Settings.from_parameters(wrong | {"accept_reading_errors": True})
-        np.testing.assert_array_equal(accepted.at_rest(q), at_rest.at_rest(q))
+        np.testing.assert_array_equal(accepted.static_torque(q), at_rest.static_torque(q))
 
 
 def test_the_compensator_takes_a_reading_that_misleads_no_command():

@@ -12,7 +12,7 @@ from made_results import RESULTS, TIME, Page, example_diagnosis, fit_of, poses
 from dvrk_gravity import Arm
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import PackageError
-from dvrk_gravity.report import Remark, diagnosis_page, drawn_arm, identification_page
+from dvrk_gravity.report import Remark, arm_figure, diagnosis_page, identification_page
 
 ARM = Arm.load("mtmr")
 
@@ -63,7 +63,7 @@ def marked(page: str, arm: Arm) -> dict[str, str]:
 
 def test_the_arm_is_drawn_with_the_joints_concerned():
     arm = Arm.load("mtmr")
-    html = drawn_arm(arm, [
+    html = arm_figure(arm, [
         Remark("elbow_pitch", "sticks <here>", "poor"), Remark("elbow_pitch", "fine", "good"),
         Remark("outer_yaw", "fine", "good"),
     ])  # fmt: skip

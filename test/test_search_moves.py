@@ -19,7 +19,7 @@ SEARCHED = [
     pytest.param(columns, term, id=f"{arm.name}-{term.NAME}")
     for arm in (diagnosed.ARM, known_mtm.ARM)
     for columns in [Columns(arm, arm.lower, arm.upper)]
-    for term in columns.terms_looked_for
+    for term in columns.candidate_terms
 ]
 
 

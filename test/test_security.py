@@ -12,7 +12,7 @@ from support import CONFIG, REPOSITORY, syntax
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import BagReader
-from dvrk_gravity.ros import COMMANDS, UNHEARD
+from dvrk_gravity.ros import COMMANDS, UNREADABLE
 
 POLICIES = [CONFIG / "security" / f"{arm}.policy.xml" for arm in ("mtml", "mtmr")]
 ARRAY = CONFIG / "security" / "effort_controller.policy.xml"
@@ -75,7 +75,7 @@ OF_WATCHDOG = ("WATCHDOG_TOPIC", "TIMEOUT_TOPIC")
 
 
 def test_nothing_but_the_arm_s_link_publishes_a_motion_command():
-    commands = {name for name, _ in COMMANDS} | {*UNHEARD}
+    commands = {name for name, _ in COMMANDS} | {*UNREADABLE}
     package = REPOSITORY / "dvrk_gravity"
     found = []
     paths = [path for path in package.rglob("*.py") if "create_publisher" in path.read_text()]

@@ -29,9 +29,9 @@ from dvrk_gravity.planning import (
     SolverSettings,
     TrueHypothesis,
     design_separation,
-    diagnosed_again,
     load_unresolved,
-    paired,
+    make_pair,
+    rediagnosis_command,
 )
 from dvrk_gravity.simulate import PlantFile
 
@@ -67,7 +67,7 @@ def test_the_expected_evidence_is_half_the_distance_from_all_that_the_other_expl
     def expects(gram):
         return TrueHypothesis(
             *(Prediction.of(gram, root) for root in (first, second)), apart
-        ).further(gram)
+        ).expected_evidence(gram)
 
     value, slope = expects(gram)
     assert value == pytest.approx(0.5 * mean @ np.linalg.solve(there, mean))
@@ -97,7 +97,7 @@ def promised(of: MadeUp, *either: bool, evidence: float = 0.0) -> tuple[float, f
     """Return the evidence and the chance of a wider motion, with that for a spring before it."""
     unresolved = of.pairs()
     (pair,) = unresolved.pairs
-    pair = replace(pair, second=replace(pair.second, evidence=evidence), either=either)
+    pair = replace(pair, second=replace(pair.second, evidence=evidence), required=either)
     motion, weight = passed(of.model, part=0.1), np.full(300, 10.0 / 300)
     objective = replace(unresolved, pairs=(pair,)).objective(10.0).over(motion.time)
     (found,) = objective.expected(objective.gram(State(motion.q, motion.qd, motion.qdd), weight))
@@ -125,10 +125,10 @@ def test_the_lesser_evidence_of_both_senses_is_promised(unclear):
 def test_that_a_simpler_cause_is_contained_in_another_at_its_place_need_not_be_shown(unclear):
     """A diagnosis takes the simpler one; but an offset at another joint is another cause."""
     ((offset, spring),) = unclear.groups
-    assert paired(unclear.model, offset, spring).either == (False, True)
-    assert paired(unclear.model, spring, offset).either == (True, False)
+    assert make_pair(unclear.model, offset, spring).required == (False, True)
+    assert make_pair(unclear.model, spring, offset).required == (True, False)
     elsewhere = cause(passed(unclear.model), "torque_offset", 0, 1.0, 0.1)
-    assert paired(unclear.model, elsewhere, spring).either == (True, True)
+    assert make_pair(unclear.model, elsewhere, spring).required == (True, True)
 
 
 # --- the plan
@@ -266,8 +266,8 @@ def test_a_diagnosis_names_what_plans_the_separation_of_each_of_its_causes(model
 def test_findings_are_read_again_with_the_model_that_they_name(unclear, tmp_path):
     before, path = unclear.pairs(), written(unclear, tmp_path)
     after = load_unresolved(path)
-    assert [each.between for each in after.pairs] == [each.between for each in before.pairs]
-    assert [each.either for each in after.pairs] == [each.either for each in before.pairs]
+    assert [each.names for each in after.pairs] == [each.names for each in before.pairs]
+    assert [each.required for each in after.pairs] == [each.required for each in before.pairs]
     np.testing.assert_allclose(after.noise, before.noise)
     motion = passed(before.model)
     for pairs in zip(after.pairs, before.pairs, strict=True):
@@ -283,8 +283,8 @@ def test_findings_of_the_last_version_state_pairs(unclear, tmp_path):
     content["unseparated"] |= {"pairs": [pair], "noise": [1.0], "coherent": [0.0]}
     (path := tmp_path / "findings.json").write_text(json.dumps(content))
     (found,) = load_unresolved(path).pairs
-    assert found.either == (False, True)
-    assert found.between == unclear.pairs().pairs[0].between
+    assert found.required == (False, True)
+    assert found.names == unclear.pairs().pairs[0].names
 
 
 def test_findings_that_say_too_little_and_other_files_are_refused_by_name(unclear, tmp_path):
@@ -316,7 +316,7 @@ def test_the_further_recording_is_diagnosed_together_with_the_first(unclear, tmp
         (["a.csv"], True, "diagnose further --model"),  # poses beside a motion: by themselves
         ([], False, "diagnose RECORDING further --model"),
     ):
-        command = diagnosed_again(written(unclear, out, recordings=first), "further", poses)
+        command = rediagnosis_command(written(unclear, out, recordings=first), "further", poses)
         assert words.replace("{}", str(tmp_path)) in command
         assert command.endswith(f" --out {out}/both")
 

@@ -258,7 +258,7 @@ def test_an_arm_that_gets_a_load_goes_on_from_where_it_is_and_carries_it():
     arm = SimulatedArm(bare.plant())
     simulate(arm, None, 0.2)
     before, time, effort = arm.plant.q, arm.plant.time, arm.effort
-    arm.become(loaded.plant())
+    arm.replace_plant(loaded.plant())
     assert arm.plant.time == time
     simulate(arm, None, 0.2)
     assert arm.plant.q == pytest.approx(before, abs=1e-4)

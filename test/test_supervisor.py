@@ -59,10 +59,10 @@ def test_after_a_fault_nothing_is_commanded_until_enabled():
     loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
     loop.run(0.3)
     loop.wait(0.2)
-    assert not loop.supervisor.begins_by_itself
+    assert not loop.supervisor.starts_automatically
     assert loop.run(1.0) == [None] * 500
     loop.supervisor.enable()
-    assert loop.supervisor.begins_by_itself
+    assert loop.supervisor.starts_automatically
     np.testing.assert_array_equal(loop.first(), target(loop))
 
 
@@ -71,7 +71,7 @@ def test_automatic_resumes_with_good_input_but_not_on_its_first_message():
     loop.run(0.3)
     loop.wait(0.5)
     assert loop.holds == 1
-    assert loop.supervisor.begins_by_itself
+    assert loop.supervisor.starts_automatically
     assert loop.send() is None
     assert loop.cause == "after_gap"
     assert loop.first() is not None

@@ -122,7 +122,8 @@ def test_other_settings_keep_the_arm_and_an_unchanged_model(tmp_path):
 def test_a_tenth_of_an_effort_limit_is_a_change_of_support():
     loop = SupervisorInLoop(**AT_ONCE, **TOLERANT)
     loop.first()
-    per_gram = settings_of(**{"payload.mass": 1e-3}).at_rest(Q) - settings_of().at_rest(Q)
+    loaded, bare = settings_of(**{"payload.mass": 1e-3}), settings_of()
+    per_gram = loaded.static_torque(Q) - bare.static_torque(Q)
     least = 1e-3 * CONSIDERABLE / (np.abs(per_gram) / ARM.effort_limit).max()
     for part, reported in ((0.95, False), (1.05, True)):
         loop.configure(**AT_ONCE, **TOLERANT, **{"payload.mass": part * float(least)})
@@ -142,7 +143,7 @@ BEYOND = {
 
 
 def test_a_change_that_asks_for_what_no_start_would_accept_holds_the_arm():
-    held = settings_of().at_rest(Q)
+    held = settings_of().static_torque(Q)
     for case, change in BEYOND.items():
         loop = SupervisorInLoop(**AT_ONCE)
         loop.first()
@@ -214,7 +215,7 @@ def test_a_change_that_what_is_measured_speaks_against_is_not_taken():
     loop.first()
     loop.configure(**AT_ONCE, start_tolerance=2.0, **{"payload.mass": 0.19})
     assert loop.status is Status.WAITING
-    assert loop.first(effort=settings_of().at_rest(Q)) is None
+    assert loop.first(effort=settings_of().static_torque(Q)) is None
     assert loop.status is Status.FAULT
 
 
@@ -224,7 +225,7 @@ def test_a_load_that_is_there_is_taken_over_by_a_new_start():
     loop.first()
     loop.configure(**AT_ONCE, **HEAVY)
     assert loop.holds == 1
-    with_tool = loop.supervisor.settings.at_rest(Q)
+    with_tool = loop.supervisor.settings.static_torque(Q)
     np.testing.assert_allclose(loop.first(effort=with_tool), with_tool, atol=1e-9)
     loop.configure(**AT_ONCE, **HEAVY, timeout=0.2)
     assert loop.holds == 1  # this is what the last start accepted

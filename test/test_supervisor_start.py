@@ -159,7 +159,7 @@ BALANCED = np.array([0.2, -np.pi / 2, 0.0, -np.pi / 2, 0.5, 0.1])
 
 def started_with_weight(factor: float, pose: np.ndarray = UR5_POSE, **further) -> Supervisor:
     """Start a UR5 whose model and whose reading are both of one scale."""
-    stated = TorqueModel.stated(UR5)
+    stated = TorqueModel.from_arm(UR5)
     values = {
         name: tuple(factor * np.array(value)) if name.startswith("link_") else value
         for name, value in stated.parameters().items()

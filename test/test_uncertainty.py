@@ -52,7 +52,7 @@ def test_a_model_without_the_file_works_and_does_not_tell(saved):
     model = TorqueModel.load(saved)
 
     assert model.uncertainty is None
-    assert uncertainty_file(saved).name in model.unsure
+    assert uncertainty_file(saved).name in model.why_no_uncertainty
     assert np.isfinite(model.torque(np.zeros(4))).all()
 
 

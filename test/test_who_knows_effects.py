@@ -32,7 +32,7 @@ OTHER_WORDS = {
 NAMELESS = (
     "effects/base/", "compensate/", "exports/", "simulate/",
     "console/answer.py", "console/check.py", "console/configuration.py", "console/conversion.py",
-    "console/exported.py", "console/projection.py",
+    "console/document.py", "console/projection.py",
     "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py", "report/findings.py",
     "diagnosis/inference/selection.py", "diagnosis/inference/cross_validation.py",
     "model/", "identification/trajectories/", "identification/quality/",

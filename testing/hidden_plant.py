@@ -44,9 +44,9 @@ class HiddenPlant(Plant):
     def _parts(self) -> tuple[PlantPart, ...]:
         return (*super()._parts(), *self._beside)
 
-    def _at_present(self) -> tuple[Array, Array, Array, Array]:
+    def _current_dynamics(self) -> tuple[Array, Array, Array, Array]:
         if self._evaluated is None:
-            mass, smooth, bounds, tree_q = super()._at_present()
+            mass, smooth, bounds, tree_q = super()._current_dynamics()
             for torque in self._extra:
                 smooth = smooth + torque(self.time, self.q, self.v)
             self._evaluated = (mass, smooth, bounds, tree_q)

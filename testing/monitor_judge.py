@@ -67,7 +67,7 @@ class Event(Cause, Protocol):
         """What explains it as well."""
 
 
-class Monitored(Protocol):
+class MonitorOutcome(Protocol):
     """What a monitor saw in a recording."""
 
     @property
@@ -80,7 +80,7 @@ class Monitored(Protocol):
 
 
 Monitor = Callable[[Recording, TorqueModel], Any]
-"""What is judged: from a recording and a model to :class:`Monitored`."""
+"""What is judged: from a recording and a model to :class:`MonitorOutcome`."""
 
 
 @dataclass
@@ -156,7 +156,7 @@ def judged(fly: Callable[[], Flight], verdict: Verdict, monitor: Monitor) -> Ver
         verdict.effect, verdict.joints = flight.hidden.effect, list(flight.hidden.joints)
         verdict.onset, verdict.shown = flight.onset, float(flight.shown.max())
         start = time.monotonic()
-        seen: Monitored = monitor(flight.recording, flight.model)
+        seen: MonitorOutcome = monitor(flight.recording, flight.model)
         verdict.seconds = time.monotonic() - start
         verdict.hours = seen.seconds / 3600.0
         judge(verdict, flight, seen.events)

@@ -14,8 +14,8 @@ from .description import in_newtons as in_newtons
 from .description import newton_metres as newton_metres
 from .description import thousandth as thousandth
 from .dh import DHRow as DHRow
-from .held import STAYS as STAYS
-from .held import beyond as beyond
+from .held_joints import STAYS as STAYS
+from .held_joints import distal_held_joints as distal_held_joints
 from .limits import LARGEST as LARGEST
 from .limits import require_drivable as require_drivable
 from .mtm import BODIES as BODIES

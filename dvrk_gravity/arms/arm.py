@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import held, urdf_arm, yaml_arm
+from dvrk_gravity.arms import held_joints, urdf_arm, yaml_arm
 from dvrk_gravity.arms.description import GRAVITY, SCALES, Description, in_newtons, read_in
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ArgumentError, ConfigError
@@ -142,7 +142,7 @@ class Arm(Description):
         return np.array([SCALES[joint.kind] for joint in self.joints])
 
     @cached_property
-    def rubs(self) -> NDArray[np.bool_]:
+    def has_friction(self) -> NDArray[np.bool_]:
         """(n,) which joints have friction of their own: all but :attr:`frictionless`."""
         return ~np.isin(self.joint_names, self.frictionless)
 
@@ -171,7 +171,7 @@ class Arm(Description):
         return self.joints[0].read_in
 
     @property
-    def newtons_said(self) -> bool:
+    def newtons_stated(self) -> bool:
         """Whether efforts are stated, not only assumed, to be in N·m."""
         return self.drive_gains is not None and bool((self.drive_gains == 1.0).all())
 
@@ -240,13 +240,13 @@ class Arm(Description):
         limits = np.array([joint.effort_limit for joint in joints])
         return replace(self, joints=joints, actuator_effort_limit=limits)
 
-    def holding(self, where: Mapping[str, float]) -> Arm:
-        """Return the arm with some joints held still, rad or m by name; see ``held.holding``.
+    def with_held_joints(self, where: Mapping[str, float]) -> Arm:
+        """Return the arm with some joints held still, rad or m by name; see ``held_joints``.
 
         Raises:
             ConfigError: A joint that there is not, none left, or one whose motor moves others.
         """
-        return self._of_file(held.holding(self, where)) if where else self
+        return self._of_file(held_joints.hold_joints(self, where)) if where else self
 
     def torque_of_reading(self, effort: Array) -> Array:
         """Return (…, n) efforts in N·m, or N, of what the arm reads; the same without gains."""

@@ -42,7 +42,7 @@ UNTIMED_STEP = 0.06
 
 
 def read_in(unit: str, effort: str) -> str:
-    """Return what becomes of an SI unit where efforts are read in another one than N·m.
+    """Return an SI unit with N·m, or N, replaced by the unit that efforts are read in.
 
     A torque is in that unit; a mass, which makes torque, is in kg times it and over N·m: times a
     drive gain in N·m/A, ``kg·A/(N·m)`` is kg.
@@ -185,7 +185,7 @@ class Description:
         held: Where joints of its file are held that are none of its joints, rad or m, by name.
         merged: Links that move with a body: its index, -1 for the base, and the link's frame seen
             from the body's own (``Body.frame``), by name.
-        doubts: What its file says of links that no link can have, or leaves out: a line each.
+        warnings: What its file says of links that no link can have, or leaves out: a line each.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
         urdf: Path of the URDF that it was read from; ``""``: from none.
     """
@@ -207,7 +207,7 @@ class Description:
     gravity_in_command: bool = True
     held: Mapping[str, float] = field(default_factory=dict)
     merged: Mapping[str, tuple[int, pin.SE3]] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     source: str = ""
     urdf: str = ""
 
@@ -228,8 +228,8 @@ class Description:
                 array.setflags(write=False)
         direct = (self.actuator_to_joint == np.eye(len(self.joints))).all()
         if not self.gravity_in_reading and (self.joints[0].read_in or not direct):
-            beside = "drive_gains instead of effort_unit" if direct else "no actuator_to_joint"
-            raise ConfigError("effort_has_gravity.read", False, f"{beside} beside it")
+            alternative = "drive_gains instead of effort_unit" if direct else "no actuator_to_joint"
+            raise ConfigError("effort_has_gravity.read", False, f"{alternative} beside it")
 
     def _check_readings(self) -> None:
         """Check drive gains and their errors, and put usual ones where none are given.

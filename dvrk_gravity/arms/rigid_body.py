@@ -178,7 +178,7 @@ def _momentum(tree: tuple[TreeBody, ...], links: Array, q: Array, qd: Array) -> 
             slopes[joint] -= factor * turned
         if body.parent < 0:
             continue
-        before, own = carried[body.parent], frame.carried(linear, angular)
+        before, own = carried[body.parent], frame.transport(linear, angular)
         carried[body.parent] = before[0] + own[0], before[1] + own[1]
     return momenta, slopes
 
@@ -264,7 +264,7 @@ class _Frame(NamedTuple):
             vector = np.stack([c * x - s * y, s * x + c * y, z])
         return self.rotation @ vector
 
-    def carried(self, linear: Array, angular: Array) -> tuple[Array, Array]:
+    def transport(self, linear: Array, angular: Array) -> tuple[Array, Array]:
         """Return a force and a moment about the body's origin as the parent's: about its own.
 
         So it is with a linear and an angular momentum.
@@ -282,7 +282,7 @@ def _frame(body: TreeBody, position: Array) -> _Frame:
     return _Frame(body.rotation, turn, body.offset if body.apart else None)
 
 
-def _carried(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motion:
+def _propagate_motion(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motion:
     """Carry a parent's motion to the frame of a body, and add its joint's."""
     spin, a = parent
     if spin is None:
@@ -318,7 +318,7 @@ def _torque(
     for body, (position, rate, gain) in zip(tree, coordinates, strict=True):
         frames.append(_frame(body, position))
         parent = base if body.parent < 0 else motions[body.parent]
-        motions.append(_carried(parent, frames[-1], rate, gain))
+        motions.append(_propagate_motion(parent, frames[-1], rate, gain))
     # What each body takes to move, and carries on.
     wrenches = [_wrench(link, motion) for link, motion in zip(links, motions, strict=True)]
     out = np.zeros((joints, base.a.shape[1]))
@@ -329,7 +329,7 @@ def _torque(
             out[joint] += factor * (force if body.slides else moment)[2]
         if body.parent < 0:
             continue
-        before, own = wrenches[body.parent], frame.carried(force, moment)
+        before, own = wrenches[body.parent], frame.transport(force, moment)
         wrenches[body.parent] = before[0] + own[0], before[1] + own[1]
     return out
 
@@ -362,7 +362,7 @@ def _regressor(
             (base, fixed) if body.parent < 0 else (motions[body.parent], units[body.parent])
         )
         frame = _frame(body, position)
-        motions.append(_carried(parent, frame, rate, gain))
+        motions.append(_propagate_motion(parent, frame, rate, gain))
         units.append(_units(unit, body, frame, samples))
         _fill(out[:, PER_LINK * index : PER_LINK * (index + 1)], motions[-1], units[-1])
     return out

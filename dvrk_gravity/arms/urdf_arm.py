@@ -32,7 +32,7 @@ from dvrk_gravity.arms.urdf_file import (
     read_number,
     stated_limit,
 )
-from dvrk_gravity.arms.urdf_inertia import doubts
+from dvrk_gravity.arms.urdf_inertia import inertia_warnings
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
@@ -81,7 +81,7 @@ def _parse(robot: ElementTree.Element, name: str, tip: str | None, source: str) 
         model = pin.buildModelFromXML(dynamics(robot))
     except ValueError as error:
         raise ConfigError("", "what Pinocchio cannot read", "a URDF") from error
-    model = _held(model, set(moving) - chain)
+    model = _hold_joints(model, set(moving) - chain)
     names = [name for name in model.names[1:] if moving[name].find("mimic") is None]
     if not names:
         raise ConfigError("joint", f"none of {len(described)} that moves", "at least one")
@@ -93,8 +93,8 @@ def _parse(robot: ElementTree.Element, name: str, tip: str | None, source: str) 
     arm = Description(
         robot.get("name") or name, joints, bodies, np.eye(len(joints)), limits,
         inertial_parameters=parameters if weighs else None, source=source,
-        merged=_merged(model, bodies),
-        doubts=tuple(doubts(robot, described, chain)) if weighs else (),
+        merged=_merged_links(model, bodies),
+        warnings=tuple(inertia_warnings(robot, described, chain)) if weighs else (),
     )  # fmt: skip
     return with_plausible_efforts(arm)
 
@@ -118,15 +118,15 @@ def _joint(name: str, joint: ElementTree.Element) -> Joint:
     )
     lower, upper = read_limits(name, joint)
     ends = (float(attribute(joint, "limit", key) or 0.0) for key in ("lower", "upper"))
-    said = joint.get("type") == "continuous" or any(ends)
+    range_given = joint.get("type") == "continuous" or any(ends)
     return Joint(
         name, lower, upper, effort or np.inf, KINDS[str(joint.get("type"))],
         damping=damping, friction=friction, velocity_limit=velocity or np.inf,
-        range_stated=said, effort_stated=effort is not None,
+        range_stated=range_given, effort_stated=effort is not None,
     )  # fmt: skip
 
 
-def _held(model: pin.Model, names: set[str]) -> pin.Model:
+def _hold_joints(model: pin.Model, names: set[str]) -> pin.Model:
     """Return the model with some joints held at zero, or as near as their limits let them."""
     held = [i for i in range(1, model.njoints) if model.names[i] in names]
     if not held:
@@ -182,7 +182,9 @@ def _bodies(
         kind = KINDS[str(moving[name].get("type"))]
         row, constant = rows[name]
         subspace = model.joints[i].createData().S.reshape(6)
-        turn = pin.SE3(_onto(subspace[3:] if kind == "revolute" else subspace[:3]), np.zeros(3))
+        turn = pin.SE3(
+            _rotation_onto(subspace[3:] if kind == "revolute" else subspace[:3]), np.zeros(3)
+        )
         parent = model.parents[i] - 1
         before = bodies[parent].frame if parent >= 0 else pin.SE3.Identity()
         if kind == "revolute":
@@ -196,7 +198,7 @@ def _bodies(
     return tuple(bodies), np.array(parameters)
 
 
-def _merged(model: pin.Model, bodies: tuple[Body, ...]) -> dict[str, tuple[int, pin.SE3]]:
+def _merged_links(model: pin.Model, bodies: tuple[Body, ...]) -> dict[str, tuple[int, pin.SE3]]:
     """Return the links that are no bodies' own: on which body they are, and where."""
     own = [body.name for body in bodies]
     return {
@@ -206,7 +208,7 @@ def _merged(model: pin.Model, bodies: tuple[Body, ...]) -> dict[str, tuple[int, 
     }
 
 
-def _onto(axis: Array) -> Array:
+def _rotation_onto(axis: Array) -> Array:
     """Return the rotation (3, 3) by the least angle whose z axis is a unit vector."""
     if axis[2] <= -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])

@@ -32,7 +32,7 @@ class InertiaSettings:
     radius: float = 2.0
 
 
-def doubts(
+def inertia_warnings(
     robot: ElementTree.Element, joints: Mapping[str, ElementTree.Element], arm: Collection[str]
 ) -> Iterator[str]:
     """Yield a line for each link that joints move and whose masses are not to be believed.

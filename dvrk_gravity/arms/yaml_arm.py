@@ -112,7 +112,7 @@ def _parse(content: dict[str, Any], source: str) -> Description:
         check_travel(f"joints.{joint.name}.", row["lower"], row["upper"], unit)
     rows = _rows(content["joints"], joints)
     if "parallelogram" in content:
-        joints = tuple(_as_published(joint) for joint in joints)
+        joints = tuple(_with_published_error(joint) for joint in joints)
     bodies = chain(table, [joint.kind for joint in joints], followers, convention, rows)
     matrix, limits = _transmission(content, joints)
     given = content.get("sizes", SIZES if "parallelogram" in content else {})
@@ -120,7 +120,7 @@ def _parse(content: dict[str, Any], source: str) -> Description:
     described = Description(
         content["name"], joints, bodies, matrix, limits, _base(content), sizes=sizes, source=source
     )
-    return _as_read(described, content)
+    return _with_readings(described, content)
 
 
 def _on_urdf(content: dict[str, Any], path: Path, source: str) -> Description:
@@ -137,21 +137,21 @@ def _on_urdf(content: dict[str, Any], path: Path, source: str) -> Description:
         matrix, limits = _transmission(content, described.joints)
         described = replace(
             described,
-            joints=_driven(described.joints, matrix, limits),
+            joints=_with_actuator_limits(described.joints, matrix, limits),
             actuator_to_joint=matrix,
             actuator_effort_limit=limits,
         )
     name = content.get("name", described.name)
     base, stated = _base(content), "base_rpy" in content
     described = replace(described, name=name, base_rpy=base, base_stated=stated)
-    return _as_read(described, content)
+    return _with_readings(described, content)
 
 
-def _as_read(described: Description, content: dict[str, Any]) -> Description:
+def _with_readings(described: Description, content: dict[str, Any]) -> Description:
     """Return an arm with how its efforts are read, and where it has no friction."""
     n = len(described.joints)
     gains, errors = (
-        np.array(_of_joints(key, content[key], described.joints)) if key in content else None
+        np.array(_numbers_by_joint(key, content[key], described.joints)) if key in content else None
         for key in ("drive_gains", "drive_gain_error")
     )
     if gains is None and errors is not None:
@@ -260,7 +260,7 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
     return joint, DHRow(value["alpha"], value["a"], value["d"], value["offset"])
 
 
-def _as_published(joint: Joint) -> Joint:
+def _with_published_error(joint: Joint) -> Joint:
     """Return an MTM's joint with the error of its published models, unless the file has one."""
     known = joint.published_error
     return replace(joint, published_error=known or PUBLISHED_ERROR.get(joint.name))
@@ -295,7 +295,9 @@ def _transmission(content: dict[str, Any], joints: Sequence[Joint]) -> tuple[Arr
             raise ConfigError("actuator_to_joint", given, "an invertible matrix")
     if given is None and "actuator_effort_limit" not in content:
         return matrix, np.array([joint.effort_limit for joint in joints])
-    limits = _of_joints("actuator_effort_limit", content.get("actuator_effort_limit"), joints)
+    limits = _numbers_by_joint(
+        "actuator_effort_limit", content.get("actuator_effort_limit"), joints
+    )
     for joint, limit in zip(joints, limits, strict=True):
         if limit <= 0:
             raise ConfigError(
@@ -304,7 +306,9 @@ def _transmission(content: dict[str, Any], joints: Sequence[Joint]) -> tuple[Arr
     return matrix, np.array(limits)
 
 
-def _driven(joints: Sequence[Joint], matrix: Array, limits: Array) -> tuple[Joint, ...]:
+def _with_actuator_limits(
+    joints: Sequence[Joint], matrix: Array, limits: Array
+) -> tuple[Joint, ...]:
     """Return joints with what their actuators exert at most, where the URDF states no limit."""
     most = (limits @ np.abs(np.linalg.inv(matrix))).tolist()
     return tuple(
@@ -385,7 +389,7 @@ def _choice(field: str, value: Any, known: Sequence[Any]) -> Any:
     return value
 
 
-def _of_joints(field: str, value: Any, joints: Sequence[Joint]) -> list[float]:
+def _numbers_by_joint(field: str, value: Any, joints: Sequence[Joint]) -> list[float]:
     """Return a number of each joint."""
     items = entries.sequence(field, value, len(joints))
     return [

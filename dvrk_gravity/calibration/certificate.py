@@ -141,13 +141,14 @@ def certify(
         known: The other attributes of :class:`Certificate`.
     """
     joints = tuple(_joint(arm, k, fit, check, release) for k in range(arm.n))
-    worst = _worst(arm, release)
-    held = sum(each <= settings.allowed for each in worst)
+    worst = _worst_drifts(arm, release)
+    held = sum(each <= settings.max_drift for each in worst)
     reasons = _reasons(arm, settings, fit, joints, worst, release, motion)
     # Where an earlier version diagnosed, it did not write which are suspected.
     suspected = [each for each in diagnosis["ambiguities"] if each.get("suspected", True)]
     unknown = (
-        *_uncertain(joints), *_beyond(joints), *_with_less_friction(settings, joints),
+        *_uncertain_frictions(joints), *_unexpected_errors(joints),
+        *_low_friction_reasons(settings, joints),
         *(each["sentence"] for each in diagnosis["ambiguities"] if each not in suspected),
         *fit["identifiability"]["statements"], *check["outside"],
         *([] if release["poses"] else [release["why"]]),
@@ -159,8 +160,9 @@ def certify(
     verdict = _verdict(arm, known["simulated"], joints, worst, release, reasons)
     return Certificate(
         arm=arm.name, reasons=reasons, verdict=verdict, joints=joints, poses=len(worst),
-        apart=release["apart"], seconds=settings.seconds, friction=release["friction"], held=held,
-        allowed=settings.allowed, reduced=settings.friction, motion=motion, findings=findings,
+        apart=release["apart"], seconds=settings.release_duration, friction=release["friction"],
+        held=held,
+        allowed=settings.max_drift, reduced=settings.friction, motion=motion, findings=findings,
         unknown=tuple(dict.fromkeys(unknown)), **known,
     )  # fmt: skip
 
@@ -195,7 +197,7 @@ def _friction(fit: Mapping[str, Any], joint: Joint) -> tuple[float, float, float
     return max(known, key=lambda each: abs(each[0]), default=None)
 
 
-def _worst(arm: Arm, release: Mapping[str, Any]) -> list[float]:
+def _worst_drifts(arm: Arm, release: Mapping[str, Any]) -> list[float]:
     """Return the largest drift at each pose, rad (``Arm.scale``)."""
     return [float(np.max(np.array(pose) / arm.scale)) for pose in release["drift"]]
 
@@ -212,21 +214,23 @@ def _reasons(
     if poor:
         errors = ", ".join(f"{each.name} {100 * each.nrmse:.0f} %" for each in poor[:_MANY])
         found.append(f"errors on the held-out motion are too large: {errors}")
-    away = [k for k, each in enumerate(worst) if not each <= settings.allowed]
+    away = [k for k, each in enumerate(worst) if not each <= settings.max_drift]
     if away:
         k = max(away, key=lambda pose: worst[pose])
         ways = [way / size for way, size in zip(release["drift"][k], arm.scale, strict=True)]
         joint = max(range(arm.n), key=lambda j: ways[j])
-        most = shown_drift(release["drift"][k][joint], arm.units[joint])
+        most = format_drift(release["drift"][k][joint], arm.units[joint])
         found.append(
             f"at {len(away)} of {len(worst)} poses it drifted by more than "
-            f"{math.degrees(settings.allowed):g} deg, at most {most} ({arm.joint_names[joint]})"
+            f"{math.degrees(settings.max_drift):g} deg, at most {most} ({arm.joint_names[joint]})"
         )
     elif len(worst) < settings.poses and fit["verdict"]["overall"] != POOR:
         why = f" ({release['why']})" if release["why"] else ""
         found.append(f"it was released at {len(worst)} of {settings.poses} poses{why}")
-    if motion.seconds > settings.longest:
-        found.append(f"it moved for {motion.seconds / 60:.1f} min, of {settings.longest / 60:g}")
+    if motion.seconds > settings.max_duration:
+        found.append(
+            f"it moved for {motion.seconds / 60:.1f} min, of {settings.max_duration / 60:g}"
+        )
     return tuple(found)
 
 
@@ -256,7 +260,7 @@ def _verdict(
     return text
 
 
-def _beyond(joints: Sequence[JointCertificate]) -> list[str]:
+def _unexpected_errors(joints: Sequence[JointCertificate]) -> list[str]:
     return [
         f"{joint.name}: the error on the second motion, {quantity(joint.rmse, joint.unit)}, is "
         f"more than the model expects (at most {quantity(joint.expected[1], joint.unit)}): it "
@@ -266,7 +270,7 @@ def _beyond(joints: Sequence[JointCertificate]) -> list[str]:
     ]
 
 
-def _with_less_friction(
+def _low_friction_reasons(
     settings: CalibrationSettings, joints: Sequence[JointCertificate]
 ) -> list[str]:
     return [
@@ -277,7 +281,7 @@ def _with_less_friction(
     ]
 
 
-def shown_drift(value: float, unit: str = "rad") -> str:
+def format_drift(value: float, unit: str = "rad") -> str:
     """Return a drift, rad or m, in deg or mm, in hundredths: a fiftieth of what is allowed."""
     shown, name = (math.degrees(value), "deg") if unit == "rad" else (1e3 * value, "mm")
     return f"{fixed(shown, 2)} {name}"
@@ -286,7 +290,7 @@ def shown_drift(value: float, unit: str = "rad") -> str:
 def largest_drift(value: float) -> str:
     """Return the largest of some drifts, rad, as "at most …", or "< …" of hardly any."""
     # None that is measured is none that would show.
-    shown = shown_drift(value or math.ulp(0.0))
+    shown = format_drift(value or math.ulp(0.0))
     return shown if shown.startswith("<") else f"at most {shown}"
 
 
@@ -297,7 +301,7 @@ def _is_uncertain(joint: JointCertificate) -> bool:
     return 0.5 * (high - low) > _UNCERTAIN * abs(value)
 
 
-def _uncertain(joints: Sequence[JointCertificate]) -> list[str]:
+def _uncertain_frictions(joints: Sequence[JointCertificate]) -> list[str]:
     found = []
     for joint in filter(_is_uncertain, joints):
         if joint.friction is None:

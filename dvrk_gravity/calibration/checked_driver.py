@@ -176,12 +176,12 @@ class CheckedDriver:
             if progress is not None:
                 progress(part)
 
-        self._note(self._after(duration))
+        self._note(self._tally_after(duration))
         try:
             longer = self._driver.follow(path, duration, record, moved, watch)
             made = duration + longer
         finally:
-            after = self._after(made)
+            after = self._tally_after(made)
             self.seconds, self.rehearsed = after.seconds, after.rehearsed
             self._note(after)
         return longer
@@ -193,7 +193,7 @@ class CheckedDriver:
             self.check.most,
         )  # fmt: skip
 
-    def _after(self, seconds: float) -> MotionTally:
+    def _tally_after(self, seconds: float) -> MotionTally:
         """Return how it was moved after so many s of a path."""
         before = self.motion()
         if self.rehearsing:

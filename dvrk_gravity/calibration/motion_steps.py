@@ -45,23 +45,23 @@ def plan_first(work: Work, book: Logbook, step: str) -> Outcome:
     """Plan the motion that the first model is identified from."""
     of = work.settings
     design = design_motion(
-        work.arm, work.limits, series_basis(of.motion), None, work.seed,
+        work.arm, work.limits, series_basis(of.motion_duration), None, work.seed,
         _search(of.search), partial(work.progress, step),
     )  # fmt: skip
-    said = f"{of.motion:g} s, condition number {design.condition:.0f}"
+    summary = f"{of.motion_duration:g} s, condition number {design.condition:.0f}"
     if still := design.plan.still:
-        said += f"; hardly moves {', '.join(still)} within its limits"
-    return _planned(work, "motion", design.plan, said)
+        summary += f"; hardly moves {', '.join(still)} within its limits"
+    return _write_plan(work, "motion", design.plan, summary)
 
 
 def plan_second(work: Work, book: Logbook, step: str) -> Outcome:
     """Plan the motion that is held out: one that teaches what the model does not know yet."""
     of, model = work.settings, trusted_model(work, book)
     design = design_motion(
-        work.arm, work.limits, series_basis(of.check), model, work.seed + _OTHER,
+        work.arm, work.limits, series_basis(of.check_duration), model, work.seed + _OTHER,
         _search(of.search // 2), partial(work.progress, step),
     )  # fmt: skip
-    return _planned(work, "second", design.plan, f"{of.check:.3g} s, to be held out")
+    return _write_plan(work, "second", design.plan, f"{of.check_duration:.3g} s, to be held out")
 
 
 def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
@@ -76,28 +76,31 @@ def plan_further(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     if holds and not found["next"]:
         return Outcome()
     if not _leaves_time(work, book, model):
-        return Outcome(f"no further motion: {of.longest / 60:g} min would be exceeded")
+        return Outcome(f"no further motion: {of.max_duration / 60:g} min would be exceeded")
     seed, name = work.seed + k * _OTHER + _OTHER, f"further_{k}"
     if found["next"]:
         usual = SeparationSettings()
         design = design_separation(
-            load_unresolved(findings, work.at(model_file(0))), work.limits, of.further,
+            load_unresolved(findings, work.at(model_file(0))), work.limits, of.further_duration,
             seed=seed, settings=replace(usual, solver=_search(of.search, usual.solver)),
             report=partial(work.progress, step),
         )  # fmt: skip
         if design.separates:
             apart = next(each.words for each in design.expected if each.separates)
-            return _planned(work, name, design.plan, f"{of.further:.3g} s, to separate {apart}")
+            return _write_plan(
+                work, name, design.plan, f"{of.further_duration:.3g} s, to separate {apart}"
+            )
         if holds:
             return Outcome(f"no further motion is sure to separate {design.expected[0].words}")
     informative = design_motion(
-        work.arm, work.limits, series_basis(of.further), model, seed,
+        work.arm, work.limits, series_basis(of.further_duration), model, seed,
         _search(of.search // 2), partial(work.progress, step),
     )  # fmt: skip
-    return _planned(
+    return _write_plan(
         work, name, informative.plan,
-        f"{of.further:.3g} s, for what holds the arm: with {100 * of.friction:g} % of its friction "
-        f"{known['least']} is not sure to stay at {100 * (1 - known['part']):.0f} % of poses",
+        f"{of.further_duration:.3g} s, for what holds the arm: with {100 * of.friction:g} % of its "
+        f"friction {known['least']} is not sure to stay at {100 * (1 - known['part']):.0f} % of "
+        "poses",
     )  # fmt: skip
 
 
@@ -121,10 +124,10 @@ def _leaves_time(work: Work, book: Logbook, model: TorqueModel) -> bool:
     where = 0.5 * (limits.lower + limits.upper)
     poses, _ = poses_to_release_at(work, book, model, where)
     seconds = sum(
-        Straight.within(start, goal, limits, PART).duration + of.seconds
+        Straight.within(start, goal, limits, PART).duration + of.release_duration
         for start, goal in pairwise([where, *poses])
     )
-    return book.total.seconds + of.further + seconds <= of.longest
+    return book.total.seconds + of.further_duration + seconds <= of.max_duration
 
 
 def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSettings:
@@ -132,12 +135,12 @@ def _search(evaluations: int, solver: SolverSettings | None = None) -> SolverSet
     return replace(solver or SolverSettings(), seconds=np.inf, evaluations=max(evaluations, 1))
 
 
-def _planned(work: Work, name: str, plan: Plan, said: str) -> Outcome:
+def _write_plan(work: Work, name: str, plan: Plan, summary: str) -> Outcome:
     picture = work.at(f"{name}.png")
     text_file.write_bytes(picture, work.pages.plan(plan))
     path = work.at(f"{name}.yaml")
     plan.save(path, f"Planned by dvrk_gravity calibrate, seed {work.seed}.")
-    return Outcome(said, (path, picture))
+    return Outcome(summary, (path, picture))
 
 
 def collect_motion(name: str, work: Work, book: Logbook, step: str) -> Outcome:

@@ -47,17 +47,19 @@ def release_poses(
         PlanError: There is no such pose.
     """
     found = random_poses(arm, limits, model, seed)
-    away = np.array(
+    distance = np.array(
         [np.abs((fitted - q) / arm.scale).max(axis=1).min(initial=np.inf) for q in found]
     )
-    left = [k for k in range(len(found)) if away[k] >= settings.apart][: 2 * settings.poses]
+    left = [k for k in range(len(found)) if distance[k] >= settings.min_distance][
+        : 2 * settings.poses
+    ]
     order: list[int] = []
     where = start
     while left and len(order) < settings.poses:
         # The nearest of so many as are still wanted: of all, poses would lie beside each other.
         some = left[: settings.poses - len(order)]
         some.sort(key=lambda k: Straight.within(where, found[k], limits, PART).duration)
-        near = next((k for k in some if _clear(where, found[k], limits, arm, model)), None)
+        near = next((k for k in some if _is_clear(where, found[k], limits, arm, model)), None)
         if near is None:
             left = left[len(some) :]
             continue
@@ -66,10 +68,10 @@ def release_poses(
         where = found[near]
     if not order:
         raise PlanError("no pose within the identified range can be reached within the limits")
-    return found[order], float(away[order].min())
+    return found[order], float(distance[order].min())
 
 
-def settled_by(model: TorqueModel, poses: Array, drift: Array, allowed: float) -> TorqueModel:
+def settle_constants(model: TorqueModel, poses: Array, drift: Array, allowed: float) -> TorqueModel:
     """Return a model whose constant torques a release has settled, as far as it did.
 
     An arm that stays where it is let go feels what the model commands, but for what friction
@@ -91,11 +93,11 @@ def settled_by(model: TorqueModel, poses: Array, drift: Array, allowed: float) -
     if not felt.any():
         return model
     names = ", ".join(name for name, is_felt in zip(arm.joint_names, felt, strict=True) if is_felt)
-    said = f"{names}: {TORQUE} (stayed where it was released, at {len(poses)} poses)"
+    settled = f"{names}: {TORQUE} (stayed where it was released, at {len(poses)} poses)"
     return replace(
         model,
         constant=np.where(felt, 0.0, model.constant),
-        constant_is="; ".join(filter(None, (model.constant_is, said))),
+        constant_is="; ".join(filter(None, (model.constant_is, settled))),
     )
 
 
@@ -116,7 +118,7 @@ def random_poses(arm: Arm, limits: PlanLimits, model: TorqueModel, seed: int) ->
     return np.asarray(found[random.permutation(len(found))])
 
 
-def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:
+def _is_clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: TorqueModel) -> bool:
     """Return whether a straight way keeps all limits; of positions, its ends decide."""
     way = Straight.within(start, goal, limits, PART)
     return all(
@@ -126,7 +128,7 @@ def _clear(start: Array, goal: Array, limits: PlanLimits, arm: Arm, model: Torqu
     )
 
 
-def held_by_friction(
+def friction_hold_share(
     fit: Fit, limits: PlanLimits, settings: CalibrationSettings, seed: int
 ) -> dict[str, Any]:
     """Return at which part of random poses friction is sure to hold all joints, and each of them.
@@ -146,13 +148,13 @@ def held_by_friction(
     model, arm = fit.model, fit.model.arm
     if model.verdict == POOR:
         return {"part": 0.0, "least": "", "joints": {}}
-    sure = holding(fit, random_poses(arm, limits, model, seed), settings.friction) < 1.0
+    sure = hold_ratio(fit, random_poses(arm, limits, model, seed), settings.friction) < 1.0
     joints = dict(zip(arm.joint_names, sure.mean(axis=0).tolist(), strict=True))
     least = min(joints, key=lambda name: joints[name])
     return {"part": float(sure.all(axis=1).mean()), "least": least, "joints": joints}
 
 
-def holding(fit: Fit, poses: Array, part: float) -> Array:
+def hold_ratio(fit: Fit, poses: Array, part: float) -> Array:
     """Return (k, n) 95 % bands of the torque at rest, over a part of each joint's dry friction.
 
     Below 1 that friction holds the arm. What the model lacks counts (:attr:`Fit.rest_error`).

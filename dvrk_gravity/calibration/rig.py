@@ -10,7 +10,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting import Driver, SimulatedDriver
-from dvrk_gravity.compensate import let_go
+from dvrk_gravity.compensate import simulate_release
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
@@ -85,7 +85,7 @@ class SimulatedRig:
         self._at = pose - self._plant.model.joint_offset
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                way = let_go(plant, TorqueModel.load(model), pose, seconds, self.friction)
+                way = simulate_release(plant, TorqueModel.load(model), pose, seconds, self.friction)
         except ConfigError as error:
             if error.field != "effort":  # not finite: the arm has run away
                 raise

@@ -24,7 +24,7 @@ from dvrk_gravity.calibration.motion_steps import (
     plan_second,
     poses_to_release_at,
 )
-from dvrk_gravity.calibration.release import PART, held_by_friction, settled_by
+from dvrk_gravity.calibration.release import PART, friction_hold_share, settle_constants
 from dvrk_gravity.calibration.settings import CalibrationSettings
 from dvrk_gravity.calibration.tally import MotionTally
 from dvrk_gravity.calibration.work import (
@@ -39,7 +39,7 @@ from dvrk_gravity.calibration.work import (
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.diagnosis import Files, diagnose
 from dvrk_gravity.files import json_file, text_file
-from dvrk_gravity.files.lock import alone_in
+from dvrk_gravity.files.lock import lock_folder
 from dvrk_gravity.identification import POOR, by_errors, evaluate, identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
 from dvrk_gravity.planning import Straight
@@ -62,7 +62,7 @@ def calibrate(work: Work) -> dict[str, Any]:
         MotionError: The arm was stopped or must not be moved; the next call goes on from there.
         RecordingError: A recording that serves no purpose.
     """
-    with alone_in(work.folder, "--out"):
+    with lock_folder(work.folder, "--out"):
         book = Logbook.open(work.folder, work.asked)
         for step in all_steps(work.settings):
             entry = book.entry(step.name)
@@ -71,7 +71,7 @@ def calibrate(work: Work) -> dict[str, Any]:
                 book.require_unchanged()
                 outcome = step.run(work, book, step.name)
                 motion = {} if outcome.motion is None else asdict(outcome.motion)
-                entry = book.add(step.name, outcome.said, outcome.paths, motion)
+                entry = book.add(step.name, outcome.summary, outcome.paths, motion)
             if entry.said:
                 work.report(f"{step.name}: {entry.said}{before}")
     return json_file.load(work.at(CERTIFICATE))
@@ -118,7 +118,7 @@ def _identify(k: int, work: Work, book: Logbook, step: str) -> Outcome:
     page = path.with_suffix(".html")
     text_file.write(page, work.pages.identification(fit, sources))
     holdings = {name: vars(each) for name, each in fit.holding.items()}
-    held = held_by_friction(fit, work.limits, work.settings, work.seed + k)
+    held = friction_hold_share(fit, work.limits, work.settings, work.seed + k)
     values = work.write(
         path.with_suffix(".json").name,
         {
@@ -188,12 +188,14 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
     path = work.at(CHECKED if CHECKED in book.files else MODEL)  # as earlier versions named it
     model = TorqueModel.load(path)
     content: dict[str, Any] = {
-        "seconds": of.seconds, "friction": rig.friction, "poses": [], "drift": [],
+        "seconds": of.release_duration, "friction": rig.friction, "poses": [], "drift": [],
         "apart": 0.0, "why": "", "simulated": rig.simulated,
     }  # fmt: skip
     if model.verdict == POOR:
         content["why"] = f"not released: the model is unfit to compensate with ({model.reason})"
-        return Outcome(content["why"], (work.write(RELEASE, content), *_named(work, book, model)))
+        return Outcome(
+            content["why"], (work.write(RELEASE, content), *_write_named_model(work, book, model))
+        )
     if not work.consent("the arm is about to be released under compensation: is it watched?"):
         raise MotionError("not released: no consent was given")
     drift: list[list[float]] = []
@@ -217,24 +219,25 @@ def _release(work: Work, book: Logbook, step: str) -> Outcome:
             driver.follow(way.at, way.duration)
             driver.hold()
             where = driver.connect()
-            note(driver.motion(of.seconds))
-        drift.append(rig.release(path, where, of.seconds).tolist())
+            note(driver.motion(of.release_duration))
+        drift.append(rig.release(path, where, of.release_duration).tolist())
         if not np.isfinite(drift[-1]).all():
             raise MotionError(f"{step}: released, the arm measured no finite positions")
-        moved.append(asdict(driver.motion(of.seconds)))
+        moved.append(asdict(driver.motion(of.release_duration)))
     content |= {
         "poses": poses.tolist(), "drift": drift, "apart": apart, "simulated": rig.simulated,
     }  # fmt: skip
     worst = np.max(np.array(drift) / work.arm.scale, axis=1)
-    settled = settled_by(model, poses, np.array(drift), of.allowed)
+    settled = settle_constants(model, poses, np.array(drift), of.max_drift)
     return Outcome(
-        f"{len(poses)} poses of {of.seconds:g} s each: drift "
+        f"{len(poses)} poses of {of.release_duration:g} s each: drift "
         f"{largest_drift(float(worst.max()))}",
-        (work.write(RELEASE, content), *_named(work, book, settled)), MotionTally.total(moved),
+        (work.write(RELEASE, content), *_write_named_model(work, book, settled)),
+        MotionTally.total(moved),
     )  # fmt: skip
 
 
-def _named(work: Work, book: Logbook, model: TorqueModel) -> tuple[Path, Path]:
+def _write_named_model(work: Work, book: Logbook, model: TorqueModel) -> tuple[Path, Path]:
     """Write the model under the name that a user takes, and return its files."""
     path = work.at(MODEL)
     model.save(path, _comment(work, last_model(book)))

@@ -26,7 +26,7 @@ class MotionTally:
     most: str = ""
 
     def __add__(self, other: MotionTally) -> MotionTally:
-        """Return both as one."""
+        """Return the sum of times and commands, with the greater use of a limit."""
         most = max(self, other, key=lambda part: part.used)
         return MotionTally(
             self.seconds + other.seconds, self.rehearsed + other.rehearsed,

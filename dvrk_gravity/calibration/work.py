@@ -94,12 +94,12 @@ class Outcome:
     """What a step found.
 
     Attributes:
-        said: In a line; ``""``: there was nothing to do.
+        summary: In a line; ``""``: there was nothing to do.
         paths: Files and folders that it left.
         motion: How the arm was moved; ``None``: it was not.
     """
 
-    said: str = ""
+    summary: str = ""
     paths: tuple[Path, ...] = ()
     motion: MotionTally | None = None
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
-from dvrk_gravity.cli.collect import asking
+from dvrk_gravity.cli.collect import terminal_consent
 from dvrk_gravity.cli.diagnose import STAGES as OF_DIAGNOSE
 from dvrk_gravity.cli.identify import STAGES as OF_IDENTIFY
 from dvrk_gravity.files import outputs
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = _settings(arguments)
     rig = _rig(arguments, arm, settings)
     free = simulated or arguments.yes
-    consent = (lambda question: True) if free else asking(rig)
+    consent = (lambda question: True) if free else terminal_consent(rig)
     out.mkdir(parents=True, exist_ok=True)
     shown = command_line.ProgressBySteps(_STAGES)
 
@@ -104,15 +104,15 @@ def run(arguments: argparse.Namespace) -> int:
         shown.done()
         print(line, flush=True)
 
-    asked = _asked(arguments)
+    requested = _requested_options(arguments)
 
     def limits_now() -> PlanLimits:
-        if _asked(arguments) != asked:
+        if _requested_options(arguments) != requested:
             raise MotionError(f"{arguments.limits} or the arm's file has changed meanwhile")
         return limits
 
     work = Work(
-        out, asked, arm, limits, rig, _pages(arm),
+        out, requested, arm, limits, rig, _pages(arm),
         arguments.namespace or f"/{arm.name.upper()}", arguments.seed, settings, limits_now,
         consent, report, shown,
     )  # fmt: skip
@@ -121,14 +121,18 @@ def run(arguments: argparse.Namespace) -> int:
     except BaseException as error:
         shown.done()
         if command_line.by_signal(error):
-            print(f"dvrk_gravity {NAME}: interrupted: {_kept(out)}", file=sys.stderr, flush=True)
+            print(
+                f"dvrk_gravity {NAME}: interrupted: {_resume_hint(out)}",
+                file=sys.stderr,
+                flush=True,
+            )
         raise
     print(f"written: {out / CERTIFICATE}, {(out / CERTIFICATE).with_suffix('.html')}")
     return 0 if certificate["certified"] else 1
 
 
-def _kept(out: Path) -> str:
-    """Return what is kept of a calibration, and how to go on."""
+def _resume_hint(out: Path) -> str:
+    """Return in words what an interrupted calibration keeps, and how to resume it."""
     from dvrk_gravity.calibration import Logbook
 
     steps = Logbook.steps_in(out)
@@ -143,14 +147,14 @@ def _settings(arguments: argparse.Namespace) -> CalibrationSettings:
 
     lasts = arguments.duration
     return CalibrationSettings(
-        motion=lasts, check=max(lasts / 2.0, DURATIONS[0]),
-        further=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=round(_PACE * arguments.time),
-        poses=arguments.poses, rehearsal=options.rehearses(arguments),
+        motion_duration=lasts, check_duration=max(lasts / 2.0, DURATIONS[0]),
+        further_duration=max(lasts * 2.0 / 3.0, DURATIONS[0]), search=round(_PACE * arguments.time),
+        poses=arguments.poses, rehearsal=options.wants_rehearsal(arguments),
     )  # fmt: skip
 
 
 def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings) -> Rig:
-    from dvrk_gravity.calibration import SimulatedRig, drawn_arm
+    from dvrk_gravity.calibration import SimulatedRig, draw_arm
 
     if arguments.simulated is None:
         # Here and not above: rclpy is slow to load, and bad arguments need none of it.
@@ -162,11 +166,11 @@ def _rig(arguments: argparse.Namespace, arm: Arm, settings: CalibrationSettings)
         simulated = f"the node at {namespace}" if nobody else ""
         return RosRig(arm, namespace, arguments.timeout, simulated)
     plant = options.plant_of(arguments, arm)
-    return SimulatedRig(drawn_arm(plant, arguments.seed), arguments.seed, settings.friction)
+    return SimulatedRig(draw_arm(plant, arguments.seed), arguments.seed, settings.friction)
 
 
-def _asked(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return what is asked for, with the hash of each file, by option."""
+def _requested_options(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return the requested value of each option, with the hash of each file."""
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.calibration import file_hash
 

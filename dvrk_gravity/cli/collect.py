@@ -19,7 +19,7 @@ from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.collecting import Collected, Driver
+    from dvrk_gravity.collecting import CollectedRecording, Driver
     from dvrk_gravity.planning import Plan, PlanLimits
 
 NAME = "collect"
@@ -131,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     with driver_of(plan.arm, arguments, NAME) as driver:
         collected = carry_out(
             [plan], driver, arguments, model=model, limits=limits,
-            consent=(lambda question: True) if free else asking(driver),
+            consent=(lambda question: True) if free else terminal_consent(driver),
         )  # fmt: skip
     following = (
         f"identify {collected.bag} --arm {plan.arm.source or plan.arm.name} --out model.yaml"
@@ -182,14 +182,14 @@ def driver_of(arm: Arm, arguments: argparse.Namespace, name: str) -> Iterator[Dr
 
 def carry_out(
     plans: Sequence[Plan], driver: Driver, arguments: argparse.Namespace, **how: object
-) -> Collected:
+) -> CollectedRecording:
     """Collect as the arguments say, with its progress on the terminal."""
     from dvrk_gravity.collecting import collect
 
     progress = command_line.ProgressBySteps()
     try:
         return collect(
-            plans, driver, arguments.out, rehearse=options.rehearses(arguments),
+            plans, driver, arguments.out, rehearse=options.wants_rehearsal(arguments),
             resume=arguments.resume, report=lambda line: print(line, flush=True),
             progress=progress, **how,  # type: ignore[arg-type]
         )  # fmt: skip
@@ -197,11 +197,11 @@ def carry_out(
         progress.done()
 
 
-def finish(collected: Collected, following: str) -> None:
+def finish(collected: CollectedRecording, following: str) -> None:
     """Print what was recorded, and what to do with it: a command."""
-    if collected.longer > PAUSED:
+    if collected.excess_time > PAUSED:
         print(
-            f"note: the motion took {collected.longer:.2f} s longer than its "
+            f"note: the motion took {collected.excess_time:.2f} s longer than its "
             f"{collected.seconds:g} s, because this computer was busy: accelerations differ from "
             "the plan; record again on an idle computer if the model is poor, or for `diagnose "
             "--reference`"
@@ -211,15 +211,15 @@ def finish(collected: Collected, following: str) -> None:
             f"note: recorded in {collected.parts} parts: each later one takes up the motion where "
             "the one before was cut; between their stamps is a gap"
         )
-    rate = collected.samples / (collected.seconds + collected.longer)
+    rate = collected.samples / (collected.seconds + collected.excess_time)
     print(
         f"recorded {collected.samples} messages, {rate:.0f} per second, in {collected.bag}; the "
         f"arm is held. Next: {following}"
     )
 
 
-def asking(driver: object) -> Callable[[str], bool]:
-    """Return what asks on the terminal; Ctrl-C counts while it waits."""
+def terminal_consent(driver: object) -> Callable[[str], bool]:
+    """Return a function that asks for consent on the terminal; Ctrl-C counts while it waits."""
     if sys.stdin is None or not sys.stdin.isatty():  # None: it is closed
         raise DvrkGravityError(
             "the arm is to move, and there is no terminal to ask on: consent beforehand with --yes"

@@ -152,7 +152,7 @@ def _convert_urdf(source: Path, target: Path, report: Path | None) -> int:
     if not model.of_file:
         expected = "an arm's .urdf, or a .yaml with one"
         raise ConfigError("IN", "a model's parameters", expected, source)
-    for doubt in model.arm.doubts:
+    for doubt in model.arm.warnings:
         print(f"warning: {source}: {doubt}", file=sys.stderr)
     model.save(target, f"The masses stated by {source.name}; nothing was measured.")
     print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")

@@ -16,7 +16,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.command_line import one_line
 from dvrk_gravity.console import (
     FILE_NAME,
-    Checked,
+    CheckResult,
     ConsoleFile,
     ConsoleFinding,
     Conversion,
@@ -128,7 +128,7 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
     """
     outputs.check({"--json": report}, paths)
     status = 0
-    checked: dict[str, Checked] = {}
+    checked: dict[str, CheckResult] = {}
     for path in paths:
         try:
             result = check_file(path)

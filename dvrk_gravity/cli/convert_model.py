@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.exports import SUFFIXES, Exported, export_model
+from dvrk_gravity.exports import SUFFIXES, ExportResult, export_model
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.report import effort_in_table
@@ -34,7 +34,7 @@ def convert(source: Path, target: Path, report: Path | None) -> int:
     if report is not None:
         content = json.dumps(exported.to_json(), indent=1, ensure_ascii=False)
         text_file.write(report, content + "\n")
-    for doubt in model.arm.doubts if model.of_file else ():
+    for doubt in model.arm.warnings if model.of_file else ():
         print(f"warning: {source}: {doubt}", file=sys.stderr)
     print(f"{target}: {model.arm.name}, {form} of {len(model.arm.bodies)} links")
     for line in (*_table(exported), *(f"  {note}" for note in exported.notes)):
@@ -42,14 +42,14 @@ def convert(source: Path, target: Path, report: Path | None) -> int:
     return 0
 
 
-def _table(exported: Exported) -> Iterator[str]:
+def _table(exported: ExportResult) -> Iterator[str]:
     """Yield what the file leaves out by joint, then a line for each cause."""
-    joints = exported.held.arm.joints
+    joints = exported.file_model.arm.joints
     if not exported.left_out:
         yield "the file has all of the model's torque"
         return
     torques, missed = exported.torque.tolist(), exported.total.tolist()
-    unit, factor, decimals = effort_in_table(exported.held.arm, torques + missed)
+    unit, factor, decimals = effort_in_table(exported.file_model.arm, torques + missed)
     yield "what the file leaves out of the model's torque, over the calibrated range, moving:"
     yield f"{f'RMS, {unit}':<20}{'torque':>10}{'left out':>10}"
     for joint, *values in zip(joints, torques, missed, strict=True):
@@ -60,7 +60,7 @@ def _table(exported: Exported) -> Iterator[str]:
         shown = [f"{quantity(value, joint.effort_unit)} at {joint.name}"
                  for value, joint in most if value > _NEGLIGIBLE * most[0][0]]  # fmt: skip
         yield f"  left out: {part.name.replace('_', ' ')} ({part.why}): up to {', '.join(shown)}"
-    arm = exported.held.arm
+    arm = exported.file_model.arm
     yield (
         f"a model that loses nothing: python -m dvrk_gravity identify RECORDING --arm {arm.source} "
         f"--for {exported.form.lower()} --out model.yaml"

@@ -19,7 +19,7 @@ from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.ros import Kill, Phase, Scenario, Watched
+    from dvrk_gravity.ros import Kill, MonitorRecord, Phase, Scenario
 
 NAME = "demo"
 EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
@@ -118,10 +118,10 @@ def _arm(arguments: argparse.Namespace) -> Arm:
 
 def _play(scenario: Scenario, arm: Arm) -> tuple:
     """Play all parts and print a row of each."""
-    from dvrk_gravity.report import shown_position
+    from dvrk_gravity.report import position_units
     from dvrk_gravity.units import fixed
 
-    units = shown_position(arm)
+    units = position_units(arm)
     widths = [max(len(name), 8) + 2 for name in arm.joint_names]
     print(f"{'':{_TITLES}}largest displacement of each joint from its release")
     for words in (arm.joint_names, tuple(unit for _, unit in units)):
@@ -147,7 +147,7 @@ def _play(scenario: Scenario, arm: Arm) -> tuple:
 
 def draw(
     path: Path, arm: Arm, fall: Phase, floats: Sequence[Phase], pushed: Phase, rest: Phase,
-    kill: Kill, watched: Watched,
+    kill: Kill, watched: MonitorRecord,
 ) -> None:  # fmt: skip
     """Draw the motion of the joints from their release, a panel for each part, and the load.
 
@@ -156,7 +156,7 @@ def draw(
     """
     import matplotlib
 
-    from dvrk_gravity.report import shown_position
+    from dvrk_gravity.report import position_units
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
@@ -164,10 +164,10 @@ def draw(
     parts: tuple[tuple[str, Sequence[Phase]], ...] = (
         ("Without compensation", (fall,)),
         (f"With it, at {len(floats)} poses", floats),
-        ("Pushed by hand, then released", (pushed, _going_on(pushed, rest))),
+        ("Pushed by hand, then released", (pushed, _continuation(pushed, rest))),
         (f"Compensator killed: held after {kill.hold_after * 1e3:.0f} ms", (kill.after,)),
     )
-    units = shown_position(arm)
+    units = position_units(arm)
     rows = tuple(dict.fromkeys(units))
     height = 1.2 + 3.4 * len(rows)
     figure = plt.figure(figsize=(15, height + 4.0), layout="constrained")
@@ -190,7 +190,7 @@ def draw(
     plt.close(figure)
 
 
-def _load(axis: Any, arm: Arm, watched: Watched) -> None:
+def _load(axis: Any, arm: Arm, watched: MonitorRecord) -> None:
     """Draw the torque of the joint that the load takes furthest out of the band."""
     after = watched.time > watched.fastened
     outside = np.median(np.abs(watched.measured - watched.expected)[after], axis=0)
@@ -204,8 +204,11 @@ def _load(axis: Any, arm: Arm, watched: Watched) -> None:
                  label=f"{watched.mass:g} kg fastened to {watched.link}")  # fmt: skip
     for when, _ in watched.events:
         axis.axvline(when, color="C2", linewidth=1.6)
-    said = (f"+{when - watched.fastened:.0f} s: {sentence}" for when, sentence in watched.events)
-    axis.text(0.01, 0.96, "\n".join(textwrap.fill(each, 64) for each in said), va="top", fontsize=8,
+    sentences = (
+        f"+{when - watched.fastened:.0f} s: {sentence}" for when, sentence in watched.events
+    )
+    text = "\n".join(textwrap.fill(each, 64) for each in sentences)
+    axis.text(0.01, 0.96, text, va="top", fontsize=8,
               color="C2", transform=axis.transAxes)  # fmt: skip
     axis.set_xlim(watched.fastened - 10.0, max(watched.time[-1], watched.fastened + 15.0))
     axis.set_title(
@@ -232,7 +235,7 @@ def _panel(
     axis.axhline(0.0, color="0.3", linewidth=0.6)
 
 
-def _going_on(first: Phase, then: Phase) -> Phase:
+def _continuation(first: Phase, then: Phase) -> Phase:
     """Return a phase as the continuation of another, in its time and from its start."""
     position = np.vstack([first.position[:1], then.position])
     return replace(

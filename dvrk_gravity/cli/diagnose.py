@@ -80,18 +80,18 @@ def run(args: argparse.Namespace) -> int:
     references = [] if args.reference is None else [args.reference]
     read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
     read += [] if args.arm is None else [Arm.file(args.arm)]
-    beside = uncertainty_file(Path(EXTENDED)).name
+    uncertainty_name = uncertainty_file(Path(EXTENDED)).name
     files = [*args.recordings, *references]
-    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*files, *read])
+    out = outputs.check_folder("--out", args.out, [*WRITTEN, uncertainty_name], [*files, *read])
     model = None if args.model is None else TorqueModel.load(args.model)
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)
     if model is None:
         arm = options.with_drive_gains(arm, args)
     else:
-        model = options.of_model(model, args)
+        model = options.model_with_drive_gains(model, args)
         arm = model.arm
-    still = options.still_joints(args.at, arm)
+    still = options.fixed_positions(args.at, arm)
     recordings = options.recordings(files, args, arm, args.coordinates or "joint")
     options.require_as_recorded(args.at, still, recordings)
     reference = recordings.pop() if references else None

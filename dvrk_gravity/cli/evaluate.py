@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         {"--report": arguments.report, "--json": arguments.json},
         [*arguments.recordings, arguments.model],
     )
-    model = options.of_model(TorqueModel.load(arguments.model), arguments)
+    model = options.model_with_drive_gains(TorqueModel.load(arguments.model), arguments)
     recordings = options.recordings(arguments.recordings, arguments, model.arm)
     try:
         result = evaluate(model, recordings, arguments.coordinates)

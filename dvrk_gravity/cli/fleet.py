@@ -100,8 +100,8 @@ def _scan(folders: list[Path]) -> int:
 def _work(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.fleet import (
         MANIFEST,
+        FleetPlan,
         Manifest,
-        Planned,
         Store,
         client_of,
         cores,
@@ -119,7 +119,7 @@ def _work(arguments: argparse.Namespace) -> int:
     manifest = Manifest.of(arguments.folders)
     store = Store.open(out)
     with command_line.Progress("looking at recordings", len(manifest.arms)) as progress:
-        planned = Planned.of(manifest, store, progress.update)
+        planned = FleetPlan.of(manifest, store, progress.update)
     lines: list[str] = []
 
     def say(line: str) -> None:
@@ -139,7 +139,7 @@ def _work(arguments: argparse.Namespace) -> int:
 
 
 def work_with_pages(unit: Unit) -> Result:
-    """Return what becomes of a recording, with its report: what a worker does."""
+    """Return a recording's result with its report: the function that workers run."""
     from dvrk_gravity.fleet import Pages, work
     from dvrk_gravity.report import diagnosis_page, identification_page
 

@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check_folder("DIR", str(folder), [PAGE, CSV, JSON], [], [ARMS])
     with command_line.Progress("history", 1.0) as progress:
         found = histories(
-            folder, arguments.arm or "", HistorySettings(rate=rate), progress.update
+            folder, arguments.arm or "", HistorySettings(false_discovery_rate=rate), progress.update
         )  # fmt: skip
     (folder / ARMS).mkdir(exist_ok=True)
     pages = {}

@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
     arm = options.with_drive_gains(Arm.load(arguments.arm), arguments)
     carried = _known_payload(arguments)
     coordinates = _coordinates(arguments.coordinates)
-    still = options.still_joints(arguments.at, arm)
+    still = options.fixed_positions(arguments.at, arm)
     recordings = options.recordings(arguments.recordings, arguments, arm)
     options.require_as_recorded(arguments.at, still, recordings)
     validate = options.recordings(arguments.validate, arguments, arm)

@@ -37,18 +37,18 @@ def run(arguments: argparse.Namespace) -> int:
         return _run_node(arguments)
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.monitoring import monitor
-    from dvrk_gravity.report import columns, monitored_json, monitored_text
+    from dvrk_gravity.report import columns, monitor_json, monitor_text
 
     if arguments.model is None:
         raise ConfigError("--model", None, "a model file, beside recordings")
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
-    model = options.of_model(TorqueModel.load(arguments.model), arguments)
+    model = options.model_with_drive_gains(TorqueModel.load(arguments.model), arguments)
     recordings = options.recordings(arguments.recordings, arguments, model.arm)
     with Progress("monitoring", 1.0) as progress:
         seen = monitor(recordings, model, arguments.coordinates, progress=progress.update)
     if arguments.json is not None:
-        text_file.write(arguments.json, json.dumps(monitored_json(seen), indent=1) + "\n")
-    for line in monitored_text(seen, columns()):
+        text_file.write(arguments.json, json.dumps(monitor_json(seen), indent=1) + "\n")
+    for line in monitor_text(seen, columns()):
         print(line)
     return 0
 

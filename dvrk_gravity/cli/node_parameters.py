@@ -67,13 +67,13 @@ class Set:
         with _node(arguments) as (client, node):
             before = client.parameters(node, arguments.timeout)
             given = _as_floats(value) if _is_float(before.get(name)) else value
-            accepted, said = client.set_parameters({name: given}, node, arguments.timeout)
+            accepted, answer = client.set_parameters({name: given}, node, arguments.timeout)
             if accepted:
                 before = client.parameters(node, arguments.timeout)
         if not accepted and name not in before:
             _require(name, before, node)
         shown = yaml_file.dump({name: before.get(name)}).strip()
-        because = f": {said}" if said else ""
+        because = f": {answer}" if answer else ""
         print(f"{node}: {shown}" + because if accepted else f"{node} refuses {name}{because}")
         return 0 if accepted else 1
 

@@ -173,7 +173,7 @@ def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
 
 
 def _gains_by_joint(text: str, arm: Arm) -> list[float]:
-    """Return what is read as one at each joint, N·m or N, of ``JOINT=UNIT,…``; others: 1."""
+    """Return each joint's effort unit in N·m or N, from ``JOINT=UNIT,…``; unnamed joints: 1."""
     from dvrk_gravity.arms import newton_metres
 
     joints, gains = {joint.name: joint for joint in arm.joints}, dict.fromkeys(arm.joint_names, 1.0)
@@ -197,14 +197,14 @@ def add_rehearsal(parser: argparse.ArgumentParser) -> None:
                         "an arm, and not with --simulated)")  # fmt: skip
 
 
-def rehearses(arguments: argparse.Namespace) -> bool:
+def wants_rehearsal(arguments: argparse.Namespace) -> bool:
     """Return whether motions are rehearsed: there is room around an arm in this process."""
     if arguments.rehearsal is None:
         return arguments.simulated is None
     return bool(arguments.rehearsal)
 
 
-def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
+def model_with_drive_gains(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
     """Return the model with the drive gains, or the unit, of the command line.
 
     Raises:
@@ -318,7 +318,7 @@ def _require_within_reach(entry: str, arm: Arm, name: str, position: float) -> N
         raise ConfigError("--at", entry, f"a position of {name} at {limits}")
 
 
-def still_joints(texts: Sequence[str], arm: Arm) -> dict[str, float]:
+def fixed_positions(texts: Sequence[str], arm: Arm) -> dict[str, float]:
     """Return joint positions, rad or m, from ``JOINT=POSITION,...``; ``others``: all unnamed."""
     joints = {joint.name: joint for joint in arm.joints}
     named: dict[str, float] = {}

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         0, or 1 if no motion is expected to separate any of the causes.
     """
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.planning import diagnosed_again
+    from dvrk_gravity.planning import rediagnosis_command
     from dvrk_gravity.report import limits_text, plan_picture
 
     if not arguments.out.name:
@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
         f"written: {written}. {following}: collect {arguments.out} --out {bag}{watched}{by_action}"
     )
     if separate is not None:
-        print(f"then: {diagnosed_again(separate, bag, arguments.poses, arguments.model)}")
+        print(f"then: {rediagnosis_command(separate, bag, arguments.poses, arguments.model)}")
     return 0 if enough else 1
 
 

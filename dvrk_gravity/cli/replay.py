@@ -33,7 +33,7 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 _WINDOW = 20
 
 
-def _bare(n: int) -> dict[str, Any]:
+def _bare_parameters(n: int) -> dict[str, Any]:
     from dvrk_gravity.parameters import ACCEPT_READING_ERRORS  # slow to load
 
     # The whole friction, and every message answered; a replayed compensator has no limits.
@@ -161,7 +161,7 @@ def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
     from dvrk_gravity.parameters import node_parameters
 
     # As for the node: the model file's settings, overridden by those of the replay.
-    settings, defaults = {**model.node, **_bare(model.arm.n)}, node_parameters(model.arm)
+    settings, defaults = {**model.node, **_bare_parameters(model.arm.n)}, node_parameters(model.arm)
     ratio, dead_band = (
         np.array(settings.get(name, defaults[name].default))
         for name in ("friction_compensation.ratio", "friction_compensation.dead_band")
@@ -231,9 +231,9 @@ def _play(
         answers.append((time.time_ns(), stamp, np.array(message.effort), data))
 
     arguments = ["--params-file", str(model_file)]
-    for name, value in _bare(arm.n).items():
+    for name, value in _bare_parameters(arm.n).items():
         arguments += ["-p", f"{name}:={json.dumps(value)}"]
-    program = ("-m", "dvrk_gravity.ros.replayed")
+    program = ("-m", "dvrk_gravity.ros.replay_node")
     namespace = f"{PRIVATE}{namespace_of(arm)}"
     with (
         Client(namespace) as client,

@@ -2,14 +2,14 @@ from .driver import Driver as Driver
 from .driver import Path as Path
 from .driver import States as States
 from .driver import Watch as Watch
-from .driver import held_on_error as held_on_error
+from .driver import hold_on_error as hold_on_error
 from .effort_watch import EffortSettings as EffortSettings
 from .effort_watch import EffortWatch as EffortWatch
 from .journal import REHEARSAL as REHEARSAL
 from .journal import discard as discard
 from .journal import fingerprint as fingerprint
-from .pace import Paced as Paced
-from .run import Collected as Collected
+from .pace import PacedMotion as PacedMotion
+from .run import CollectedRecording as CollectedRecording
 from .run import CollectSettings as CollectSettings
 from .run import MotionStoppedError as MotionStoppedError
 from .run import collect as collect

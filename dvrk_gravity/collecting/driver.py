@@ -73,7 +73,7 @@ class Driver(Protocol):
 
 
 @contextmanager
-def held_on_error(hold: Callable[[], bool]) -> Iterator[None]:
+def hold_on_error(hold: Callable[[], bool]) -> Iterator[None]:
     """Hold the arm if anything ends the block early, and say so where the arm is the reason.
 
     Args:

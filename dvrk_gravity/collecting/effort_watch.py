@@ -20,9 +20,9 @@ class EffortSettings:
     """When an effort is not explained by the motion.
 
     Attributes:
-        every: Step at which the model is evaluated along the path, s. A torque at 0.6 Hz changes by
+        step: Step at which the model is evaluated along the path, s. A torque at 0.6 Hz changes by
             15 % of its amplitude within a step, and the window holds both of its ends.
-        ahead: Length of the path that is evaluated at a time, s. An identified MTM's takes 3 ms,
+        horizon: Length of the path that is evaluated at a time, s. An identified MTM's takes 3 ms,
             less than a period of the set points.
         window: Length of the path, back from the set point, whose efforts are all expected, s: the
             arm lags by up to LAG, and its effort is measured some 10 ms late.
@@ -30,15 +30,15 @@ class EffortSettings:
             Twice what undisturbed simulated arms need with their plant's own model: at most .046
             for an MTM, .031 for a PSM, .004 for an ECM, on covering plans of 8 and 20 s
             (`test_an_undisturbed_arm_needs_half_of_the_margin`).
-        lasts: Time beyond the margin after which the arm is stopped, s: a servo's answer to a step
-            has ended, and an arm at 60 deg/s has gone 6 deg.
+        duration: Time beyond the margin after which the arm is stopped, s: a servo's answer to a
+            step has ended, and an arm at 60 deg/s has gone 6 deg.
     """
 
-    every: float = 0.04
-    ahead: float = 0.12
+    step: float = 0.04
+    horizon: float = 0.12
     window: float = LAG + 0.03
     margin: float = 0.1
-    lasts: float = 0.1
+    duration: float = 0.1
 
 
 class EffortWatch:
@@ -71,7 +71,7 @@ class EffortWatch:
         self._settings = settings or EffortSettings()
         self._margin = self._settings.margin * arm.actuator_effort_limit
         self._slow = DRY_SPEED * arm.scale
-        # (N, n) each, from the path's beginning on in steps of `every`.
+        # (N, n) each, from the path's beginning on in steps of `step`.
         self._lowest = self._highest = np.empty((0, arm.n))
         self._outside: float | None = None  # since when
 
@@ -83,44 +83,44 @@ class EffortWatch:
         """
         now = 1e-9 * sample.stamp
         if sample.effort is None:
-            if self._lasts(now):
+            if self._has_persisted(now):
                 raise MotionError(
                     "measured_js has no finite efforts: a hand would not be noticed, and nothing "
                     "could be identified"
                 )
             return
         effort = self._arm.actuator_effort(sample.effort)
-        lowest, highest = self._expected(moment)
+        lowest, highest = self._expected_range(moment)
         beyond = np.maximum(lowest - effort, effort - highest) / self._margin
         worst = int(np.argmax(beyond))
         if not beyond[worst] > 1.0:
             self._outside = None
             return
-        if self._lasts(now):
+        if self._has_persisted(now):
             low, high = (
                 end[worst] + way * self._margin[worst] for end, way in ((lowest, -1), (highest, 1))
             )
             by = "its limits" if self._model is None else "its model and its limits"
             raise MotionError(
                 f"{self._arm.joint_names[worst]}'s motor has {effort[worst]:.3g} "
-                f"{self._arm.effort_units[worst]} for {self._settings.lasts:g} s, {low:.3g} to "
+                f"{self._arm.effort_units[worst]} for {self._settings.duration:g} s, {low:.3g} to "
                 f"{high:.3g} expected by {by}: is a hand on the arm, or something in its way?"
             )
 
-    def _lasts(self, now: float) -> bool:
+    def _has_persisted(self, now: float) -> bool:
         """Note that an effort is wrong; return whether it has been for long enough."""
         self._outside = now if self._outside is None else self._outside
-        return now - self._outside >= self._settings.lasts
+        return now - self._outside >= self._settings.duration
 
-    def _expected(self, moment: float) -> tuple[Array, Array]:
+    def _expected_range(self, moment: float) -> tuple[Array, Array]:
         """Return (n,) lowest and (n,) highest efforts of the motors within the arm's lag."""
         if self._model is None:
             return -self._greatest, self._greatest
         of = self._settings
-        last = int(moment / of.every) + 1
+        last = int(moment / of.step) + 1
         while last >= len(self._lowest):  # also after a pause of ours
             self._look_ahead(self._model)
-        window = slice(max(last - int(np.ceil(of.window / of.every)) - 1, 0), last + 1)
+        window = slice(max(last - int(np.ceil(of.window / of.step)) - 1, 0), last + 1)
         lowest, highest = self._lowest[window].min(axis=0), self._highest[window].max(axis=0)
         # What a model does not know, its limits bound.
         return np.fmax(lowest, -self._greatest), np.fmin(highest, self._greatest)
@@ -128,19 +128,21 @@ class EffortWatch:
     def _look_ahead(self, model: TorqueModel) -> None:
         """Ask the model about the next part of the path."""
         of = self._settings
-        steps = len(self._lowest) + np.arange(round(of.ahead / of.every), dtype=float)
-        time: Array = np.asarray(of.every * steps, dtype=float)
+        steps = len(self._lowest) + np.arange(round(of.horizon / of.step), dtype=float)
+        time: Array = np.asarray(of.step * steps, dtype=float)
         q, qd, qdd = (np.vstack([each, each]) for each in self._path(time))
         slow = np.repeat([self._slow, -self._slow], len(time), axis=0)
         qd = qd + slow
         torque, half = effort_band(model, State(q, qd, qdd))
-        half += _beyond_range(model, q, qd, qdd, torque)
+        half += _extrapolation_error(model, q, qd, qdd, torque)
         low, high = (ends.reshape(2, len(time), -1) for ends in (torque - half, torque + half))
         self._lowest = np.vstack([self._lowest, low.min(axis=0)])
         self._highest = np.vstack([self._highest, high.max(axis=0)])
 
 
-def _beyond_range(model: TorqueModel, q: Array, qd: Array, qdd: Array, effort: Array) -> Array:
+def _extrapolation_error(
+    model: TorqueModel, q: Array, qd: Array, qdd: Array, effort: Array
+) -> Array:
     """Return (N, n) by how much efforts are less certain outside of a model's identified range.
 
     It is the change of the model's effort from the nearest state within the range, since terms

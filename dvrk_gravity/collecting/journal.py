@@ -22,7 +22,7 @@ import numpy as np
 
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import json_file, text_file
-from dvrk_gravity.files.lock import alone_in
+from dvrk_gravity.files.lock import lock_folder
 from dvrk_gravity.planning import Plan
 from dvrk_gravity.recording import JOINT_STATE, STAMP, BagReader, BagWriter
 
@@ -104,16 +104,16 @@ class Journal:
         journal = cls(out, fingerprint(plans), topic)
         journal.folder.mkdir(exist_ok=True)
         try:
-            with alone_in(journal.folder, "--out"):
+            with lock_folder(journal.folder, "--out"):
                 if journal.file.exists():
-                    journal = cls._found(journal, plans, resume)
+                    journal = cls._resume(journal, plans, resume)
                 yield journal
         finally:
             with suppress(OSError):  # something was begun, or all is done
                 journal.folder.rmdir()
 
     @classmethod
-    def _found(cls, journal: Journal, plans: Sequence[Plan], resume: bool) -> Journal:
+    def _resume(cls, journal: Journal, plans: Sequence[Plan], resume: bool) -> Journal:
         """Return the state of an earlier process in a new one's place."""
         out, topic = journal.out, journal.topic
         found = cls._read(journal.file, out, plans)
@@ -307,9 +307,12 @@ class Journal:
                 for received, data in self._messages(part):
                     stamp = _stamp(data)
                     if shift is None or shift_received is None:
-                        shift, shift_received = _late(last, stamp), _late(last_received, received)
+                        shift, shift_received = (
+                            _clock_shift(last, stamp),
+                            _clock_shift(last_received, received),
+                        )
                     if shift:
-                        data = _stamped(data, stamp + shift)
+                        data = _with_stamp(data, stamp + shift)
                     last = max(last, stamp + shift)
                     last_received = max(last_received, received + shift_received)
                     bag.write(self.topic, JOINT_STATE, data, received + shift_received)
@@ -354,25 +357,25 @@ def fingerprint(plans: Sequence[Plan]) -> str:
     return of.hexdigest()[:16]
 
 
-def _late(last: int, first: int) -> int:
+def _clock_shift(last: int, first: int) -> int:
     """Return by how much a part that begins at a time is set on, after the last one before, ns."""
     return last + round(_APART * 1e9) - first if first <= last else 0
 
 
-def _order(data: bytes) -> str:
+def _byte_order(data: bytes) -> str:
     return "little" if data[1] else "big"
 
 
 def _stamp(data: bytes) -> int:
     """Return the stamp of a JointState in CDR bytes, ns."""
-    order: Any = _order(data)
+    order: Any = _byte_order(data)
     seconds, ns = data[STAMP][:4], data[STAMP][4:]
     return int.from_bytes(seconds, order) * 1_000_000_000 + int.from_bytes(ns, order)
 
 
-def _stamped(data: bytes, stamp: int) -> bytes:
+def _with_stamp(data: bytes, stamp: int) -> bytes:
     """Return the JointState with another stamp, ns."""
-    order: Any = _order(data)
+    order: Any = _byte_order(data)
     seconds, ns = divmod(stamp, 1_000_000_000)
     return (
         data[: STAMP.start]

@@ -9,7 +9,14 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting.driver import States
-from dvrk_gravity.planning import RISE, RISE_BOUNDS, FourierMotion, PlanLimits, PosePath, exceeded
+from dvrk_gravity.planning import (
+    RISE,
+    RISE_BOUNDS,
+    FourierMotion,
+    PlanLimits,
+    PosePath,
+    worst_violation,
+)
 
 # Covered within a ramp of length 1: the integral of 10 s^3 - 15 s^4 + 6 s^5, half of it in the end.
 _WAY = RISE.integ()
@@ -18,7 +25,7 @@ _STEP = 1e-3  # s, of the grid within a ramp
 
 
 @dataclass(frozen=True, eq=False)
-class Paced:
+class PacedMotion:
     """q(s(t)): the path of a motion, of which s(t) seconds have passed after t.
 
     s begins at ``begin - speed ramp / 2``, and its rate rises smoothly from 0 to ``speed`` within
@@ -78,11 +85,11 @@ class Paced:
         moments, extra = self.motion.grid(step, rows)
         first = int(np.searchsorted(moments, self.begin))
         after = np.concatenate([[self.begin], moments[first:]])
-        beside = np.concatenate([extra[:, first : first + 1], extra[:, first:]], axis=1)
-        beside = beside * self.speed ** np.arange(3.0)[:, None, None]
+        allowance = np.concatenate([extra[:, first : first + 1], extra[:, first:]], axis=1)
+        allowance = allowance * self.speed ** np.arange(3.0)[:, None, None]
         times = self.ramp + (after - self.begin) / self.speed
         if not self.ramp:
-            return times, beside
+            return times, allowance
         second, third, fourth = extra.max(axis=1) * 8.0 / step**2
         speeds = np.abs(self.motion.at(moments)[1] @ rows.T) + extra[1]
         rate, slope, curve, change = (  # of s by time, and of its derivatives
@@ -100,18 +107,18 @@ class Paced:
         count = int(np.ceil(self.ramp / _STEP))
         within = np.tile(np.array(bounds)[:, None], (1, count, 1)) * _STEP**2 / 8.0
         # The point at the end of the ramp has an interval on either side.
-        beside[:, 0] = np.maximum(beside[:, 0], within[:, 0])
+        allowance[:, 0] = np.maximum(allowance[:, 0], within[:, 0])
         ramp = self.ramp * np.arange(count) / count
-        return np.concatenate([ramp, times]), np.concatenate([within, beside], axis=1)
+        return np.concatenate([ramp, times]), np.concatenate([within, allowance], axis=1)
 
 
-def resumed(
+def resume_motion(
     motion: FourierMotion | PosePath,
     begins: list[float],
     limits: PlanLimits,
     arm: Arm,
     speed: float = 1.0,
-) -> Paced:
+) -> PacedMotion:
     """Return the rest of a motion from rest, within limits of acceleration.
 
     The latest beginning and the shortest ramp that keep them are taken; where none does, it is
@@ -129,7 +136,7 @@ def resumed(
         for ramp in RAMPS:
             if begin - 0.5 * speed * ramp < 0.0:
                 break
-            paced = Paced(motion, speed, begin, ramp)
-            if exceeded(paced, of_joints, arm) is None:
+            paced = PacedMotion(motion, speed, begin, ramp)
+            if worst_violation(paced, of_joints, arm) is None:
                 return paced
-    return Paced(motion, speed)
+    return PacedMotion(motion, speed)

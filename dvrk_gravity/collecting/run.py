@@ -15,11 +15,11 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting.driver import Driver, Path, States
 from dvrk_gravity.collecting.effort_watch import EffortWatch
 from dvrk_gravity.collecting.journal import JOINING, MOTION, REHEARSAL, Journal, discard
-from dvrk_gravity.collecting.pace import Paced, resumed
+from dvrk_gravity.collecting.pace import PacedMotion, resume_motion
 from dvrk_gravity.compensate import MotionError
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import UNSEEN, Plan, PlanLimits, Slack, Straight, exceeded
+from dvrk_gravity.planning import UNSEEN, Plan, PlanLimits, Slack, Straight, worst_violation
 from dvrk_gravity.recording import JOINT_STATE, BagWriter
 from dvrk_gravity.units import quantity
 
@@ -63,21 +63,21 @@ class MotionStoppedError(MotionError):
 
 
 @dataclass(frozen=True)
-class Collected:
+class CollectedRecording:
     """What was recorded.
 
     Attributes:
         bag: Folder of the rosbag2.
         samples: Messages in it.
         seconds: Planned duration of the motions, s.
-        longer: Excess over it, s of the arm's clock: of pauses of this computer.
+        excess_time: Excess over it, s of the arm's clock: of pauses of this computer.
         parts: Goes that it was recorded in: more than one if it was resumed.
     """
 
     bag: FilePath
     samples: int
     seconds: float
-    longer: float
+    excess_time: float
     parts: int
 
 
@@ -95,7 +95,7 @@ def collect(
     consent: Callable[[str], bool] = lambda question: True,
     report: Callable[[str], None] = print,
     progress: Callable[[str, float], None] = lambda phase, part: None,
-) -> Collected:
+) -> CollectedRecording:
     """Move an arm along a plan, or several one after the other, and record it.
 
     Before each motion the arm approaches its beginning on a straight line, and goes through it at
@@ -140,7 +140,7 @@ def collect(
             journal.enter(journal.motion, JOINING, 0.0, approaching=False)
         samples, parts = journal.join(plans, 2.0 * settings.mark), len(journal.parts)
         discard(journal.out)
-        return Collected(journal.out, samples, seconds, work.longer, parts)
+        return CollectedRecording(journal.out, samples, seconds, work.excess_time, parts)
 
 
 class _Collection:
@@ -165,7 +165,7 @@ class _Collection:
         self._report, self._progress = report, progress
         self._checked: list[PlanLimits | None] = [None] * len(plans)
         self._turns = np.zeros(plans[0].arm.n)  # of endless joints, rad
-        self.longer = 0.0
+        self.excess_time = 0.0
 
     def move(self, rehearse: bool) -> None:
         """Carry out what is left of the plans."""
@@ -186,10 +186,10 @@ class _Collection:
         except RecordingError as error:  # its end could not be written
             stopped = stopped or self._note(error)
         if isinstance(stopped, KeyboardInterrupt):
-            self._report(self._stopped())
+            self._report(self._stop_text())
             raise stopped
         if stopped is not None:
-            raise MotionStoppedError(journal.phase, journal.moment, journal.why, self._stopped())
+            raise MotionStoppedError(journal.phase, journal.moment, journal.why, self._stop_text())
 
     def _motions(
         self, bag: BagWriter, first: int, where: Array, rehearse: bool
@@ -225,16 +225,16 @@ class _Collection:
             where = self._connect(number)
         paced = self._remaining(number, begins)
         journal.drop_from(number, paced.begin)
-        self.longer += self._phase(bag, number, MOTION, paced, where)
+        self.excess_time += self._phase(bag, number, MOTION, paced, where)
         if number + 1 < len(self._plans):
             self._driver.hold()
             where = self._connect(number + 1)
         return where
 
-    def _remaining(self, number: int, begins: list[float], speed: float = 1.0) -> Paced:
+    def _remaining(self, number: int, begins: list[float], speed: float = 1.0) -> PacedMotion:
         """Return what is left of a motion, from one of these moments on, s."""
         plan = self._plans[number]
-        return resumed(plan.motion, begins, self._limits_now(number), plan.arm, speed)
+        return resume_motion(plan.motion, begins, self._limits_now(number), plan.arm, speed)
 
     def _connect(self, number: int) -> Array:
         """Return where the arm rests, an endless joint as if it were in its limits' turn."""
@@ -242,7 +242,9 @@ class _Collection:
         self._turns = self._limits_now(number).turns(self._plans[number].arm, where)
         return where - self._turns
 
-    def _phase(self, bag: BagWriter, number: int, phase: str, paced: Paced, where: Array) -> float:
+    def _phase(
+        self, bag: BagWriter, number: int, phase: str, paced: PacedMotion, where: Array
+    ) -> float:
         """Approach, and follow a motion; return its excess over the planned time, s."""
         plan, journal, driver = self._plans[number], self._journal, self._driver
         recorded = phase == MOTION
@@ -251,12 +253,12 @@ class _Collection:
         limits = self._require_paced(number, paced)
         while True:
             approach = Straight.within(where, paced.at(0.0)[0], limits, self._settings.approach)
-            if beyond := exceeded(approach, limits, plan.arm, self._model, UNSEEN):
+            if beyond := worst_violation(approach, limits, plan.arm, self._model, UNSEEN):
                 raise MotionError(
                     f"the straight way to the plan's beginning {_excess(beyond)}: move the arm "
                     "nearer to the beginning by hand"
                 )
-            there, through = self._turned(approach), self._turned(paced)
+            there, through = self._in_recorded_turns(approach), self._in_recorded_turns(paced)
             self._look(there, approach.duration)
             # Before the approach: between the two, the arm is under command and waits for nothing.
             self._look(through, paced.duration)
@@ -286,7 +288,7 @@ class _Collection:
         journal.mark(plan.duration, bag)
         return longer
 
-    def _turned(self, way: Straight | Paced) -> Path:
+    def _in_recorded_turns(self, way: Straight | PacedMotion) -> Path:
         """Return a way in the turns in which endless joints are."""
         turns = self._turns
 
@@ -297,7 +299,7 @@ class _Collection:
         return turned
 
     def _follow(
-        self, number: int, name: str, way: Straight | Paced, path: Path, limits: PlanLimits,
+        self, number: int, name: str, way: Straight | PacedMotion, path: Path, limits: PlanLimits,
         record: Callable[[bytes], None] | None = None,
         progress: Callable[[float], None] = lambda part: None,
     ) -> float:  # fmt: skip
@@ -312,12 +314,12 @@ class _Collection:
         watch = EffortWatch(way.at, self._plans[number].arm, limits.effort, self._model)
         return self._driver.follow(path, way.duration, record, shown, watch)
 
-    def _require_paced(self, number: int, paced: Paced) -> PlanLimits:
+    def _require_paced(self, number: int, paced: PacedMotion) -> PlanLimits:
         """Return the limits of now, which a motion keeps at its pace, too."""
         limits, plan = self._limits_now(number), self._plans[number]
         if not paced.whole:  # its places are the plan's
             of_joints = replace(limits, boxes=())
-            if beyond := exceeded(paced, of_joints, plan.arm, self._model):
+            if beyond := worst_violation(paced, of_joints, plan.arm, self._model):
                 raise MotionError(f"the plan at this pace {_excess(beyond)}: plan again")
         return limits
 
@@ -329,7 +331,7 @@ class _Collection:
         plan = self._plans[number]
         limits = plan.limits if self._limits is None else plan.limits.and_those(self._limits())
         if not _same(limits, self._checked[number]):
-            if beyond := exceeded(plan.motion, limits, plan.arm, self._model):
+            if beyond := worst_violation(plan.motion, limits, plan.arm, self._model):
                 raise MotionError(f"the plan {_excess(beyond)}: plan again within these limits")
             self._checked[number] = limits
         return limits
@@ -345,7 +347,7 @@ class _Collection:
             self._journal.save()
         return error
 
-    def _stopped(self) -> str:
+    def _stop_text(self) -> str:
         journal = self._journal
         return f"{journal.out}: {journal.place()}. Kept in {journal.folder}; --resume goes on"
 

@@ -9,10 +9,10 @@ from typing import Self
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting.driver import Path, Watch, held_on_error
+from dvrk_gravity.collecting.driver import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
     DroppedSampleError,
-    Following,
+    FollowingErrorCheck,
     InputGate,
     MotionError,
     Sample,
@@ -80,7 +80,7 @@ class SimulatedDriver:
         self.heard = True
         self._type, self._rate = arm, rate
         self._start_ns = time.time_ns()
-        self._gate, self._following = InputGate(arm), Following(arm)
+        self._gate, self._following = InputGate(arm), FollowingErrorCheck(arm)
         self._commanded: tuple[Array, Array] | None = None  # position and velocity
         self._moment = 0.0  # of the set point, on its path, s
 
@@ -105,7 +105,7 @@ class SimulatedDriver:
                 raise MotionError(f"{self.topic}: no arm: nothing publishes it")
             heard.append(self._following.position)
         try:
-            position = self._following.at_rest(np.array(heard))
+            position = self._following.rest_position(np.array(heard))
             require_within(self._type, position)
         except (MotionError, StartRefusedError) as error:
             raise MotionError(f"{self.topic}: {error}") from error
@@ -121,7 +121,7 @@ class SimulatedDriver:
     ) -> float:
         """Drive the arm along a path: :meth:`Driver.follow`."""
         moments = np.append(np.arange(0.0, duration, 1.0 / self._rate), duration)
-        with held_on_error(self.hold):
+        with hold_on_error(self.hold):
             for start in range(0, len(moments), _BLOCK):
                 block = moments[start : start + _BLOCK]
                 position, velocity, _ = path(block)

@@ -1,12 +1,12 @@
 from .command_order import STATEMENT as STATEMENT
-from .command_order import Takers as Takers
-from .command_order import shifted as shifted
+from .command_order import CommandSubscribers as CommandSubscribers
+from .command_order import order_mismatch as order_mismatch
 from .command_order import stated_order as stated_order
 from .command_watch import CommandWatch as CommandWatch
 from .constant_check import ConstantCheck as ConstantCheck
-from .following import LAG as LAG
-from .following import Following as Following
-from .following import MotionError as MotionError
+from .following_error import LAG as LAG
+from .following_error import FollowingErrorCheck as FollowingErrorCheck
+from .following_error import MotionError as MotionError
 from .input_gate import InputGate as InputGate
 from .input_gate import MotionCheck as MotionCheck
 from .limits import CONSIDERABLE as CONSIDERABLE
@@ -20,7 +20,7 @@ from .sample import Sample as Sample
 from .sample import SampleReader as SampleReader
 from .settings import Settings as Settings
 from .simulation_check import in_simulation as in_simulation
-from .simulation_check import let_go as let_go
+from .simulation_check import simulate_release as simulate_release
 from .simulation_check import with_simulation as with_simulation
 from .speed_guard import SpeedGuard as SpeedGuard
 from .start import DRY_SPEED as DRY_SPEED
@@ -32,5 +32,5 @@ from .supervisor import Supervisor as Supervisor
 from .watchdogs import SAME_TOPIC as SAME_TOPIC
 from .watchdogs import UNWATCHED as UNWATCHED
 from .watchdogs import Watchdogs as Watchdogs
-from .watchdogs import Watching as Watching
+from .watchdogs import WatchdogStatus as WatchdogStatus
 from .watchdogs import unseen_commands as unseen_commands

@@ -35,7 +35,7 @@ def stated_order(joints: Sequence[str], stated: str) -> tuple[str, ...]:
     return order
 
 
-def shifted(joints: Sequence[str], names: Sequence[str]) -> str:
+def order_mismatch(joints: Sequence[str], names: Sequence[str]) -> str:
     """Return why efforts of ``joints`` would reach others in the order of a message's ``names``.
 
     ``""``: they would not. Joints of another device behind the arm's own shift none.
@@ -52,10 +52,10 @@ def shifted(joints: Sequence[str], names: Sequence[str]) -> str:
     )
 
 
-class Takers:
+class CommandSubscribers:
     """Who takes an array of efforts, and in which order of joints, as they answer.
 
-    A taker is one subscription to the command topic. Times are seconds of a monotonic clock.
+    A subscriber is one subscription to the command topic. Times are seconds of a monotonic clock.
     """
 
     def __init__(self, topic: str, order: Sequence[str], stated: bool) -> None:
@@ -67,29 +67,31 @@ class Takers:
         self._known: set[str] = set()  # nodes that have answered with an order
 
     def look(self, nodes: Mapping[bytes, str], now: float) -> None:
-        """Note the takers that are there: their nodes' full names by the subscription's number."""
+        """Note the subscribers that are there: their nodes' full names by subscription number."""
         self._nodes = nodes
-        self._since = {taker: self._since.get(taker, now) for taker in nodes}
-        self._answers = {taker: each for taker, each in self._answers.items() if taker in nodes}
+        self._since = {subscriber: self._since.get(subscriber, now) for subscriber in nodes}
+        self._answers = {
+            subscriber: each for subscriber, each in self._answers.items() if subscriber in nodes
+        }
 
     def unanswered(self) -> dict[bytes, str]:
-        """Return the takers that have not answered, late ones included."""
+        """Return the subscribers that have not answered, late ones included."""
         return {each: node for each, node in self._nodes.items() if each not in self._answers}
 
-    def to_ask(self, now: float) -> dict[bytes, str]:
-        """Return those of them that have been there for :data:`BECOMES_KNOWN`."""
+    def due_questions(self, now: float) -> dict[bytes, str]:
+        """Return the unanswered ones that have been there for :data:`BECOMES_KNOWN`."""
         return {
             each: node
             for each, node in self.unanswered().items()
             if now - self._since[each] >= BECOMES_KNOWN
         }
 
-    def answer(self, taker: bytes, joints: Sequence[str]) -> None:
-        """Note the joints of a taker in its order, none: it has no such parameter."""
-        if taker in self._nodes:
-            self._answers[taker] = tuple(joints)
+    def answer(self, subscriber: bytes, joints: Sequence[str]) -> None:
+        """Note the joints of a subscriber in its order, none: it has no such parameter."""
+        if subscriber in self._nodes:
+            self._answers[subscriber] = tuple(joints)
             if joints:
-                self._known.add(self._nodes[taker])
+                self._known.add(self._nodes[subscriber])
 
     def obstacle(self, now: float, active: bool) -> str:
         """Return why the arm must not be commanded, ``""``: it may.
@@ -98,13 +100,15 @@ class Takers:
         controller that starts again): others are recorders, which apply no commands.
         """
         agreed = False
-        for taker, node in self._nodes.items():
-            joints = self._answers.get(taker, ())
+        for subscriber, node in self._nodes.items():
+            joints = self._answers.get(subscriber, ())
             if joints and joints != self._order:
-                return self._differs(node, joints)
+                return self._mismatch(node, joints)
             agreed = agreed or bool(joints)
         pending = [
-            node for taker, node in self.unanswered().items() if now - self._since[taker] < PATIENCE
+            node
+            for subscriber, node in self.unanswered().items()
+            if now - self._since[subscriber] < PATIENCE
         ]
         if active:
             pending = [node for node in pending if node in self._known]
@@ -118,7 +122,7 @@ class Takers:
             f"(parameter joints): state it, {STATEMENT}:={_list(self._order)} if it is the model's"
         )
 
-    def _differs(self, node: str, joints: Sequence[str]) -> str:
+    def _mismatch(self, node: str, joints: Sequence[str]) -> str:
         out = f"{STATEMENT}:={_list(joints)}"
         if sorted(joints) != sorted(self._order):
             out = "give the controller the model's joints alone"

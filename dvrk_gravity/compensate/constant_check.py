@@ -52,7 +52,7 @@ class ConstantCheck:
         self._lower, self._upper = arm.lower + STOP * arm.scale, arm.upper - STOP * arm.scale
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """Whether all joints have stayed where they were released."""
         return not np.count_nonzero(self._doubt)
 

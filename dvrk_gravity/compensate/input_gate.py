@@ -37,7 +37,7 @@ SLOW, TRUSTED, ASTRAY, LATE, RECENT = 0.02, 0.7, 0.02, 0.12, 0.2
 SOONEST = 0.2
 
 
-class Admitted(NamedTuple):
+class AdmittedSample(NamedTuple):
     """A measurement that is believed.
 
     Attributes:
@@ -93,7 +93,7 @@ class InputGate:
 
     def admit(
         self, sample: Sample, now: float, clock: int, timeout: float, oldest: float, active: bool
-    ) -> Admitted:
+    ) -> AdmittedSample:
         """Return the sample if it is believed.
 
         Args:
@@ -132,7 +132,7 @@ class InputGate:
         self._valid, self._stamp = now, stamp
         if advances:
             self._advance, self._advanced_to = now, stamp
-        return Admitted(believed, step, gap)
+        return AdmittedSample(believed, step, gap)
 
     def _require_prompt(self, age: float, now: float, timeout: float, active: bool) -> None:
         """Refuse a message that has been on its way for longer than others, by the time-out."""
@@ -219,10 +219,10 @@ class MotionCheck:
                 )
             ):
                 self._dropped = sample  # later ones near it are out of reach, too
-                raise self._jumped(change, step)
+                raise self._jump_error(change, step)
         self._last, self._time, self._dropped = sample, now, None
         self._compare(sample)
-        return self._believed(sample)
+        return self._with_believed_velocity(sample)
 
     def _compare(self, sample: Sample) -> None:
         """Compare reported velocities with those of the positions, through the same filter."""
@@ -276,7 +276,7 @@ class MotionCheck:
             "drifts? Move the joint by hand, and compare both with it"
         )
 
-    def _believed(self, sample: Sample) -> Sample:
+    def _with_believed_velocity(self, sample: Sample) -> Sample:
         velocity = sample.velocity
         if velocity is None:
             self.velocity = self._observed
@@ -296,7 +296,7 @@ class MotionCheck:
         farthest = (UNTIMED_STEP + FASTEST * step) * self._scale
         return bool((np.abs(sample.position - last.position) <= farthest).all())
 
-    def _jumped(self, change: Array, step: float) -> DroppedSampleError:
+    def _jump_error(self, change: Array, step: float) -> DroppedSampleError:
         joint = int(np.argmax(np.abs(change / self._scale)))
         unit = "rad" if self._scale[joint] == 1.0 else "m"
         return DroppedSampleError(

@@ -2,18 +2,19 @@
 
 Friction compensation pushes along the motion. Where it pushes with more than the arm's friction
 takes out, the arm runs away, and an arm in a springy hand swings higher and higher. The friction is
-not known; it is assumed to be at least half of the model's (`sure`: the model may overestimate it
-by up to 100 %).
+not known; it is assumed to be at least half of the model's (`certain_friction`: the model may
+overestimate it by up to 100 %).
 
 **Observed.** Let f v be the power of the compensation at full factor, friction torque times
 velocity, and `part` the part of the modelled friction that f is. With a factor s applied,
 
     net power into arm and hand  <=  (s - sure / part) f v,
 
-since friction takes out at least `sure` / part times f v. The integral of the right-hand side is
-the energy that the compensation may have fed in; where it falls, friction took energy out. It is
-the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity control of haptic
-interfaces", IEEE Trans. Robotics and Automation 18:1, with a known loss on the device's side.
+since friction takes out at least `certain_friction` / part times f v. The integral of the
+right-hand side is the energy that the compensation may have fed in; where it falls, friction took
+energy out. It is the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity control
+of haptic interfaces", IEEE Trans. Robotics and Automation 18:1, with a known loss on the device's
+side.
 
 Delay does not spoil the bound: f(v(t - d)) v(t) is at most |f| |v(t)| for dry friction, and for
 viscous friction its integral is at most that without delay (Cauchy and Schwarz). But the account
@@ -26,21 +27,21 @@ can show the same motion. But only growth does harm, and the growth of a passive
 (springs, masses, dampers of any size) shows: at the top speed of a swing all of its energy and the
 arm's is kinetic. So, for each joint:
 
-1. `fed` is the energy since the top of the last swing.
-2. A joint that is faster than its `allowance` and than `growth` times its `base` speed owes `fed`:
+1. `fed` is the energy since the top of the last swing. 2. A joint that is faster than its
+`allowance` and than `allowed_growth` times its `base` speed owes `fed`:
    the last top was below that speed, and nothing else but a hand can have driven it beyond.
 3. While it owes, no friction is compensated; the friction that is certain pays.
 4. Then a passive hand and the arm have no more energy than that speed stands for. A joint that is
-   still faster `settling` later is driven by a hand that works: its speed is the new base. Any
+   still faster `settling_time` later is driven by a hand that works: its speed is the new base. Any
    other keeps its base.
 5. The base falls towards the tops of slower swings, and to zero after a rest.
 
-So a passive hand and arm get no faster than `growth` times the base, or the allowance, except for
-the energy of a single swing, the effect of delay and what coupled joints pass on: the base does not
-rise without a hand's work. A hand that works loses its compensation for about a tenth of a second
-each time that it moves a joint faster by `growth` than lately. No inertia enters. Joints that share
-motors have one factor, the least of theirs: parts of a motor's friction that differ by joint would
-feed energy of their own.
+So a passive hand and arm get no faster than `allowed_growth` times the base, or the allowance,
+except for the energy of a single swing, the effect of delay and what coupled joints pass on: the
+base does not rise without a hand's work. A hand that works loses its compensation for about a tenth
+of a second each time that it moves a joint faster by `allowed_growth` than lately. No inertia
+enters. Joints that share motors have one factor, the least of theirs: parts of a motor's friction
+that differ by joint would feed energy of their own.
 
 `benchmark/passivity.py` measures both.
 """
@@ -62,34 +63,35 @@ class PassivitySettings:
     `benchmark/passivity.py` passes with these; its cases set those without a reason of their own.
 
     Attributes:
-        sure: Part of the modelled friction that is certain: 1 / (1 + 100 %).
-        growth: Growth of a joint's top speed that is allowed. A smaller one interferes with the
-            ordinary unevenness of a hand's motion.
-        settling: s from payment to judgement: 30 ms of delay, 20 ms until the factor is down, and
-            as long again in which a joint without a hand slows down. With 0.05 s a delayed
+        certain_friction: Part of the modelled friction that is certain: 1 / (1 + 100 %).
+        allowed_growth: Growth of a joint's top speed that is allowed. A smaller one interferes with
+            the ordinary unevenness of a hand's motion.
+        settling_time: s from payment to judgement: 30 ms of delay, 20 ms until the factor is down,
+            and as long again in which a joint without a hand slows down. With 0.05 s a delayed
             velocity passes for a hand's.
-        moves: Speed that counts as motion: the default dead band, below which nothing is fed.
-        rest: A hand's spring that cannot move a joint for so long, s, has no energy to return.
-        forget: The base is kept longer, s, so that a hand that pauses between its moves is not
+        moving_speed: Speed that counts as motion: the default dead band, below which nothing is
+            fed.
+        rest_time: A hand's spring that cannot move a joint for so long, s, has no energy to return.
+        memory_time: The base is kept longer, s, so that a hand that pauses between its moves is not
             slowed at each.
-        kept: Part of the base that is kept at each slower swing.
-        certain: A speed is certainly beyond a limit by this factor…
-        certain_by: … and by this: encoders' steps and noise.
+        base_decay: Part of the base that is kept at each slower swing.
+        speed_factor: A speed is certainly beyond a limit by this factor…
+        speed_margin: … and by this: encoders' steps and noise.
         period: Motions of a hand are below 20 Hz: every fifth sample at 1 kHz, s, is often enough.
-        fade: From one end of the factor to the other, s: not a jolt.
+        fade_time: From one end of the factor to the other, s: not a jolt.
     """
 
-    sure: float = 0.5
-    growth: float = 1.3
-    settling: float = 0.07
-    moves: float = 0.05
-    rest: float = 0.5
-    forget: float = 2.0
-    kept: float = 0.8
-    certain: float = 1.02
-    certain_by: float = 0.03
+    certain_friction: float = 0.5
+    allowed_growth: float = 1.3
+    settling_time: float = 0.07
+    moving_speed: float = 0.05
+    rest_time: float = 0.5
+    memory_time: float = 2.0
+    base_decay: float = 0.8
+    speed_factor: float = 1.02
+    speed_margin: float = 0.03
     period: float = 0.0049
-    fade: float = 0.02
+    fade_time: float = 0.02
 
 
 SETTINGS = PassivitySettings()
@@ -127,10 +129,10 @@ class PassivityObserver:
 
     def limit(self, part: Array, allowance: Array) -> None:
         """Replace the (n,) part and allowance; debts stay."""
-        sure = SETTINGS.sure / np.maximum(part, 1e-9)
+        sure = SETTINGS.certain_friction / np.maximum(part, 1e-9)
         reach = (allowance * self._per_scale).tolist()
         for joint, *values in zip(self._joints, sure.tolist(), reach, strict=True):
-            joint.sure, joint.allowance = values
+            joint.dissipation_ratio, joint.allowance = values
 
     def update(self, velocity: Array | None, friction: Array, now: float) -> Array:
         """Return the (n,) factor to apply to a sample's friction torque.
@@ -170,12 +172,24 @@ class _Joint:
     """The account of one joint; the module's text explains each name."""
 
     __slots__ = (
-        "allowance", "base", "debt", "factor", "fed", "fed_since_top", "owes", "paid_for",
-        "resting", "sign", "sure", "top",
+        "allowance",
+        "base",
+        "debt",
+        "dissipation_ratio",
+        "factor",
+        "fed",
+        "fed_since_top",
+        "owes",
+        "paid_for",
+        "resting",
+        "sign",
+        "top",
     )  # fmt: skip
 
     def __init__(self) -> None:
-        self.sure = 0.0  # what friction takes out at least, over the power of the compensation
+        self.dissipation_ratio = (
+            0.0  # what friction takes out at least, over the power of the compensation
+        )
         self.allowance = 0.0  # rad/s
         self.factor = 1.0
         self.sign = 0.0  # of the present swing
@@ -191,10 +205,10 @@ class _Joint:
     def go(self, velocity: float, power: float, applied: float, step: float) -> float:
         """Advance by one step, s, and return the factor of this joint."""
         speed = abs(velocity)
-        if speed < SETTINGS.moves:
+        if speed < SETTINGS.moving_speed:
             self.resting += step
-            if self.resting > SETTINGS.rest:
-                if self.resting - step <= SETTINGS.forget:
+            if self.resting > SETTINGS.rest_time:
+                if self.resting - step <= SETTINGS.memory_time:
                     self._rest()
                 return 1.0
         else:
@@ -202,7 +216,7 @@ class _Joint:
             if velocity * self.sign <= 0.0:
                 self._turn(velocity)
         # Conditions rather than min and max: this runs seven times a sample.
-        energy = (applied - self.sure) * power * step
+        energy = (applied - self.dissipation_ratio) * power * step
         self.fed += energy
         if self.fed < 0.0:
             self.fed = 0.0
@@ -216,26 +230,26 @@ class _Joint:
             self.debt += energy
             if self.debt <= 0.0:
                 self.paid_for += step
-                if self.paid_for > SETTINGS.settling:
+                if self.paid_for > SETTINGS.settling_time:
                     self._judge(speed)
-            self.factor = max(self.factor - step / SETTINGS.fade, 0.0)
+            self.factor = max(self.factor - step / SETTINGS.fade_time, 0.0)
         else:
-            if speed > self.allowance and speed > SETTINGS.growth * self.base:
+            if speed > self.allowance and speed > SETTINGS.allowed_growth * self.base:
                 self.owes, self.debt, self.paid_for = True, self.fed, 0.0
             if self.factor < 1.0:
-                self.factor = min(self.factor + step / SETTINGS.fade, 1.0)
+                self.factor = min(self.factor + step / SETTINGS.fade_time, 1.0)
         return self.factor
 
     def _turn(self, velocity: float) -> None:
         """Begin a swing in the other direction."""
         self.sign = 1.0 if velocity > 0.0 else -1.0
-        self.base = min(self.base, max(self.top, SETTINGS.kept * self.base))
+        self.base = min(self.base, max(self.top, SETTINGS.base_decay * self.base))
         self.top, self.fed = 0.0, self.fed_since_top
 
     def _judge(self, speed: float) -> None:
         """Decide, after payment, whether a hand keeps up the speed."""
-        limit = max(SETTINGS.growth * self.base, self.allowance)
-        if speed > SETTINGS.certain * limit + SETTINGS.certain_by:
+        limit = max(SETTINGS.allowed_growth * self.base, self.allowance)
+        if speed > SETTINGS.speed_factor * limit + SETTINGS.speed_margin:
             self.base = speed
         elif speed > limit:
             return
@@ -246,5 +260,5 @@ class _Joint:
         self.owes = False
         self.factor = 1.0
         self.top = self.fed = self.fed_since_top = 0.0
-        if self.resting > SETTINGS.forget:
+        if self.resting > SETTINGS.memory_time:
             self.base = 0.0

@@ -60,7 +60,7 @@ class Settings:
     enabled: bool
     resume_automatically: bool
     disable_builtin: bool
-    _given: Mapping[str, Value] = field(default_factory=dict)  # the model's parameters
+    _model_values: Mapping[str, Value] = field(default_factory=dict)  # the model's parameters
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any], before: Settings | None = None) -> Settings:
@@ -81,7 +81,7 @@ class Settings:
         value: dict[str, Any] = defaults | checked
         arm = _with_limits(arm, value["effort_limit"])
         of_model = {name: checked[name] for name in model_parameters(arm) if name in checked}
-        if before is not None and of_model == before._given:
+        if before is not None and of_model == before._model_values:
             model = before.model
         else:
             model = TorqueModel.from_parameters(checked, arm)
@@ -123,7 +123,7 @@ class Settings:
             allowance=allowance,
             speed_limit=np.array(value["speed_limit"]),
             resume_automatically=value["resume"] == "automatic",
-            _given=of_model,
+            _model_values=of_model,
             **{name: value[name] for name in unchanged},
         )
 
@@ -142,16 +142,16 @@ class Settings:
         conservative, friction = self.parts(q, qd)
         return conservative + friction
 
-    def at_rest(self, q: Array) -> Array:
+    def static_torque(self, q: Array) -> Array:
         """Return the (n,) torque within the limits that holds the arm at (n,) positions, N·m."""
         return self.limits.clip(self.torque(q, None))
 
-    def left_out(self, q: Array) -> Array:
-        """Return what the limits leave out of that, (n,) parts of the arm's own effort limits."""
+    def clipped_share(self, q: Array) -> Array:
+        """Return (n,) what the limits clip from the static torque, over the arm's effort limits."""
         torque = self.torque(q, None)
         return np.abs(self.limits.clip(torque) - torque) / self.model.arm.effort_limit
 
-    def asks_as(self, other: Settings) -> bool:
+    def commands_like(self, other: Settings) -> bool:
         """Return whether other settings command the same torque at every state of the arm."""
         return self is other or (
             self.model is other.model
@@ -185,29 +185,31 @@ class Settings:
 
     @cached_property
     def _parts(self) -> Parts:
-        terms = (term for term in self.model.terms if term.COMPENSATED and not self._left(term))
+        terms = (
+            term for term in self.model.terms if term.COMPENSATED and not self._held_by_arm(term)
+        )
         return prepare_parts(terms, self.friction_ratio)
 
-    def _left(self, term: Term) -> bool:
+    def _held_by_arm(self, term: Term) -> bool:
         """Return whether the arm itself compensates a term: its own weight."""
         return term.WEIGHT_OF_ARM and not self.model.arm.gravity_in_command
 
     def weight(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm's own weight by the model, N·m."""
-        return self._at_rest(q, (term for term in self.model.terms if term.WEIGHT_OF_ARM))
+        return self._static_torque(q, (term for term in self.model.terms if term.WEIGHT_OF_ARM))
 
-    def holding(self, q: Array) -> Array:
+    def holding_effort(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm still, with the arm's own share, N·m."""
         torque = self.torque(q, None)
         return torque if self.model.arm.gravity_in_command else torque + self.weight(q)
 
-    def held(self, q: Array) -> Array:
+    def own_holding_effort(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm itself still by the model, no payload, N·m."""
         terms = (term for term in self.model.terms if term.COMPENSATED)
         own = (term for term in terms if term.WEIGHT_OF_ARM or term.gravity_vector is None)
-        return self._at_rest(q, own)
+        return self._static_torque(q, own)
 
-    def _at_rest(self, q: Array, terms: Iterable[Term]) -> Array:
+    def _static_torque(self, q: Array, terms: Iterable[Term]) -> Array:
         state = State.of(q - self.model.joint_offset)
         return np.asarray(sum((term.torque(state) for term in terms), np.zeros(q.shape)))
 
@@ -235,7 +237,7 @@ def _require_readings(model: TorqueModel) -> None:
     wrong = {
         name: value
         for effect in sensor_effects()
-        if effect.misleads(arm, errors)
+        if effect.invalidates_commands(arm, errors)
         for name, value in effect.written(arm, errors).items()
     }
     if wrong:

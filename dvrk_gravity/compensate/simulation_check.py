@@ -75,9 +75,9 @@ def in_simulation(
     elif not motion.present.all():
         notes.append("the motion is predicted only where all joints' efforts are recorded")
     else:
-        starts = _starts(motion, held_out)
+        starts = _window_starts(motion, held_out)
         with np.errstate(over="ignore", invalid="ignore"):  # reported below
-            before, after = (_missed(arm, motion, starts) for arm in arms)
+            before, after = (_prediction_errors(arm, motion, starts) for arm in arms)
         if not np.isfinite([before, after]).all():
             before = after = None
             notes.append(f"the motion is not predicted: {_AWAY}")
@@ -117,19 +117,19 @@ def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
 
 
 def _inertia_note(arm: ModelArm) -> str:
-    if arm.off is None:
-        return f"no inertia: that of {arm.known} is used instead"
-    if arm.off.max() <= _COMPLETED:
+    if arm.inertia_error is None:
+        return f"no inertia: that of {arm.inertia_source} is used instead"
+    if arm.inertia_error.max() <= _COMPLETED:
         return ""
-    joint, middle = int(np.argmax(arm.off)), float(np.median(arm.off))
+    joint, middle = int(np.argmax(arm.inertia_error)), float(np.median(arm.inertia_error))
     return (
         "inertia that no rigid bodies can have: the nearest ones are simulated, whose torque "
-        f"differs by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
+        f"differs by {100 * middle:.0f} % (median joint) to {100 * arm.inertia_error[joint]:.0f} % "
         f"({arm.model.arm.joint_names[joint]})"
     )
 
 
-def let_go(
+def simulate_release(
     plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION, part: float = 1.0
 ) -> Array:
     """Return how an arm drifts after release at a pose, compensated as by the node.
@@ -179,7 +179,7 @@ def _drift(
 ) -> Drift:
     plant = arm.plant(part)
     before, after = (
-        np.array([let_go(plant, model, pose, part=part) for pose in poses])
+        np.array([simulate_release(plant, model, pose, part=part) for pose in poses])
         for model in (given, extended)
     )
     return Drift(part, np.arange(before.shape[1]) / _RATE, before, after)
@@ -197,7 +197,7 @@ def _poses(motion: Motion) -> Array:
     return q[chosen]
 
 
-def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
+def _window_starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
     """Return the first samples of the predicted pieces, evenly spread over held-out spans."""
     inside = np.zeros(len(motion.q), dtype=bool)
     for first, last in held_out:
@@ -208,7 +208,7 @@ def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[
     return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
 
 
-def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> Array:
+def _prediction_errors(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> Array:
     """Return (n,) RMS error of predicted positions at the end of each piece."""
     plant = simulated.plant()
     arm, offset = plant.model.arm, plant.model.joint_offset
@@ -218,7 +218,7 @@ def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> A
         begin = motion.time[row]
         step = motion.time[row + 1] - begin
         rows = slice(row, row + int(1.0 + 1.5 * WINDOW / step))
-        efforts = _applied(plant, motion, rows, offset)
+        efforts = _applied_efforts(plant, motion, rows, offset)
         effort, there = (
             np.stack([np.interp(begin + at, motion.time[rows], column) for column in of.T], -1)
             for of, at in ((efforts, steps + 0.5 * STEP), (motion.q[rows], np.array([WINDOW])))
@@ -230,7 +230,7 @@ def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> A
     return np.sqrt(np.mean(np.square(missed), axis=0))
 
 
-def _applied(plant: Plant, motion: Motion, rows: slice, offset: Array) -> Array:
+def _applied_efforts(plant: Plant, motion: Motion, rows: slice, offset: Array) -> Array:
     """Return (N, n) efforts that acted on the arm: measured ones without sensor bias."""
     efforts = motion.effort[rows].copy()
     for part in plant.parts:

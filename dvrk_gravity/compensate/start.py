@@ -81,7 +81,7 @@ class Start:
         """Return whether there is enough to begin with."""
         return now - self.begin >= DURATION and len(self._models) >= LEAST_SAMPLES
 
-    def measures(self) -> bool:
+    def has_efforts(self) -> bool:
         """Return whether half of the samples have efforts that are not all exactly zero."""
         enough = len(self._efforts) >= USABLE * len(self._models)
         return enough and bool(np.any(self._efforts))
@@ -93,7 +93,7 @@ class Start:
 
     def _mean(self, settings: Settings) -> Array:
         """Return the (n,) mean of what holds the arm, with the weight that it does not read."""
-        return np.asarray(np.mean(self._efforts, axis=0) + _unread(settings, self._position))
+        return np.asarray(np.mean(self._efforts, axis=0) + _unread_weight(settings, self._position))
 
     def origin(self, settings: Settings, tolerance: float) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and its source in words.
@@ -116,7 +116,7 @@ class Start:
         weight = settings.weight(position)
         if not settings.weightless:
             _compare_with_masses(settings, position)
-        if not self.measures():
+        if not self.has_efforts():
             origin, source = model, "the model's torque: measured_js has no usable effort"
         elif settings.weightless and not arm.gravity_in_command:
             origin, source = model, "the model's torque: the arm holds its own weight"
@@ -139,7 +139,7 @@ class Start:
             )
         return settings.limits.clip(origin), source
 
-    def confirmed(
+    def confirmed_origin(
         self, settings: Settings, before: Settings, tolerance: float, measurable: bool
     ) -> tuple[Array, str]:
         """Return :meth:`origin` where the measured efforts support changed parameters.
@@ -155,12 +155,12 @@ class Start:
             return self.origin(settings, tolerance)
         if not measurable:
             why = "no measurement at rest supports them"
-        elif not self.measures():
+        elif not self.has_efforts():
             why = "measured_js has no usable effort to compare them with"
         else:
             limit, mean = settings.model.arm.effort_limit, self._mean(settings)
             was, now = (
-                np.linalg.norm((mean - each.holding(self._position)) / limit)
+                np.linalg.norm((mean - each.holding_effort(self._position)) / limit)
                 for each in (before, settings)
             )
             if now > was:
@@ -186,7 +186,7 @@ def require_within(arm: Arm, position: Array) -> None:
         )
 
 
-def _unread(settings: Settings, position: Array) -> Array:
+def _unread_weight(settings: Settings, position: Array) -> Array:
     """Return the (n,) holding efforts that the arm's readings leave out, N·m.
 
     Raises:
@@ -210,7 +210,7 @@ def _compare_with_masses(settings: Settings, position: Array) -> None:
     Measured efforts do not show it: they may be read as wrongly as the model's recordings were.
     """
     arm = settings.model.arm
-    weight = None if arm.newtons_said else stated_weight(arm, position)
+    weight = None if arm.newtons_stated else stated_weight(arm, position)
     if weight is None:
         return
     unit = 1.0 / arm.effort_size if arm.read_in == ANY_UNIT else 1.0  # the unit was never stated
@@ -236,7 +236,7 @@ def _compare_with_masses(settings: Settings, position: Array) -> None:
                 f"in its file: {hint}"
             )
         return
-    held = settings.held(position)
+    held = settings.own_holding_effort(position)
     ratio = float(arm.scale * held @ (arm.scale * weight)) / size
     worst = int(np.argmax(np.abs(arm.scale * weight)))
     if WEIGHT.least <= ratio <= WEIGHT.most_loaded:
@@ -282,7 +282,7 @@ def _compare(mean: Array, model: Array, settings: Settings, tolerance: float) ->
 
 
 def _dry_friction(settings: Settings, position: Array) -> Array:
-    """Return (n,) torques that friction holds at rest, as far as it is compensated, N·m."""
+    """Return the (n,) dry friction that is compensated, at rest the same both ways, N·m."""
     speed = DRY_SPEED * settings.model.arm.scale
     up, down = (settings.parts(position, way)[1] for way in (speed, -speed))
     return np.maximum(np.minimum(up, -down), 0.0)
@@ -300,7 +300,7 @@ class Deviation(NamedTuple):
     measurable: bool
 
 
-class Accepted:
+class AcceptedParameters:
     """The parameters of the last accepted start, beside those in force.
 
     Parameters that change after a start are compared with those it accepted, at the arm's present
@@ -320,7 +320,7 @@ class Accepted:
     def origin(
         self, start: Start, settings: Settings, position: Array, asked: bool
     ) -> tuple[Array, str]:
-        """Return :meth:`Start.origin`, or :meth:`Start.confirmed` for settings not yet accepted.
+        """Return :meth:`Start.origin`; of settings not yet accepted :meth:`Start.confirmed_origin`.
 
         ``asked``: a person has asked for this start, with the present parameters. ``position`` is
         (n,), rad or m.
@@ -331,7 +331,7 @@ class Accepted:
         unconfirmed = None if asked else self.deviation(settings, position)
         if unconfirmed is None:
             return start.origin(settings, settings.start_tolerance)
-        return start.confirmed(
+        return start.confirmed_origin(
             settings, self.settings, self._tolerance(settings), unconfirmed.measurable
         )
 
@@ -343,10 +343,12 @@ class Accepted:
         it is whole.
         """
         before = self.settings
-        if settings.asks_as(before):
+        if settings.commands_like(before):
             return None
         tolerance = self._tolerance(settings)
-        worst, held, asked = self._furthest(before.at_rest(position), settings.at_rest(position))
+        worst, held, asked = self._furthest(
+            before.static_torque(position), settings.static_torque(position)
+        )
         joint = settings.model.arm.joints[worst]
         if not abs(asked - held) <= tolerance * joint.effort_limit:
             return Deviation(
@@ -354,12 +356,15 @@ class Accepted:
                 f"those of the last start {held:.3g}: more than start_tolerance apart",
                 measurable=True,
             )
-        left_out = settings.left_out(position)
+        left_out = settings.clipped_share(position)
         worst = int(np.argmax(left_out))
         # As at a start; where the limits of before leave out as much, nothing has changed.
-        if left_out[worst] > max(CONSIDERABLE, before.left_out(position)[worst]):
+        if left_out[worst] > max(CONSIDERABLE, before.clipped_share(position)[worst]):
             joint = settings.model.arm.joints[worst]
-            held, wanted = settings.at_rest(position)[worst], settings.torque(position, None)[worst]
+            held, wanted = (
+                settings.static_torque(position)[worst],
+                settings.torque(position, None)[worst],
+            )
             return Deviation(
                 f"changed effort limits leave {held:.3g} of the {wanted:.3g} {joint.effort_unit} "
                 f"that hold {joint.name}: it would fall",
@@ -382,7 +387,7 @@ class Accepted:
 
     def change(self, settings: Settings, position: Array) -> str:
         """Return in words how settings change the support of the arm at (n,) positions."""
-        before, after = self.settings.at_rest(position), settings.at_rest(position)
+        before, after = self.settings.static_torque(position), settings.static_torque(position)
         worst, old, new = self._furthest(before, after)
         joint = settings.model.arm.joints[worst]
         if not abs(new - old) > CONSIDERABLE * joint.effort_limit:

@@ -20,7 +20,7 @@ from dvrk_gravity.compensate.passivity import PassivityObserver
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.speed_guard import SpeedGuard
-from dvrk_gravity.compensate.start import Accepted, Start, StartRefusedError
+from dvrk_gravity.compensate.start import AcceptedParameters, Start, StartRefusedError
 
 BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "
@@ -75,7 +75,7 @@ class Supervisor:
         saturated: (n,) whether a limit cut the last command.
         origin: Source of the first command of the last start, in words; ``""`` before the first.
         change: How changed parameters have changed the arm's support since the start, in words.
-        if_busy: What a person can do on a busy computer; ``""``: as with an arm.
+        busy_advice: What a person can do on a busy computer; ``""``: as with an arm.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -86,8 +86,8 @@ class Supervisor:
         self._uncut.setflags(write=False)
         self.saturated: NDArray[np.bool_] = self._uncut
         self.hold_due = False
-        self.origin = self.change = self.if_busy = ""
-        self._accepted = Accepted(settings)
+        self.origin = self.change = self.busy_advice = ""
+        self._accepted = AcceptedParameters(settings)
         self._asked = True  # a person has asked for the next start
         self._changed = False  # since the last start was accepted
         self._compare_at, self._lagging_since = -np.inf, np.inf
@@ -132,7 +132,7 @@ class Supervisor:
         return self._passivity.factor < 1.0
 
     @property
-    def begins_by_itself(self) -> bool:
+    def starts_automatically(self) -> bool:
         """Whether commanding starts without ~/enable as soon as nothing speaks against it."""
         if self.status is Status.FAULT:
             return self._input_fault and self.settings.resume_automatically
@@ -159,7 +159,7 @@ class Supervisor:
     def configure(self, settings: Settings, now: float) -> None:
         """Replace the settings; the torque goes to the new one by the ramp, without a jump."""
         before, self.settings = self.settings, settings
-        self._changed = not settings.asks_as(self._accepted.settings)
+        self._changed = not settings.commands_like(self._accepted.settings)
         if self._command is not None and not self._deviates(self._position, now):
             self.change = self._accepted.change(settings, self._position)
             # Their history, a debt above all, stays: parameters may change often.
@@ -212,7 +212,7 @@ class Supervisor:
         Only where we command the arm, or are about to: it may carry the arm for somebody else.
         """
         on = bool(np.any(effort))  # NaN counts as on
-        ours = self.active or self.begins_by_itself
+        ours = self.active or self.starts_automatically
         # We do not fight a person who switches it on again and again after a start.
         self._interruptions += on and not self.builtin_active and not self._asked
         wait = self.settings.disable_builtin and self._interruptions <= INTERRUPTIONS
@@ -227,7 +227,7 @@ class Supervisor:
         silence = self._gate.silence(now, self.settings.timeout)
         if silence and self.active:
             self._input_fault = True
-            self._stop(Status.FAULT, f"{silence}; {self.if_busy or IF_BUSY}")
+            self._stop(Status.FAULT, f"{silence}; {self.busy_advice or IF_BUSY}")
         elif silence:
             self._wait()
 
@@ -297,10 +297,10 @@ class Supervisor:
             return
         self._start = None
         # Else nothing was compared or confirmed: small changes must not add up.
-        if self._asked or settings.weightless or start.measures():
-            self._accepted = Accepted(settings)
+        if self._asked or settings.weightless or start.has_efforts():
+            self._accepted = AcceptedParameters(settings)
         self._asked = False
-        self._changed = not settings.asks_as(self._accepted.settings)
+        self._changed = not settings.commands_like(self._accepted.settings)
         self.change = LEFT_OUT if settings.weightless else ""
         self._watch_energy()
         self._begin_ramp(self._command, sample.position, sample.velocity, now)
@@ -348,7 +348,7 @@ class Supervisor:
         assert previous is not None  # set by _collect, before anything is active
         runaway = self._guard.check(self._gate.velocity, previous, now)
         if self._check is not None:
-            runaway = runaway or self._pushed(self._check, sample, now)
+            runaway = runaway or self._moved_joint(self._check, sample, now)
         if runaway:
             self.fail(runaway)
             return None
@@ -377,11 +377,11 @@ class Supervisor:
         self._position, self._velocity = sample.position, sample.velocity
         return self._command
 
-    def _pushed(self, check: ConstantCheck, sample: Sample, now: float) -> str:
+    def _moved_joint(self, check: ConstantCheck, sample: Sample, now: float) -> str:
         """Return which joint a constant in doubt moves, ``""``: none."""
         whole = ~self.saturated & (self._ramp is None and not self._behind)
         pushed = check.check(sample, self._gate.velocity, now, whole)
-        if check.over:
+        if check.finished:
             self._check, self._constant_stayed = None, self.settings.model.constant
             self.reason = self.reason.removesuffix(f"; {HANDS_OFF}")
         return pushed

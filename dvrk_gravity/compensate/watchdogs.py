@@ -21,7 +21,7 @@ NONE_YET = "no watchdog yet (await_watchdog 0 does without)"
 
 
 @dataclass(frozen=True)
-class Watching:
+class WatchdogStatus:
     """What one watchdog does; topics by their full names.
 
     Attributes:
@@ -49,7 +49,7 @@ class Watching:
         }
 
     @classmethod
-    def of(cls, node: str, values: Mapping[str, str]) -> Watching | None:
+    def of(cls, node: str, values: Mapping[str, str]) -> WatchdogStatus | None:
         """Return what published values say, ``None``: they are not a watchdog's."""
         try:
             topic, hold, timeout = values["topic"], values["hold"], float(values["timeout s"])
@@ -73,13 +73,13 @@ class Watchdogs:
         """
         self._topic, self._hold, self._appear = topic, hold, appear
         self._own: Collection[str] = ()  # our publishers there
-        self._said: dict[str, Watching] = {}
+        self._status: dict[str, WatchdogStatus] = {}
         self._heard: dict[str, float] = {}  # when, s of a monotonic clock
         self._present: Collection[str] = ()
 
-    def note(self, said: Watching, now: float) -> None:
+    def note(self, status: WatchdogStatus, now: float) -> None:
         """Note what a watchdog says: it replaces what one of that name said before."""
-        self._said[said.node], self._heard[said.node] = said, now
+        self._status[status.node], self._heard[status.node] = status, now
 
     def look(self, present: Collection[str], own: Collection[str]) -> None:
         """Note the full names of the watchdogs that are there, and our publishers by number.
@@ -88,36 +88,38 @@ class Watchdogs:
         may arrive before its publisher is known.
         """
         for name in set(self._present).difference(present):
-            self._said.pop(name, None)
+            self._status.pop(name, None)
         self._present, self._own = present, own
 
-    def _known(self) -> list[Watching]:
-        return [self._said[name] for name in sorted(self._present) if name in self._said]
+    def _known(self) -> list[WatchdogStatus]:
+        return [self._status[name] for name in sorted(self._present) if name in self._status]
 
-    def _ours(self) -> list[Watching]:
+    def _own_watchdogs(self) -> list[WatchdogStatus]:
         return [
             each for each in self._known() if (each.topic, each.hold) == (self._topic, self._hold)
         ]
 
-    def unwatched(self, now: float) -> str:
+    def unwatched_reason(self, now: float) -> str:
         """Return for a person that no watchdog watches our commands, ``""``: one does."""
-        ours = self._ours()
+        ours = self._own_watchdogs()
         speaking = [each for each in ours if now - self._heard[each.node] < SILENCE]
         if speaking:
-            return "" if self._hearing(speaking) else f"{self._deaf(speaking[0])}: {UNWATCHED}"
+            return (
+                "" if self._hears_us(speaking) else f"{self._deaf_reason(speaking[0])}: {UNWATCHED}"
+            )
         if ours:
             return f"the watchdog {ours[0].node} has been silent for {SILENCE:g} s: {UNWATCHED}"
         return f"no watchdog watches {self._topic}: {UNWATCHED}"
 
-    def _hearing(self, among: Iterable[Watching]) -> bool:
+    def _hears_us(self, among: Iterable[WatchdogStatus]) -> bool:
         return bool(self._own) and any(each.heard.issuperset(self._own) for each in among)
 
-    def _deaf(self, watchdog: Watching) -> str:
+    def _deaf_reason(self, watchdog: WatchdogStatus) -> str:
         return f"the watchdog {watchdog.node} does not hear our commands on {self._topic} yet"
 
-    def too_soon(self, timeout: float) -> str:
+    def timeout_conflict(self, timeout: float) -> str:
         """Return why our ``timeout``, s, is longer than our watchdog allows, ``""``: it is not."""
-        shortest = min((each.timeout for each in self._ours()), default=math.inf)
+        shortest = min((each.timeout for each in self._own_watchdogs()), default=math.inf)
         if timeout <= shortest:
             return ""
         return (
@@ -128,15 +130,15 @@ class Watchdogs:
     def obstacle(self, timeout: float, now: float, active: bool) -> str:
         """Return why the arm must not be commanded, ``""``: it may; ``timeout`` is ours, s.
 
-        Without any watchdog it may: see :meth:`unwatched`. One that has not spoken yet, or that
-        our first commands would not reach yet, is waited for, unless the arm is commanded already:
-        what it publishes may arrive seconds after it.
+        Without any watchdog it may: see :meth:`unwatched_reason`. One that has not spoken yet, or
+        that our first commands would not reach yet, is waited for, unless the arm is commanded
+        already: what it publishes may arrive seconds after it.
         """
-        others, ours = self._known(), self._ours()
-        if ours and not active and not self._hearing(ours):
-            return self._deaf(ours[0])
+        others, ours = self._known(), self._own_watchdogs()
+        if ours and not active and not self._hears_us(ours):
+            return self._deaf_reason(ours[0])
         if ours:
-            return self.too_soon(timeout)
+            return self.timeout_conflict(timeout)
         if others:
             other = others[0]
             return (

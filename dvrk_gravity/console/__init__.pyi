@@ -1,12 +1,12 @@
 from .answer import ConsoleFinding as ConsoleFinding
 from .answer import Severity as Severity
 from .answer import Use as Use
-from .check import Checked as Checked
+from .check import CheckResult as CheckResult
 from .check import check_file as check_file
 from .conversion import Conversion as Conversion
 from .conversion import convert_model as convert_model
-from .exported import FormError as FormError
-from .exported import export as export
+from .document import FormError as FormError
+from .document import export as export
 from .file import ARMS as ARMS
 from .file import FILE_NAME as FILE_NAME
 from .file import N_GRAVITY as N_GRAVITY

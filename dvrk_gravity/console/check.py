@@ -175,7 +175,7 @@ _OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckResult:
     """A checked file.
 
     Attributes:
@@ -187,8 +187,8 @@ class Checked:
     answer: Answer
 
 
-def check_file(path: str | Path) -> Checked:
-    """Return what is wrong with a console file, and whether it can be used.
+def check_file(path: str | Path) -> CheckResult:
+    """Return the findings on a console file, and whether it can be used.
 
     Args:
         path: The file; the other ``gc-*.json`` in its folder are read to find copies.
@@ -211,11 +211,11 @@ def check_file(path: str | Path) -> Checked:
     ]  # fmt: skip
     order = list(Severity)
     found = tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
-    return Checked(found, answer(found, document, path))
+    return CheckResult(found, answer(found, document, path))
 
 
 def check(document: Mapping[str, Any]) -> Iterator[ConsoleFinding]:
-    """Yield what is wrong with a file's content, taken by itself."""
+    """Yield findings on a file's content, taken by itself."""
     problems = list(field_problems(document))
     for problem in problems:
         yield ConsoleFinding("field", Severity.SERIOUS, problem.field, str(problem))
@@ -224,7 +224,7 @@ def check(document: Mapping[str, Any]) -> Iterator[ConsoleFinding]:
     console = ConsoleFile.from_document(document)
     arm = Arm.load(console.arm)
     yield from _console_quirks(console)
-    yield from _hand(console, arm)
+    yield from _wrong_side(console, arm)
     yield from _limits(console, arm)
     try:
         model = console.model()
@@ -292,7 +292,7 @@ def _console_quirks(console: ConsoleFile) -> Iterator[ConsoleFinding]:
         yield ConsoleFinding("no_range", Severity.WARNING, SECTION, text)
 
 
-def _hand(console: ConsoleFile, arm: Arm) -> Iterator[ConsoleFinding]:
+def _wrong_side(console: ConsoleFile, arm: Arm) -> Iterator[ConsoleFinding]:
     """Yield signs and ranges of the arm of the other side."""
     expected = BETA6 if console.arm == "mtmr" else -BETA6
     beta6 = float(console.positive[_BETA6])

@@ -27,7 +27,7 @@ def refuse_configuration(document: Mapping[str, Any], path: Path) -> None:
     Raises:
         ConfigError: It is such a configuration.
     """
-    found = dict.fromkeys(_named(document, path.parent, {path.name}))
+    found = dict.fromkeys(_calibration_files(document, path.parent, {path.name}))
     wanted = "a calibration, gc-<ARM>-<serial number>.json"
     if found:
         raise ConfigError("", "a configuration", f"{wanted}: it names {', '.join(found)}", path)
@@ -36,19 +36,19 @@ def refuse_configuration(document: Mapping[str, Any], path: Path) -> None:
         raise ConfigError("", "a configuration", none, path)
 
 
-def _named(content: Any, folder: Path, seen: set[str]) -> Iterator[str]:
+def _calibration_files(content: Any, folder: Path, seen: set[str]) -> Iterator[str]:
     """Yield the calibration files that a configuration names, itself or by other files."""
     if isinstance(content, list):
         for item in content:
-            yield from _named(item, folder, seen)
+            yield from _calibration_files(item, folder, seen)
     if not isinstance(content, Mapping):
         return
     for key, value in content.items():
         if not isinstance(value, str):
-            yield from _named(value, folder, seen)
+            yield from _calibration_files(value, folder, seen)
         elif key in KEYS:
-            beside = folder / value
-            yield str(beside) if beside.is_file() else value
+            other_file = folder / value
+            yield str(other_file) if other_file.is_file() else value
         elif (
             value.endswith(".json")
             and value not in seen
@@ -60,4 +60,4 @@ def _named(content: Any, folder: Path, seen: set[str]) -> Iterator[str]:
                 other = json_file.load(folder / value)
             except ConfigError:  # the console looks at it, not we
                 continue
-            yield from _named(other, folder, seen)
+            yield from _calibration_files(other, folder, seen)

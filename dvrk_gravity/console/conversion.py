@@ -16,14 +16,14 @@ import numpy as np
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.check import ConsoleFinding, Severity, check
-from dvrk_gravity.console.exported import Export, FormError, export, require_arm
+from dvrk_gravity.console.document import Export, FormError, export, require_arm
 from dvrk_gravity.console.file import N_POLYNOMIALS, ConsoleFile
 from dvrk_gravity.console.projection import (
     calibrated_range,
-    left_out,
+    commanded_torque,
     project,
-    sent,
     uniform_poses,
+    unsupported_parts,
     within_limits,
 )
 from dvrk_gravity.errors import ConfigError
@@ -132,7 +132,7 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
     except FormError:
         form, notes = project(model)
         file, exact = export(form, serial), False
-    file = replace(file, notes=(*left_out(model), *notes, *file.notes))
+    file = replace(file, notes=(*unsupported_parts(model), *notes, *file.notes))
     lower, upper = within_limits(model, calibrated_range(form))
     if model.reading_errors.any:
         note = _cost_of_wrong_readings(model, lower, upper)
@@ -165,11 +165,12 @@ def cost(
     edges = np.choose(index, [lower, upper, uniform, uniform])
     form = console.model()
     speed = console.blend.saturation_velocity * random.choice([-1.0, 1.0], uniform.shape)
-    torque = np.sqrt(np.mean(sent(model, uniform) ** 2, axis=0))
+    torque = np.sqrt(np.mean(commanded_torque(model, uniform) ** 2, axis=0))
     found = []
     for motion in (None, speed):
         inside, outermost = (
-            np.abs(sent(form, q, motion) - sent(model, q, motion)) for q in (uniform, edges)
+            np.abs(commanded_torque(form, q, motion) - commanded_torque(model, q, motion))
+            for q in (uniform, edges)
         )
         found.append(np.sqrt(np.mean(inside**2, axis=0)))
         found.append(np.maximum(inside.max(axis=0), outermost.max(axis=0)))
@@ -178,13 +179,13 @@ def cost(
 
 
 def _cost_of_wrong_readings(model: TorqueModel, lower: Array, upper: Array) -> str:
-    """Return that the console takes readings as they are, and by how much its torque is off then.
+    """Return a note on the torque error of a console, which does not correct readings.
 
     Drives are taken to apply efforts at the scale at which they are read.
     """
     errors, q = model.reading_errors, uniform_poses(lower, upper, SETTINGS.poses, 2)
-    applied = sent(model, q @ errors.position.T) @ np.linalg.inv(errors.effort).T
-    off = np.sqrt(np.mean((applied - sent(model, q)) ** 2, axis=0))
+    applied = commanded_torque(model, q @ errors.position.T) @ np.linalg.inv(errors.effort).T
+    off = np.sqrt(np.mean((applied - commanded_torque(model, q)) ** 2, axis=0))
     worst = int(np.argmax(off))
     return (
         f"left out, known errors of readings: {', '.join(model.of_readings())} (the console takes "
@@ -196,7 +197,7 @@ def _cost_of_wrong_readings(model: TorqueModel, lower: Array, upper: Array) -> s
 def _refuse_nonsense(model: TorqueModel) -> None:
     lower, upper = within_limits(model, calibrated_range(model))
     with np.errstate(over="ignore", invalid="ignore"):
-        most = np.abs(sent(model, uniform_poses(lower, upper, 200, 3))).max(axis=0)
+        most = np.abs(commanded_torque(model, uniform_poses(lower, upper, 200, 3))).max(axis=0)
     able = model.arm.effort_limit.tolist()
     for name, value, largest in zip(JOINT_NAMES, most.tolist(), able, strict=True):
         if not value <= SETTINGS.nonsense * largest:

@@ -18,7 +18,7 @@ import numpy as np
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.arms.mtm import gravity
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.console.exported import stated_polynomials
+from dvrk_gravity.console.document import stated_polynomials
 from dvrk_gravity.console.file import LEVEL, N_GRAVITY, N_POLYNOMIALS, N_POWERS, form_model
 from dvrk_gravity.effects import Blend, JointPolynomials, PlantPart, Range, State, Term, evaluate
 from dvrk_gravity.errors import ConfigError
@@ -68,7 +68,7 @@ def project(model: TorqueModel) -> tuple[TorqueModel, tuple[str, ...]]:
     lower, upper = within_limits(model, valid)
     stated = [polynomials for _, polynomials in stated_polynomials(model)]
     blend = stated[0].blend or _own_blend(model)
-    beta, mean = _at_rest(model, stated, lower, upper)
+    beta, mean = _fit_at_rest(model, stated, lower, upper)
     half = np.zeros((N_POWERS, N_JOINTS))
     for each in stated:
         half += _quartics(each.half_difference, model.joint_offset, lower, upper)
@@ -113,7 +113,7 @@ def calibrated_range(model: TorqueModel) -> Range:
     )
 
 
-def sent(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
+def commanded_torque(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
     """Return (N, 7) torques that the compensator commands before its limits, N·m.
 
     Args:
@@ -135,13 +135,13 @@ def sent(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
     return torque
 
 
-def left_out(model: TorqueModel) -> tuple[str, ...]:
+def unsupported_parts(model: TorqueModel) -> tuple[str, ...]:
     """Return what the console has nothing for, a line each."""
     never = [term.NAME for term in model.terms if not term.COMPENSATED]
     speed = [
         term.NAME
         for term in model.terms
-        if term.FRICTION and term.COMPENSATED and _dry(term) is None
+        if term.FRICTION and term.COMPENSATED and _dry_levels(term) is None
     ]
     notes = []
     if never:
@@ -172,7 +172,7 @@ def _own_blend(model: TorqueModel) -> Blend:
     return Blend(dead_band, saturation, np.zeros(N_JOINTS))
 
 
-def _at_rest(
+def _fit_at_rest(
     model: TorqueModel, stated: Iterable[JointPolynomials], lower: Array, upper: Array
 ) -> tuple[Array, Array]:
     """Fit what the compensator commands at rest, beginning with what the console has, too.
@@ -189,7 +189,7 @@ def _at_rest(
     for each in stated:
         mean += _quartics(each.mean, model.joint_offset, lower, upper)
     y = gravity.regressor(q, LEVEL, N_GRAVITY)
-    rest = sent(model, q) - y @ beta - evaluate(mean, q)
+    rest = commanded_torque(model, q) - y @ beta - evaluate(mean, q)
     columns = [y / able[:, None]]
     scale = [np.full(N_GRAVITY, SETTINGS.part * able[1])]
     for joint in range(N_POLYNOMIALS):
@@ -267,7 +267,7 @@ def _dry_friction(model: TorqueModel) -> tuple[Array, Array]:
     """
     ways, level, smaller = _directions(), np.zeros(N_JOINTS), np.zeros(2 * N_JOINTS)
     for term in model.terms:
-        dry = _dry(term)
+        dry = _dry_levels(term)
         if dry is not None:
             torque = term.torque(State(np.zeros(ways.shape), direction=ways))
             level += (ways * torque).mean(axis=0)
@@ -276,7 +276,7 @@ def _dry_friction(model: TorqueModel) -> tuple[Array, Array]:
     return level, smaller
 
 
-def _dry(term: Term) -> Array | None:
+def _dry_levels(term: Term) -> Array | None:
     """Return (2, 14) levels, N·m, of friction that the compensator applies at any speed.
 
     Moving up and moving down, at the joints and then at the motors. ``None``: the term is no such

@@ -155,7 +155,7 @@ def build(
     given = None if model is None else tested
     tested, prepared, notes = _prepared(given, arm, read.recordings, still)
     motion = load(prepared, tested, still)
-    doubts = tested.arm.doubts if tested.of_file else ()  # an identified model has its own
+    doubts = tested.arm.warnings if tested.of_file else ()  # an identified model has its own
     motion = replace(
         motion,
         processing_log=(*read.processing_log, *motion.processing_log),
@@ -221,7 +221,7 @@ def _prepared(
     if not model.of_file:
         return model, recordings, odd
     arm, recordings, held = with_held(recordings, arm, still)
-    return TorqueModel.stated(arm), recordings, (*odd, *held)
+    return TorqueModel.from_arm(arm), recordings, (*odd, *held)
 
 
 def _beside_reference(

@@ -55,7 +55,7 @@ def track(
     still: Mapping[str, float] | None = None,
     coordinates: Coordinates | None = None,
 ) -> tuple[TrackedChange, ...]:
-    """Return the changes that :meth:`effects.Effect.tracked` names, each fitted alone.
+    """Return the changes that :meth:`effects.Effect.history_hypotheses` names, each fitted alone.
 
     Args:
         recordings: As of ``diagnose``.
@@ -71,7 +71,7 @@ def track(
     data = FilteredData.of(motion)
     validation = CrossValidation.of(data).weighted([])
     friction = np.sqrt(np.mean(validation.of_choice(data.expectation.friction) ** 2, axis=0))
-    asked = [each for effect in effects.effects() for each in effect.tracked(motion)]
+    asked = [each for effect in effects.effects() for each in effect.history_hypotheses(motion)]
     found = tuple(
         change
         for candidate in data.candidates(asked)

@@ -20,7 +20,7 @@ from .base.effect import Effect as Effect
 from .base.effect import Hypothesis as Hypothesis
 from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
-from .base.effect import or_extended as or_extended
+from .base.effect import remedy_text as remedy_text
 from .base.effect import spread as spread
 from .base.joint_dynamics import JointDynamics as JointDynamics
 from .base.linear_term import LinearTerm as LinearTerm
@@ -35,8 +35,8 @@ from .base.links import mass_directions as mass_directions
 from .base.links import place_terms as place_terms
 from .base.links import point_mass_directions as point_mass_directions
 from .base.links import prior_scale as prior_scale
-from .base.links import rotors_beside_links as rotors_beside_links
 from .base.links import samples as samples
+from .base.links import separable_rotors as separable_rotors
 from .base.links import weight_directions as weight_directions
 from .base.meaning import MORE as MORE
 from .base.meaning import Estimate as Estimate
@@ -127,7 +127,7 @@ from .time_delay import OwnTangent as OwnTangent
 from .time_delay import RequiresParts as RequiresParts
 from .time_delay import TimeDelay as TimeDelay
 from .time_delay import TwoForms as TwoForms
-from .time_delay import delayed as delayed
+from .time_delay import delay_signal as delay_signal
 from .time_delay import mean_slope_by_delay as mean_slope_by_delay
 from .time_scale import TimeScale as TimeScale
 from .torque_offset import OffsetHypothesis as OffsetHypothesis

@@ -15,7 +15,7 @@ from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.column import MISPLACED, Column
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, or_extended
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, remedy_text
 from dvrk_gravity.effects.base.links import prior_scale
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
@@ -46,14 +46,14 @@ class BaseTilt(Effect):
 
     @classmethod
     def kinematic_columns(cls, arm: Arm) -> tuple[Column, ...]:
-        """Return those of roll and pitch."""
+        """Return the columns of the base's roll and pitch, per rad."""
         return tuple(Column(cls.NAME, THE_BASE, axis, MISPLACED) for axis in range(2))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
             return
-        shaft = _unknown_of_shaft(motion)
+        shaft = _unknown_shaft_weight(motion)
         of_shaft = (shaft, shaft) if shaft else ()
         yield TiltHypothesis(
             arm=motion.arm, site=THE_BASE, setting={"roll": 0.0, "pitch": 0.0},
@@ -85,7 +85,7 @@ class ChangesModelTorque(ABC):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _OfBase(ChangesModelTorque, Hypothesis):
+class _BaseHypothesis(ChangesModelTorque, Hypothesis):
     """The base is tilted.
 
     Attributes:
@@ -105,7 +105,7 @@ class _OfBase(ChangesModelTorque, Hypothesis):
         return np.stack([*columns, *shaft], axis=2)
 
     def applied_to(self, model: Any, theta: Array) -> Any:
-        vector = _turned(model.gravity, **self.parameters(theta))
+        vector = _rotate(model.gravity, **self.parameters(theta))
         weighing = (
             term if term.gravity_vector is None else term.with_gravity(vector)
             for term in model.terms
@@ -113,7 +113,7 @@ class _OfBase(ChangesModelTorque, Hypothesis):
         return replace(model, terms=tuple(weighing))
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        vector = _turned(motion.gravity, **self.parameters(theta))
+        vector = _rotate(motion.gravity, **self.parameters(theta))
         values = {**values, "gravity_vector": tuple(vector.tolist())}
         if self.knows_shaft:
             return values
@@ -139,7 +139,7 @@ class _OfBase(ChangesModelTorque, Hypothesis):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TiltHypothesis(_OfBase):
+class TiltHypothesis(_BaseHypothesis):
     """The base is tilted by a small angle, at most :data:`MAX_TILT`."""
 
     fixed_point = ("roll", "pitch")
@@ -155,7 +155,7 @@ class TiltHypothesis(_OfBase):
             for angle in (self.setting["roll"], self.setting["pitch"])
         )
         level, rolled, pitched, both = (
-            _weight_torque(motion, _turned(motion.gravity, *angles))
+            _weight_torque(motion, _rotate(motion.gravity, *angles))
             for angles in ((0.0, 0.0), (roll, 0.0), (0.0, pitch), (roll, pitch))
         )
         columns = [
@@ -172,7 +172,7 @@ class TiltHypothesis(_OfBase):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MountingHypothesis(_OfBase):
+class MountingHypothesis(_BaseHypothesis):
     """The base hangs, from a wall or a ceiling, say: the torque is linear in gravity's vector.
 
     Attributes:
@@ -201,10 +201,10 @@ class MountingHypothesis(_OfBase):
         return abs(size - 1.0) <= _SIZE and max(map(abs, angles)) > MAX_TILT
 
     def remedy(self, carried: bool) -> str:
-        return or_extended("mount the base as the model has it", carried)
+        return remedy_text("mount the base as the model has it", carried)
 
 
-def _unknown_of_shaft(motion: Motion) -> float:
+def _unknown_shaft_weight(motion: Motion) -> float:
     """Return what link 1 may weigh on its joint once that leans, N·m; 0 where the model knows.
 
     About a vertical axis nothing weighs, so no upright motion has shown it.
@@ -228,13 +228,13 @@ def _shaft_torque(q: Array) -> Array:
     return np.stack([np.cos(q[:, 0]), np.sin(q[:, 0])])
 
 
-def _turned(vector: Array, roll: float, pitch: float) -> Array:
+def _rotate(vector: Array, roll: float, pitch: float) -> Array:
     """Return (3,) a vector as a base has it that is turned further by roll and pitch, rad."""
     return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ vector)
 
 
 def _angles(before: Array, after: Array) -> tuple[float, float]:
-    """Return roll and the smaller pitch, rad, by which :func:`_turned` goes from one to another.
+    """Return roll and the smaller pitch, rad, by which :func:`_rotate` goes from one to another.
 
     Pitch alone sets the x component, roll then the others. Of a turn about the vertical, which
     gravity does not show, there is none.

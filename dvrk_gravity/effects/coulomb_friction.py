@@ -138,7 +138,7 @@ class CoulombFriction(DryFriction):
         return cls._at_joints(arm, _NOMINAL * arm.effort_limit)
 
     @classmethod
-    def stated(cls, arm: Arm) -> CoulombFriction | None:
+    def from_arm(cls, arm: Arm) -> CoulombFriction | None:
         """The friction of a URDF's joints."""
         level = np.array([joint.friction for joint in arm.joints])
         return cls._at_joints(arm, level) if level.any() else None
@@ -226,7 +226,9 @@ class CoulombFriction(DryFriction):
         """The same in both directions: a difference is a constant, which another column has."""
         nothing = np.zeros(arm.n)
         term = cls(arm, *(nothing,) * 4, TRANSITION * arm.scale, nothing, nothing)
-        return cls.several(term, np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1))).astype(float))
+        return cls.for_settings(
+            term, np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1))).astype(float)
+        )
 
     @classmethod
     def in_file(cls, form: str, column: Column) -> bool:

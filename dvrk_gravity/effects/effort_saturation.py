@@ -73,7 +73,7 @@ class ClippedHypothesis(Hypothesis):
     def regressor(self, motion: Motion) -> Array:
         joint, limit = self.site.index, self.setting["limit"]
         torque = np.zeros((*motion.q.shape, 1))
-        modelled = motion.acting[:, joint]
+        modelled = motion.applied_torque[:, joint]
         torque[:, joint, 0] = np.clip(modelled, -limit, limit) - modelled
         return torque
 

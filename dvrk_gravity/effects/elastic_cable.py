@@ -139,7 +139,7 @@ class ElasticCable(LinearTerm):
                 )  # fmt: skip
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Of each joint that moves, its stiffness."""
         return (each for each in cls.hypotheses(motion) if each.form == "degree 1")
 

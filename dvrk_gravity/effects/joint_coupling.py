@@ -143,7 +143,7 @@ class TorqueLeak(LeakHypothesis):
     def regressor(self, motion: Motion) -> Array:
         target, source = self.joints
         torque = np.zeros((*motion.q.shape, 1))
-        torque[:, target, 0] = motion.acting[:, source]
+        torque[:, target, 0] = motion.applied_torque[:, source]
         return torque
 
 

@@ -88,7 +88,7 @@ class FlexibleHypothesis(Hypothesis):
         if state.qd is None or state.qdd is None:
             there = replace(state, q=state.q - give[:, None] * shift)
         else:
-            q, qd, qdd = (each[:, None] * shift for each in _slowly(motion, give))
+            q, qd, qdd = (each[:, None] * shift for each in _low_passed_derivatives(motion, give))
             there = State(state.q - q, state.qd - qd, state.qdd - qdd)
         behind = (
             term.torque(there)
@@ -109,7 +109,7 @@ def _state(motion: Motion) -> State:
     return State(motion.true_q, motion.qd, motion.qdd)
 
 
-def _slowly(motion: Motion, values: Array) -> tuple[Array, Array, Array]:
+def _low_passed_derivatives(motion: Motion, values: Array) -> tuple[Array, Array, Array]:
     """Return (N,) a signal below :data:`_BAND`, and its first and second derivatives.
 
     Of a model's torque, which has the noise of measured accelerations; zero where too little was

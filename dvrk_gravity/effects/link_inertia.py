@@ -82,7 +82,7 @@ class LinkInertia(LinearTerm):
         return cls(arm, np.array([np.array(row) if row else nothing for row in given]))
 
     @classmethod
-    def stated(cls, arm: Arm) -> LinkInertia | None:
+    def from_arm(cls, arm: Arm) -> LinkInertia | None:
         rows = arm.inertial_parameters
         return None if rows is None else cls(arm, rows)
 

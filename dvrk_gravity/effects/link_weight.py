@@ -85,7 +85,7 @@ class LinkWeight(LinearTerm):
         return cls(arm, np.array(rows), arm.gravity)
 
     @classmethod
-    def stated(cls, arm: Arm) -> LinkWeight | None:
+    def from_arm(cls, arm: Arm) -> LinkWeight | None:
         if arm.inertial_parameters is None:
             return None
         return cls(arm, arm.inertial_parameters[:, :OF_WEIGHT], arm.gravity)

@@ -74,7 +74,7 @@ class LoadFriction(LinearTerm):
         return replace(self, carried=tuple(behind), gear=gear)
 
     @cached_property
-    def _way(self) -> CoulombFriction:
+    def _direction_model(self) -> CoulombFriction:
         """Whose directions are those of this friction: at once where there is no other."""
         nothing = np.zeros(self.arm.n)
         longest = nothing if self.gear is None else self.gear.displacement.max(axis=0)
@@ -84,19 +84,19 @@ class LoadFriction(LinearTerm):
         )  # fmt: skip
 
     def memory(self, state: State, before: Array | None = None) -> Array:
-        return self._way.memory(state, before)
+        return self._direction_model.memory(state, before)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
         return self.torque_given(state, {})
 
     def torque_given(self, state: State, others: Mapping[int, Array]) -> Array:
-        return self.part * self._per_part(state, self._way.past(state), others)
+        return self.part * self._unit_torque(state, self._direction_model.past(state), others)
 
-    def _per_part(
+    def _unit_torque(
         self, state: State, memory: Array | None, others: Mapping[int, Array] | None = None
     ) -> Array:
-        ways = self._way.ways(state, memory)
+        ways = self._direction_model.ways(state, memory)
         if ways is None:
             return np.zeros(state.q.shape)
         known, load = others or {}, np.zeros(state.q.shape)
@@ -134,7 +134,7 @@ class LoadFriction(LinearTerm):
         return replace(self, part=np.asarray(theta, dtype=float))
 
     def regressor(self, state: State) -> Array:
-        return diagonal_columns(self._per_part(state, self._way.past(state)))
+        return diagonal_columns(self._unit_torque(state, self._direction_model.past(state)))
 
     def columns(self, state: State, memory: Array) -> Array:
-        return diagonal_columns(self._per_part(state, memory))
+        return diagonal_columns(self._unit_torque(state, memory))

@@ -165,7 +165,7 @@ class Payload(Term):
         return rigid_body.torque(self.arm, self._links, *motion, gravity)
 
     @classmethod
-    def watched(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def monitor_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """On any link, wherever on it: who fastens something does not say where."""
         return cls.hypotheses(motion)
 
@@ -196,20 +196,20 @@ class Payload(Term):
         if not isinstance(last, PayloadHypothesis):
             return
         if motion.payload_at is None:
-            place = _end_of(motion.arm, last.site.index).tolist()
+            place = _attachment_point(motion.arm, last.site.index).tolist()
             last = replace(last, setting=dict(zip(AXES, place, strict=True)))
             yield last, np.array([1.0, *place])
         else:
             yield last, np.ones(1)
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """The mass at the end of the last link whose load shows: its place is a convention."""
         *_, last = (None, *cls.hypotheses(motion))
         if isinstance(last, PlacedPayloadHypothesis):
             yield last
         elif isinstance(last, PayloadHypothesis):
-            place = _end_of(motion.arm, last.site.index).tolist()
+            place = _attachment_point(motion.arm, last.site.index).tolist()
             yield PlacedPayloadHypothesis(
                 arm=motion.arm, site=last.site, form=last.form,
                 setting=dict(zip(AXES, place, strict=True)),
@@ -239,15 +239,15 @@ class PayloadHypothesis(Hypothesis):
         return np.array([self.setting[axis] for axis in AXES])
 
     @property
-    def _near(self) -> float:
+    def _typical_distance(self) -> float:
         """How far from the link's frame a load is likely to be, m."""
         _, extent = link_sizes(self.arm)[self.site.index]
         return _NEAR * extent
 
     @property
-    def _farthest(self) -> float:
+    def _largest_distance(self) -> float:
         """How far from it one is possible, m."""
-        return max(_FARTHEST, _AFAR * self._near)
+        return max(_FARTHEST, _AFAR * self._typical_distance)
 
     @property
     def _basis(self) -> Array:
@@ -286,7 +286,9 @@ class PayloadHypothesis(Hypothesis):
     def plausible(self, theta: Array) -> bool:
         """Against a reference a mass may have been removed."""
         mass, *moment = self._basis @ theta
-        if abs(mass) > heaviest(self.arm) or np.linalg.norm(moment) > self._farthest * abs(mass):
+        if abs(mass) > heaviest(self.arm) or np.linalg.norm(moment) > self._largest_distance * abs(
+            mass
+        ):
             return False
         taken_off = self.against_reference and mass < 0.0
         return super().plausible(-theta if taken_off else theta)
@@ -294,14 +296,16 @@ class PayloadHypothesis(Hypothesis):
     def typical(self, theta: Array) -> bool:
         """A first moment alone is a light mass farther away than what is fastened to a link."""
         mass, *moment = self._basis @ theta
-        return bool(np.linalg.norm(moment) <= (1.0 + _ROUNDING) * self._near * abs(mass))
+        return bool(
+            np.linalg.norm(moment) <= (1.0 + _ROUNDING) * self._typical_distance * abs(mass)
+        )
 
     def clamped(self, theta: Array) -> Hypothesis | None:
         """It is where a load is still likely, if its best place is not possible."""
         moment = (self._basis @ theta)[1:]
         if not moment.any() or self.plausible(theta):
             return None
-        place = self._near * moment / np.linalg.norm(moment)
+        place = self._typical_distance * moment / np.linalg.norm(moment)
         return FarPayloadHypothesis(
             arm=self.arm, site=self.site, form=self.form,
             setting=dict(zip(AXES, place.tolist(), strict=True)),
@@ -349,7 +353,7 @@ class PlacedPayloadHypothesis(FarPayloadHypothesis):
     refine_first = False
 
     @property
-    def _farthest(self) -> float:
+    def _largest_distance(self) -> float:
         """It is where it is stated to be."""
         return 2.0 * _REACH  # of each coordinate
 
@@ -384,7 +388,7 @@ def place_of(arm: Arm, text: str) -> tuple[int, Array]:
         expected = f"LINK or LINK:X,Y,Z with a link or joint of {known}"
         raise ConfigError("--payload-at", text, expected) from error
     if not colon:
-        end = np.zeros(3) if link in arm.merged else _end_of(arm, body)
+        end = np.zeros(3) if link in arm.merged else _attachment_point(arm, body)
         return body, np.asarray(frame.act(end))
     try:
         place = np.array([float(part) for part in rest.split(",")])
@@ -412,7 +416,7 @@ def require_visible_load(motion: Motion, text: str) -> None:
         )  # fmt: skip
 
 
-def _end_of(arm: Arm, body: int) -> Array:
+def _attachment_point(arm: Arm, body: int) -> Array:
     """Return (3,) where the next link of the chain is attached, in a body's link frame, m."""
     # Links that joints move first; those that follow joints are attached somewhere, too.
     links = (*links_of_joints(arm), *range(len(arm.bodies)))

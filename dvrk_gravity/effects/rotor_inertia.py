@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.column import ColumnTable, SearchMove, site_colum
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
-from dvrk_gravity.effects.base.links import rotors_beside_links
+from dvrk_gravity.effects.base.links import separable_rotors
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Kind, Site, unit_travel
@@ -97,7 +97,7 @@ class RotorInertia(LinearTerm):
         """The rotors whose torque differs from that of any link."""
         return [
             index
-            for motor in rotors_beside_links(table.arm)
+            for motor in separable_rotors(table.arm)
             for index in table.select(effect=cls.NAME, joint=motor)
         ]
 

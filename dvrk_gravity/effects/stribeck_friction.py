@@ -151,7 +151,7 @@ class StribeckFriction(DryFriction):
         if state.direction is not None:
             return ways
         joint, motor = (
-            way * _left((v * inverse) ** 2)
+            way * _decay((v * inverse) ** 2)
             for way, v, inverse in zip(ways, motion, self._inverse, strict=True)
         )
         return joint, motor
@@ -170,7 +170,7 @@ class StribeckFriction(DryFriction):
         """One level at each site, which builds up as the friction of gears does."""
         nothing, length = np.zeros(arm.n), _BUILDS_UP * arm.scale
         term = cls(arm, *(nothing,) * 4, TRANSITION * arm.scale, length, length)
-        return cls.several(term, np.eye(2 * arm.n))
+        return cls.for_settings(term, np.eye(2 * arm.n))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -183,7 +183,7 @@ class StribeckFriction(DryFriction):
                 yield StribeckHypothesis(arm=motion.arm, site=site, setting=setting)
 
 
-def _left(square: Array) -> Array:
+def _decay(square: Array) -> Array:
     """Return exp(-square), zero below rounding: sums of denormal numbers are slow."""
     return np.where(square < _GONE, np.exp(-np.minimum(square, _GONE)), 0.0)
 

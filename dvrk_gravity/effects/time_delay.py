@@ -49,7 +49,7 @@ class TimeDelay(SensorEffect):
         return {cls.DELAY: errors.delay} if errors.delay else {}
 
     @classmethod
-    def misleads(cls, arm: Arm, errors: ReadingErrors) -> bool:
+    def invalidates_commands(cls, arm: Arm, errors: ReadingErrors) -> bool:
         """Late positions do; late efforts do not, which are read at rest alone."""
         return errors.delay < 0.0
 
@@ -130,15 +130,15 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
         if self.against_reference:
             if self.over_a_while:
                 return mean_slope_by_delay(motion, self.setting["delay"])[:, :, None]
-            was = delayed(motion, motion.effort, -step)
-            becomes = delayed(motion, motion.expected, step)
+            was = delay_signal(motion, motion.effort, -step)
+            becomes = delay_signal(motion, motion.expected, step)
             return (0.5 * (motion.effort - was + becomes - motion.expected) / step)[:, :, None]
-        acting = motion.acting
+        acting = motion.applied_torque
         if self.of_friction is not None:
             acting = motion.friction if self.of_friction else acting - motion.friction
         if self.over_a_while:
-            acting = _smoothed(motion, acting)
-        return ((delayed(motion, acting, step) - acting) / step)[:, :, None]
+            acting = _smooth(motion, acting)
+        return ((delay_signal(motion, acting, step) - acting) / step)[:, :, None]
 
     @property
     def alternative_form(self) -> Hypothesis | None:
@@ -182,7 +182,7 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
         return {"delay": float(theta[0])}
 
 
-def delayed(motion: Motion, torque: Array, late: float) -> Array:
+def delay_signal(motion: Motion, torque: Array, late: float) -> Array:
     """Return (N, n) a torque as it was so many seconds before, at the ends as it is there.
 
     By cubic splines: straight lines between samples are means, and take noise away.
@@ -197,14 +197,14 @@ def delayed(motion: Motion, torque: Array, late: float) -> Array:
     return result
 
 
-def _smoothed(motion: Motion, torque: Array) -> Array:
+def _smooth(motion: Motion, torque: Array) -> Array:
     """Return (N, n) the mean of a torque over a while about each sample, or what there is of it."""
     from scipy.interpolate import CubicSpline
 
     result = np.empty_like(torque)
     for part in motion.parts:
         sums = CubicSpline(motion.time[part], torque[part], axis=0).antiderivative()
-        first, last = _while_about(motion.time[part], motion.time[part])
+        first, last = _averaging_windows(motion.time[part], motion.time[part])
         result[part] = (sums(last) - sums(first)) / (last - first)[:, None]
     return result
 
@@ -220,14 +220,14 @@ def _slope_by_delay(motion: Motion, torque: Array, late: float) -> Array:
     result = np.empty_like(torque)
     for part in motion.parts:
         time = motion.time[part]
-        first, last = _while_about(time - late, time)
+        first, last = _averaging_windows(time - late, time)
         spline = CubicSpline(time, torque[part], axis=0)
         length = np.where(last > first, last - first, np.inf)
         result[part] = (spline(first) - spline(last)) / length[:, None]
     return result
 
 
-def _while_about(moments: Array, time: Array) -> tuple[Array, Array]:
+def _averaging_windows(moments: Array, time: Array) -> tuple[Array, Array]:
     """Return (N,) when a while about some moments begins and ends, within recorded times."""
     first, last = (np.clip(moments + way, time[0], time[-1]) for way in (-_WHILE, _WHILE))
     return first, last

@@ -41,6 +41,6 @@ class TimeScale(SensorEffect):
         return {} if errors.clock == 1.0 else {cls.FACTOR: errors.clock}
 
     @classmethod
-    def misleads(cls, arm: Arm, errors: ReadingErrors) -> bool:
+    def invalidates_commands(cls, arm: Arm, errors: ReadingErrors) -> bool:
         """It is a recording's: a node takes times from its own clock."""
         return False

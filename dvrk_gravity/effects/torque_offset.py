@@ -80,7 +80,7 @@ class TorqueOffset(LinearTerm):
             yield OffsetHypothesis(arm=motion.arm, site=Site.joint(joint))
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Of each joint's efforts."""
         return cls.hypotheses(motion)
 

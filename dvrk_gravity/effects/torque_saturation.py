@@ -70,7 +70,7 @@ class SaturationHypothesis(Hypothesis):
 
     def regressor(self, motion: Motion) -> Array:
         """Return tau^3 / T^2 with T the recording's largest effort."""
-        acting = motion.acting[:, self.site.index]
+        acting = motion.applied_torque[:, self.site.index]
         cubed = acting * (acting / self.setting["torque"]) ** 2
         return spread(self.site.row(self.arm), cubed)
 

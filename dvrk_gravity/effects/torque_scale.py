@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import ANY_UNIT, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import joint_array
-from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
+from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text
 from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, Words, meanings
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
@@ -100,7 +100,7 @@ class ScaleHypothesis(Hypothesis):
         return ScalesHypothesis(arm=self.arm, site=self.site, joints=self.joints, form="each")
 
     def regressor(self, motion: Motion) -> Array:
-        return (motion.acting @ self.mixing)[:, :, None]
+        return (motion.applied_torque @ self.mixing)[:, :, None]
 
     def parameters(self, theta: Array) -> dict[str, float]:
         part = float(theta[0])
@@ -130,7 +130,7 @@ class ScaleHypothesis(Hypothesis):
         """Masses that are all wrong by one factor have the same effect."""
         if self.site != THE_ARM:
             return super().remedy(carried)
-        scale = or_extended("check the scale of all efforts", carried, reading=True)
+        scale = remedy_text("check the scale of all efforts", carried, reading=True)
         if self.against_reference:
             return scale
         return f"{scale}; if it is right, all masses of the model are wrong by that factor"
@@ -144,7 +144,7 @@ class ScalesHypothesis(Hypothesis):
     EFFORT_READING = True
 
     def regressor(self, motion: Motion) -> Array:
-        return motion.acting[:, :, None] * np.eye(self.arm.n)[:, self.joints]
+        return motion.applied_torque[:, :, None] * np.eye(self.arm.n)[:, self.joints]
 
     def parameters(self, theta: Array) -> dict[str, float]:
         return {}  # it is compared with one scale, and never found

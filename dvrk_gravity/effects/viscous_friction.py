@@ -66,7 +66,7 @@ class ViscousFriction(Friction):
         return cls(arm, _NOMINAL * arm.effort_limit / arm.scale, np.zeros(arm.n))
 
     @classmethod
-    def stated(cls, arm: Arm) -> ViscousFriction | None:
+    def from_arm(cls, arm: Arm) -> ViscousFriction | None:
         """The damping of a URDF's joints."""
         damping = np.array([joint.damping for joint in arm.joints])
         return cls(arm, damping, np.zeros(arm.n)) if damping.any() else None
@@ -120,7 +120,7 @@ class ViscousFriction(Friction):
             yield ViscousHypothesis(arm=motion.arm, site=site, removable=limit)
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Of each joint."""
         return (each for each in cls.hypotheses(motion) if each.of_joint)
 

@@ -48,7 +48,7 @@ class WrongCoordinates(SensorEffect):
         return {cls.COORDINATES: errors.coordinates} if errors.coordinates else {}
 
     @classmethod
-    def misleads(cls, arm: Arm, errors: ReadingErrors) -> bool:
+    def invalidates_commands(cls, arm: Arm, errors: ReadingErrors) -> bool:
         """Joint coordinates are those that a node expects."""
         return errors.coordinates == "actuator"
 
@@ -144,12 +144,12 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
         yield Reading(f"{all_of} have the wrong sign", (), eye, -eye, sign=all_of)
     for joint in np.flatnonzero(moves).tolist():
         flip = np.diag(np.where(np.arange(len(eye)) == joint, -1.0, 1.0))
-        yield from _of_sign(arm.joint_names[joint], joint, flip, flip)
+        yield from _sign_readings(arm.joint_names[joint], joint, flip, flip)
         # Of a motor that shares joints with others, or whose joint others move, it is another one.
         motion, effort = forth @ flip @ back, back.T @ flip @ forth.T
         if np.allclose(motion, flip) and np.allclose(effort, flip):
             continue
-        yield from _of_sign(f"{arm.joint_names[joint]}'s motor", joint, motion, effort)
+        yield from _sign_readings(f"{arm.joint_names[joint]}'s motor", joint, motion, effort)
     for first in range(len(eye)):
         for second in range(first + 1, len(eye)):
             order = np.arange(len(eye))
@@ -161,7 +161,7 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
             yield Reading(f"the positions of {names} are exchanged", pair, exchange, eye)
 
 
-def _of_sign(name: str, joint: int, motion: Array, effort: Array) -> Iterator[Reading]:
+def _sign_readings(name: str, joint: int, motion: Array, effort: Array) -> Iterator[Reading]:
     """Yield the readings of a joint or motor by whose signs its motion and effort are turned."""
     eye, at = np.eye(len(motion)), (joint,)
     force, place = f"the effort of {name}", f"the position of {name}"

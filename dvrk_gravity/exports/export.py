@@ -11,7 +11,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.exports import mjcf, urdf, urdf_edit
-from dvrk_gravity.exports.form import FileModel, LeftOut, calibrated_range, project
+from dvrk_gravity.exports.form import FileModel, OmittedTorque, calibrated_range, project
 from dvrk_gravity.exports.formats import Format
 from dvrk_gravity.model import TorqueModel
 
@@ -25,13 +25,13 @@ _NOTHING = 1e-9  # N·m: rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Exported:
+class ExportResult:
     """A model as a file that other programs read.
 
     Attributes:
         text: Content of the file.
         form: Its format.
-        held: What it has of the model.
+        file_model: What it has of the model.
         torque: (n,) RMS torque of the model over the range, N·m or N.
         left_out: What the file does not have, by cause.
         total: (n,) RMS of all of it together.
@@ -42,9 +42,9 @@ class Exported:
 
     text: str
     form: Format
-    held: FileModel
+    file_model: FileModel
     torque: Array
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[OmittedTorque, ...]
     total: Array
     lower: Array
     upper: Array
@@ -52,7 +52,7 @@ class Exported:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``convert --json``."""
-        joints = self.held.arm.joints
+        joints = self.file_model.arm.joints
 
         def by_joint(values: Array) -> dict[str, float]:
             return {joint.name: float(v) for joint, v in zip(joints, values, strict=True)}
@@ -75,13 +75,13 @@ class Exported:
                 joint.name: [float(low), float(high)]
                 for joint, low, high in zip(joints, self.lower, self.upper, strict=True)
             },
-            "speed_at_most": by_joint(_SPEED * self.held.arm.scale),
-            "acceleration_at_most": by_joint(_GAIN * self.held.arm.scale),
+            "speed_at_most": by_joint(_SPEED * self.file_model.arm.scale),
+            "acceleration_at_most": by_joint(_GAIN * self.file_model.arm.scale),
             "notes": list(self.notes),
         }
 
 
-def export_model(model: TorqueModel, form: Format, folder: Path = Path()) -> Exported:
+def export_model(model: TorqueModel, form: Format, folder: Path = Path()) -> ExportResult:
     """Return a model as a URDF or an MJCF.
 
     Args:
@@ -92,30 +92,30 @@ def export_model(model: TorqueModel, form: Format, folder: Path = Path()) -> Exp
     Raises:
         ConfigError: A model that no file of that format can hold any part of.
     """
-    held, parts, notes = project(model, form)
+    file_model, parts, notes = project(model, form)
     lower, upper = calibrated_range(model)
     measured = _states(model, lower, upper)
     true = State(measured.q - model.joint_offset, measured.qd, measured.qdd)
     rest = State(true.q)
-    left_out, total = list[LeftOut](), np.zeros(true.q.shape)
+    left_out, total = list[OmittedTorque](), np.zeros(true.q.shape)
     for part in parts:
         state = true if part.moves else rest
-        missed = part.given(state) - part.held(state)
+        missed = part.model_torque(state) - part.file_torque(state)
         total += missed
         rms = np.sqrt(np.mean(missed**2, axis=0))
         if rms.max() > _NOTHING:
-            left_out.append(LeftOut(part.name, part.why, rms, np.abs(missed).max(axis=0)))
+            left_out.append(OmittedTorque(part.name, part.why, rms, np.abs(missed).max(axis=0)))
     if form == "URDF":
-        edit = urdf_edit.editable(held)
-        content = urdf_edit.text(held, folder) if edit else urdf.text(held)
+        edit = urdf_edit.is_editable(file_model)
+        content = urdf_edit.text(file_model, folder) if edit else urdf.text(file_model)
     else:
-        content = mjcf.text(held)
-        if light := mjcf.massless(held):
+        content = mjcf.text(file_model)
+        if light := mjcf.massless_links(file_model):
             notes.append(f"no mass or inertia of {', '.join(light)}: 1e-11 kg (kg·m^2) for MuJoCo")
     if not model.arm.direct_drive:
         notes.append("joints without their transmission: efforts and limits are the joints'")
-    return Exported(
-        content, form, held, np.sqrt(np.mean(model.torque_at(measured) ** 2, axis=0)),
+    return ExportResult(
+        content, form, file_model, np.sqrt(np.mean(model.torque_at(measured) ** 2, axis=0)),
         tuple(left_out), np.sqrt(np.mean(total**2, axis=0)), lower, upper, tuple(notes),
     )  # fmt: skip
 

@@ -36,26 +36,26 @@ class FileModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class TorquePart:
     """A torque of a model, what the file holds of it, and why not all.
 
     Attributes:
         name: Of the cause, an effect's name.
         why: What the file cannot hold, in words.
-        given: The model's.
-        held: What the file has for it.
+        model_torque: The model's.
+        file_torque: What the file has for it.
         moves: Whether they are compared in motion; else at rest.
     """
 
     name: str
     why: str
-    given: Torque
-    held: Torque
+    model_torque: Torque
+    file_torque: Torque
     moves: bool = True
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class OmittedTorque:
     """What a file does not have of a model.
 
     Attributes:
@@ -71,7 +71,7 @@ class LeftOut:
     largest: Array
 
 
-def project(model: TorqueModel, form: Format) -> tuple[FileModel, list[Part], list[str]]:
+def project(model: TorqueModel, form: Format) -> tuple[FileModel, list[TorquePart], list[str]]:
     """Return the nearest that a file of a format can hold of a model.
 
     Returns:
@@ -92,14 +92,14 @@ def project(model: TorqueModel, form: Format) -> tuple[FileModel, list[Part], li
     if not rigid:
         raise ConfigError("terms", "no weight and no inertia", f"links' parameters for {form}")
     q = np.linspace(*calibrated_range(model), 201) - model.joint_offset
-    parts, dynamics = list[Part](), JointDynamics(arm)
+    parts, dynamics = list[TorquePart](), JointDynamics(arm)
     for term in model.terms:
         if not _is_rigid(term):
             part, of_term = _part(term, arm, q, FORMATS[form])
             parts.append(part)
             dynamics = _sum(dynamics, of_term, model.joint_offset)
-    held, bodies, notes = _with_bodies(model, rigid, dynamics, FORMATS[form])
-    return held, [bodies, *parts], notes
+    file_model, bodies, notes = _with_bodies(model, rigid, dynamics, FORMATS[form])
+    return file_model, [bodies, *parts], notes
 
 
 def _is_rigid(term: Term) -> bool:
@@ -108,7 +108,7 @@ def _is_rigid(term: Term) -> bool:
 
 def _with_bodies(
     model: TorqueModel, rigid: list[Term], dynamics: JointDynamics, file: FileFormat
-) -> tuple[FileModel, Part, list[str]]:
+) -> tuple[FileModel, TorquePart, list[str]]:
     """Return what a file has, its bodies those of a model's rigid terms, and notes on them."""
     arm, vector, notes = model.arm, model.gravity, list[str]()
     moves = any(term.OF_LINKS == PER_LINK for term in rigid)
@@ -140,12 +140,12 @@ def _with_bodies(
         return rigid_body.torque(arm, links.ravel(), state.q, state.qd, state.qdd, down)
 
     why = "no bodies have this weight and inertia; the nearest that can exist"
-    bodies = Part("rigid bodies", why, given, of_bodies, moves)
-    held = FileModel(arm, model.joint_offset, down, links, dynamics)
-    return held, bodies, notes
+    bodies = TorquePart("rigid bodies", why, given, of_bodies, moves)
+    file_model = FileModel(arm, model.joint_offset, down, links, dynamics)
+    return file_model, bodies, notes
 
 
-def _part(term: Term, arm: Arm, q: Array, file: FileFormat) -> tuple[Part, JointDynamics]:
+def _part(term: Term, arm: Arm, q: Array, file: FileFormat) -> tuple[TorquePart, JointDynamics]:
     """Return a term that is no rigid body's, and what files of a format hold of it."""
     nearest = term.joint_dynamics(arm, q)
     if nearest is None:
@@ -153,8 +153,8 @@ def _part(term: Term, arm: Arm, q: Array, file: FileFormat) -> tuple[Part, Joint
         why = "a reading's, not the arm's" if reading else f"{file.title} has nothing for it"
         held = JointDynamics(arm)
     else:
-        why, held = file.missing(nearest), file.held(nearest)
-    return Part(term.NAME, why, term.torque, held.torque), held
+        why, held = file.missing(nearest), file.representable(nearest)
+    return TorquePart(term.NAME, why, term.torque, held.torque), held
 
 
 def _sum(one: JointDynamics, more: JointDynamics, offset: Array) -> JointDynamics:

@@ -14,7 +14,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import JointDynamics, rotors_beside_links
+from dvrk_gravity.effects import JointDynamics, separable_rotors
 
 Format = Literal["URDF", "MJCF"]
 
@@ -35,8 +35,8 @@ class FileFormat:
     springs: bool
     gravity: float | None = None
 
-    def held(self, dynamics: JointDynamics) -> JointDynamics:
-        """Return what a file holds of them, motors that move one joint being at that joint.
+    def representable(self, dynamics: JointDynamics) -> JointDynamics:
+        """Return the joint dynamics that a file can hold, motors of one joint being at that joint.
 
         Where it holds no rotors, those that turn like links are left: its bodies can have them.
         """
@@ -45,8 +45,8 @@ class FileFormat:
         if self.motors:
             inertia = _at_joints(arm, dynamics.inertia, 2)
         else:
-            beside = np.isin(np.arange(arm.n), rotors_beside_links(arm))
-            inertia = np.where(beside, 0.0, dynamics.inertia) * [[0.0], [1.0]]
+            separable = np.isin(np.arange(arm.n), separable_rotors(arm))
+            inertia = np.where(separable, 0.0, dynamics.inertia) * [[0.0], [1.0]]
         return replace(
             dynamics,
             damping=sites * _at_joints(arm, dynamics.damping, 2),
@@ -58,7 +58,7 @@ class FileFormat:
         )
 
     def missing(self, dynamics: JointDynamics) -> str:
-        """Return what a file lacks of the torque that they are nearest to, in words."""
+        """Return in words which of these dynamics the format cannot hold; ``""``: it holds all."""
         rubs = dynamics.damping.any() or dynamics.friction.any()
         turns = dynamics.inertia.any()
         pulls = dynamics.constant.any() or dynamics.stiffness.any() or dynamics.coupling.any()

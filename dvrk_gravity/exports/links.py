@@ -52,9 +52,9 @@ class FileLink:
     axes: tuple[Axis, ...]
 
 
-def links(held: FileModel) -> tuple[FileLink, ...]:
+def links(file_model: FileModel) -> tuple[FileLink, ...]:
     """Return the links of an arm, zeros of the joints where encoders have them."""
-    arm = held.arm
+    arm = file_model.arm
     own = _own_links(arm)
     names = set(arm.joint_names)
     found = []
@@ -66,11 +66,11 @@ def links(held: FileModel) -> tuple[FileLink, ...]:
             if own[joint] == index:
                 axes.append(Axis(arm.joint_names[joint], joint, 1.0, True))
                 continue
-            name = unused(f"{body.name}_{arm.joint_names[joint]}", names)
+            name = unused_name(f"{body.name}_{arm.joint_names[joint]}", names)
             names.add(name)
             axes.append(Axis(name, joint, float(body.row[joint]), False))
-        shift = -float(body.row @ held.joint_offset)
-        placement = body.placement * along(body.kind, shift)
+        shift = -float(body.row @ file_model.joint_offset)
+        placement = body.placement * motion_along(body.kind, shift)
         found.append(FileLink(body.name, body.parent, placement, body.kind, tuple(axes)))
     return tuple(found)
 
@@ -84,27 +84,27 @@ def _own_links(arm: Arm) -> tuple[int, ...]:
     )
 
 
-def along(kind: str, way: float) -> pin.SE3:
+def motion_along(kind: str, way: float) -> pin.SE3:
     """Return the motion by a coordinate about z, rad, or along it, m."""
     if kind == "revolute":
         return pin.SE3(pin.utils.rotate("z", way), np.zeros(3))
     return pin.SE3(np.eye(3), np.array([0.0, 0.0, way]))
 
 
-def unused(name: str, names: set[str] | Sequence[str]) -> str:
+def unused_name(name: str, names: set[str] | Sequence[str]) -> str:
     """Return a name that is not among some."""
     while name in names:
         name += "_"
     return name
 
 
-def mounting(held: FileModel) -> Array:
+def mounting(file_model: FileModel) -> Array:
     """Return (3, 3) the base in a world with z up: as the arm's file has it, if gravity is so."""
-    vector = held.gravity
+    vector = file_model.gravity
     strength = float(np.linalg.norm(vector))
     if strength == 0.0:
         return np.eye(3)
-    rpy = held.arm.base_rpy
+    rpy = file_model.arm.base_rpy
     if np.abs(vector / strength - gravity_in_base(*rpy) / np.linalg.norm(gravity_in_base(*rpy))
               ).max() < _SAME:  # fmt: skip
         return np.asarray(pin.rpy.rpyToMatrix(*rpy))

@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.exports.form import FileModel
-from dvrk_gravity.exports.links import FileLink, links, mounting, unused
-from dvrk_gravity.exports.urdf import numbers, written
+from dvrk_gravity.exports.links import FileLink, links, mounting, unused_name
+from dvrk_gravity.exports.urdf import numbers, to_text
 
 # kg and kg·m^2. MuJoCo refuses moving bodies without either (mjMINVAL, 1e-15): what torque does not
 # show at 1e-9 N·m.
@@ -28,39 +28,41 @@ _STOPS_IN = 0.004
 _SOFT = 1e-12
 
 
-def text(held: FileModel) -> str:
+def text(file_model: FileModel) -> str:
     """Return the MJCF of a model in its form; body frames are joint frames, z along the axis."""
-    arm = held.arm
+    arm = file_model.arm
     root = Element("mujoco", model=arm.name)
     SubElement(root, "compiler", angle="radian", autolimits="true")
-    SubElement(root, "option", gravity=numbers(0.0, 0.0, -float(np.linalg.norm(held.gravity))))
+    SubElement(
+        root, "option", gravity=numbers(0.0, 0.0, -float(np.linalg.norm(file_model.gravity)))
+    )
     names = {*arm.body_names, *arm.joint_names}
-    base = SubElement(SubElement(root, "worldbody"), "body", name=unused("base", names))
-    _place(base, pin.SE3(mounting(held), np.zeros(3)))
-    tree = links(held)
+    base = SubElement(SubElement(root, "worldbody"), "body", name=unused_name("base", names))
+    _place(base, pin.SE3(mounting(file_model), np.zeros(3)))
+    tree = links(file_model)
     bodies: list[Element] = []
-    for link, row in zip(tree, held.links, strict=True):
+    for link, row in zip(tree, file_model.links, strict=True):
         body = SubElement(base if link.parent < 0 else bodies[link.parent], "body", name=link.name)
         bodies.append(body)
         _place(body, link.placement)
         _inertial(body, row, bool(link.axes))
         for axis in link.axes:
-            _joint(body, link, axis.name, axis.joint if axis.own else None, held)
-    _coupled(root, tree, held)
-    _tendons(root, held)
+            _joint(body, link, axis.name, axis.joint if axis.own else None, file_model)
+    _couple_joints(root, tree, file_model)
+    _tendons(root, file_model)
     actuators = SubElement(root, "actuator")
     for joint in arm.joints:
         motor = SubElement(actuators, "motor", name=joint.name, joint=joint.name)
         if joint.effort_stated and math.isfinite(joint.effort_limit):
             motor.set("ctrlrange", numbers(-joint.effort_limit, joint.effort_limit))
-    return written(root)
+    return to_text(root)
 
 
-def massless(held: FileModel) -> tuple[str, ...]:
+def massless_links(file_model: FileModel) -> tuple[str, ...]:
     """Return the moving links to which the file gives the least mass, or inertia, there may be."""
     return tuple(
         link.name
-        for link, row in zip(links(held), held.links, strict=True)
+        for link, row in zip(links(file_model), file_model.links, strict=True)
         if link.axes and _too_light(row)
     )
 
@@ -93,7 +95,9 @@ def _inertial(body: Element, row: Array, moves: bool) -> None:
     )
 
 
-def _joint(body: Element, link: FileLink, name: str, own: int | None, held: FileModel) -> None:
+def _joint(
+    body: Element, link: FileLink, name: str, own: int | None, file_model: FileModel
+) -> None:
     """Write a joint; one that follows others has nothing of its own."""
     kind = "hinge" if link.kind == "revolute" else "slide"
     joint = SubElement(body, "joint", name=name, type=kind, axis="0 0 1")
@@ -101,11 +105,11 @@ def _joint(body: Element, link: FileLink, name: str, own: int | None, held: File
         if len(link.axes) > 1:  # beside another about the same axis: one has to be felt
             joint.set("armature", numbers(_LEAST))
         return
-    arm = held.arm
+    arm = file_model.arm
     lower, upper = float(arm.lower[own]), float(arm.upper[own])
     if math.isfinite(lower) and math.isfinite(upper):
         joint.set("range", numbers(lower, upper))
-    dynamics = held.dynamics
+    dynamics = file_model.dynamics
     armature, damping, dry = (
         float(levels[0, own]) for levels in (dynamics.inertia, dynamics.damping, dynamics.friction)
     )
@@ -123,7 +127,7 @@ def _joint(body: Element, link: FileLink, name: str, own: int | None, held: File
         joint.set("springref", numbers(-constant / soft))
 
 
-def _coupled(root: Element, tree: tuple[FileLink, ...], held: FileModel) -> None:
+def _couple_joints(root: Element, tree: tuple[FileLink, ...], file_model: FileModel) -> None:
     """Write the constraints of joints that follow others."""
     followers = [axis for link in tree for axis in link.axes if not axis.own]
     if not followers:
@@ -131,14 +135,14 @@ def _coupled(root: Element, tree: tuple[FileLink, ...], held: FileModel) -> None
     equality = SubElement(root, "equality")
     for axis in followers:
         SubElement(
-            equality, "joint", joint1=axis.name, joint2=held.arm.joint_names[axis.joint],
+            equality, "joint", joint1=axis.name, joint2=file_model.arm.joint_names[axis.joint],
             polycoef=numbers(0.0, axis.factor, 0.0, 0.0, 0.0),
         )  # fmt: skip
 
 
-def _tendons(root: Element, held: FileModel) -> None:
+def _tendons(root: Element, file_model: FileModel) -> None:
     """Write motors that move several joints, and springs between joints."""
-    arm, dynamics = held.arm, held.dynamics
+    arm, dynamics = file_model.arm, file_model.dynamics
     found: list[tuple[str, Array, dict[str, str]]] = []
     for index, name in enumerate(arm.joint_names):
         of_motor = {

@@ -16,53 +16,53 @@ import pinocchio as pin
 from dvrk_gravity.arms import attribute
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.exports.form import FileModel
-from dvrk_gravity.exports.links import Axis, links, mounting, unused
+from dvrk_gravity.exports.links import Axis, links, mounting, unused_name
 
 _INERTIA = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # as in a row of inertial parameters
 _TURNS = 4.0 * math.pi  # rad, beyond which readers take a range for degrees
 
 
-def text(held: FileModel) -> str:
+def text(file_model: FileModel) -> str:
     """Return the URDF of a model in its form; link frames are joint frames, z along the axis."""
-    arm = held.arm
+    arm = file_model.arm
     robot = Element("robot", name=arm.name)
     names = {*arm.body_names, *arm.joint_names}
-    base = unused("base", names)
+    base = unused_name("base", names)
     SubElement(robot, "link", name=base)
-    mount(robot, base, held)
-    tree = links(held)
-    for link, row in zip(tree, held.links, strict=True):
+    mount(robot, base, file_model)
+    tree = links(file_model)
+    for link, row in zip(tree, file_model.links, strict=True):
         parent, placement = base if link.parent < 0 else tree[link.parent].name, link.placement
         for place, axis in enumerate(link.axes):
             last = place == len(link.axes) - 1
-            child = link.name if last else unused(axis.name, names)
+            child = link.name if last else unused_name(axis.name, names)
             joint = SubElement(robot, "joint", name=axis.name)
             _ends(joint, parent, child, placement)
             SubElement(joint, "axis", xyz="0 0 1")
-            _motion(joint, link.kind, axis, held)
+            _motion(joint, link.kind, axis, file_model)
             if not last:
                 SubElement(robot, "link", name=child)
             parent, placement = child, pin.SE3.Identity()
         if not link.axes:
-            joint = SubElement(robot, "joint", name=unused(link.name, names), type="fixed")
+            joint = SubElement(robot, "joint", name=unused_name(link.name, names), type="fixed")
             _ends(joint, parent, link.name, placement)
         inertial(SubElement(robot, "link", name=link.name), row)
-    return written(robot)
+    return to_text(robot)
 
 
-def mount(robot: Element, base: str, held: FileModel) -> None:
+def mount(robot: Element, base: str, file_model: FileModel) -> None:
     """Put a base as it is mounted on a new link with z up, unless it is upright."""
-    turn = mounting(held)
+    turn = mounting(file_model)
     if (turn == np.eye(3)).all():
         return
-    names = {str(part.get("name")) for part in robot} | {*held.arm.body_names}
-    world = unused("world", names)
+    names = {str(part.get("name")) for part in robot} | {*file_model.arm.body_names}
+    world = unused_name("world", names)
     robot.insert(0, Element("link", name=world))
-    joint = SubElement(robot, "joint", name=unused("mounting", names), type="fixed")
+    joint = SubElement(robot, "joint", name=unused_name("mounting", names), type="fixed")
     _ends(joint, world, base, pin.SE3(turn, np.zeros(3)))
 
 
-def written(robot: Element) -> str:
+def to_text(robot: Element) -> str:
     """Return an XML document, indented."""
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
@@ -112,9 +112,9 @@ def inertial(link: Element, row: Array) -> None:
     SubElement(part, "inertia", dict(zip(_INERTIA, map(numbers, six), strict=True)))
 
 
-def _motion(joint: Element, kind: str, axis: Axis, held: FileModel) -> None:
+def _motion(joint: Element, kind: str, axis: Axis, file_model: FileModel) -> None:
     """Write a joint's kind, limits and friction, or what it follows."""
-    of = held.arm.joints[axis.joint]
+    of = file_model.arm.joints[axis.joint]
     edges = sorted((axis.factor * of.lower, axis.factor * of.upper))
     ends = kind == "prismatic" or max(map(abs, edges)) <= _TURNS
     joint.set("type", kind if ends else "continuous")
@@ -129,14 +129,14 @@ def _motion(joint: Element, kind: str, axis: Axis, held: FileModel) -> None:
         limit |= {"lower": numbers(edges[0]), "upper": numbers(edges[1])}
     SubElement(joint, "limit", limit)
     if axis.own:
-        dynamics(joint, held, axis.joint)
+        dynamics(joint, file_model, axis.joint)
     else:
         SubElement(joint, "mimic", joint=of.name, multiplier=numbers(axis.factor), offset="0.0")
 
 
-def dynamics(joint: Element, held: FileModel, index: int) -> None:
+def dynamics(joint: Element, file_model: FileModel, index: int) -> None:
     """Write the friction of the arm's joint of that index."""
     for old in joint.findall("dynamics"):
         joint.remove(old)
-    damping, dry = held.dynamics.damping[0, index], held.dynamics.friction[0, index]
+    damping, dry = file_model.dynamics.damping[0, index], file_model.dynamics.friction[0, index]
     SubElement(joint, "dynamics", damping=numbers(damping), friction=numbers(dry))

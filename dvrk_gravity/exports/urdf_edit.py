@@ -18,22 +18,24 @@ from dvrk_gravity.exports import urdf
 from dvrk_gravity.exports.form import FileModel
 
 
-def editable(held: FileModel) -> bool:
+def is_editable(file_model: FileModel) -> bool:
     """Return whether the URDF of a model's arm is still there, and no joint of it is held."""
-    arm = held.arm
+    arm = file_model.arm
     return bool(arm.urdf) and Path(arm.urdf).is_file() and not arm.held
 
 
-def text(held: FileModel, folder: Path) -> str:
+def text(file_model: FileModel, folder: Path) -> str:
     """Return the URDF of a model, for a folder that meshes are found from.
 
     Raises:
         ConfigError: The file is no URDF any more.
     """
-    arm, path = held.arm, Path(held.arm.urdf)
+    arm, path = file_model.arm, Path(file_model.arm.urdf)
     robot = read_robot(path)
     joints = read_joints(robot)
-    bodies = {body.name: (body, row) for body, row in zip(arm.bodies, held.links, strict=True)}
+    bodies = {
+        body.name: (body, row) for body, row in zip(arm.bodies, file_model.links, strict=True)
+    }
     for name, joint in joints.items():
         child = str(attribute(joint, "child", "link"))
         if joint.get("type") == "fixed":
@@ -42,9 +44,9 @@ def text(held: FileModel, folder: Path) -> str:
             _fix(name, joint)
             continue
         body, _ = bodies[child]
-        _shift(joint, -float(body.row @ held.joint_offset))
+        _shift(joint, -float(body.row @ file_model.joint_offset))
         if name in arm.joint_names:
-            urdf.dynamics(joint, held, arm.joint_names.index(name))
+            urdf.dynamics(joint, file_model, arm.joint_names.index(name))
     parents = {
         str(attribute(j, "child", "link")): str(attribute(j, "parent", "link"))
         for j in joints.values()
@@ -61,12 +63,12 @@ def text(held: FileModel, folder: Path) -> str:
         if at in bodies:  # rigidly on a body, which has its mass
             urdf.inertial(link, np.zeros(10))
     base = next(name for name in map(str, parents.values()) if name not in parents)
-    urdf.mount(robot, base, held)
+    urdf.mount(robot, base, file_model)
     for mesh in robot.iter("mesh"):
         file = mesh.get("filename", "")
         if file and "://" not in file and not Path(file).is_absolute():
             mesh.set("filename", os.path.relpath(path.parent / file, folder))
-    return urdf.written(robot)
+    return urdf.to_text(robot)
 
 
 def _fix(name: str, joint: Element) -> None:

@@ -12,7 +12,7 @@ from dvrk_gravity.errors import ConfigError
 
 
 @contextmanager
-def alone_in(folder: Path, option: str) -> Iterator[None]:
+def lock_folder(folder: Path, option: str) -> Iterator[None]:
     """Lock a folder; the system unlocks it when the process ends, for whatever reason.
 
     Args:

@@ -92,7 +92,7 @@ def require_unread(name: str, path: Path, read: str | Path) -> None:
     Raises:
         ConfigError: Naming it; or the file that is read, if it cannot be searched for names.
     """
-    for source in _with_named(str(read), set()):
+    for source in _with_named_files(str(read), set()):
         if _same(path, source):
             raise ConfigError(name, f"{source.name}, which is read", "another name", path)
     if path.exists():  # else nothing can be lost
@@ -105,7 +105,12 @@ def _check(
     holds: bool = False,
 ) -> None:
     """Check outputs, not the folders that they are in; one that ``holds`` others may be full."""
-    read = [named for path in inputs if path is not None for named in _with_named(str(path), set())]
+    read = [
+        named
+        for path in inputs
+        if path is not None
+        for named in _with_named_files(str(path), set())
+    ]
     # A bag's file is read without its metadata, which must not be lost either.
     read += [path.with_name("metadata.yaml") for path in read if path.suffix in _BAG_FILES]
     before: list[tuple[str, Path]] = []
@@ -132,7 +137,7 @@ def _check(
         _check_kind(option, path, kind)
 
 
-def _with_named(path: str, seen: set[Path]) -> Iterator[Path]:
+def _with_named_files(path: str, seen: set[Path]) -> Iterator[Path]:
     """Yield a file, and those that it names: a model its arm's and its own, an arm its URDF."""
     file = Path(split_link(path)[0])
     yield file
@@ -145,7 +150,7 @@ def _with_named(path: str, seen: set[Path]) -> Iterator[Path]:
             for folder in (file.parent, Path()):
                 with suppress(OSError):  # a name that no file can have
                     if Path(split_link(str(folder / name))[0]).is_file():
-                        yield from _with_named(str(folder / name), seen)
+                        yield from _with_named_files(str(folder / name), seen)
 
 
 def _names_in(content: Any) -> Iterator[str]:
@@ -163,7 +168,7 @@ def _names_in(content: Any) -> Iterator[str]:
 def _require_legible(inputs: Iterable[str | Path | None]) -> None:
     """Refuse illegible YAML files: they may name a file that is to be written."""
     for path in inputs:
-        for file in () if path is None else _with_named(str(path), set()):
+        for file in () if path is None else _with_named_files(str(path), set()):
             if _is_yaml(file):
                 yaml_file.load(file)
 

@@ -75,7 +75,7 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedSeries:
     """A series with what was fitted to it.
 
     Attributes:
@@ -110,8 +110,8 @@ def daily(time: Array, value: Array, error: Array) -> tuple[Array, Array, Array]
     return (time, value, error) if len(days) == len(time) else (when, mean, 1.0 / np.sqrt(total))
 
 
-def fit(time: Array, value: Array, error: Array, given: Array | None = None) -> Fitted:
-    """Return what a series did.
+def fit(time: Array, value: Array, error: Array, given: Array | None = None) -> FittedSeries:
+    """Fit season and change to a series.
 
     Args:
         time: (N,) days, increasing, at least :data:`FEWEST`.
@@ -152,7 +152,9 @@ def fit(time: Array, value: Array, error: Array, given: Array | None = None) -> 
         )  # fmt: skip
     first = series.base.shape[1]
     season = float(np.hypot(*chosen.coefficients[first : first + 2])) if seasonal else 0.0
-    return Fitted(chosen.columns @ chosen.coefficients, chosen.scatter, season, change, p_value)
+    return FittedSeries(
+        chosen.columns @ chosen.coefficients, chosen.scatter, season, change, p_value
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +168,7 @@ class _Form:
 
 
 @dataclass(frozen=True, eq=False)
-class _Best:
+class _BestForm:
     """The best of some forms, at its best ratio of variances."""
 
     shape: Shape | None
@@ -223,7 +225,7 @@ class _Series:
                     shape, tau, np.column_stack([*base, ramp]), (end - begin) / _BETWEEN
                 )  # fmt: skip
 
-    def best_of(self, forms: Iterator[_Form] | Sequence[_Form]) -> _Best:
+    def best_of(self, forms: Iterator[_Form] | Sequence[_Form]) -> _BestForm:
         """Return the likeliest of some forms of as many parameters."""
         forms = list(forms)
         likelihood, theta, covariance, phi, _ = self._fits(forms)
@@ -235,13 +237,13 @@ class _Series:
         freedom = n - form.columns.shape[1] + _STATED
         scale = float(phi[which, ratio]) * (n + _STATED) / freedom
         scatter = np.sqrt(scale * float(np.mean(self.error**2)) * _RATIOS[ratio])
-        return _Best(
+        return _BestForm(
             form.shape, form.tau, form.columns, theta[which, ratio],
             float(np.sqrt(scale * covariance[which, ratio])), most,
             -2.0 * most + parameters * np.log(n), float(scatter), self.weights[ratio], len(forms),
         )  # fmt: skip
 
-    def p_value(self, best: _Best, null: _Best) -> float:
+    def p_value(self, best: _BestForm, null: _BestForm) -> float:
         """Return the p-value of the F test of a form against no change, with the form's weights."""
         from scipy.special import fdtrc
 
@@ -258,7 +260,7 @@ class _Series:
         ratio = (left[0] - left[1]) / more / (left[1] / freedom)
         return float(fdtrc(more, freedom, max(ratio, 0.0)))
 
-    def interval(self, best: _Best, seasonal: bool) -> tuple[float, float]:
+    def interval(self, best: _BestForm, seasonal: bool) -> tuple[float, float]:
         """Return the 95 % interval of the date of a change."""
         if best.shape == "drift":
             return float(self.time[0]), float(self.time[0])

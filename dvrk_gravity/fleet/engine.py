@@ -121,7 +121,7 @@ class Engine(Generic[U, R]):
                     if suspect is not None and isinstance(error, KilledWorker):
                         suspect(unit)
                     else:
-                        lost(unit, why(error))
+                        lost(unit, loss_reason(error))
                 else:
                     take(unit, result)
                 future.release()
@@ -150,7 +150,7 @@ def _up_to(units: Iterator[U], count: int) -> Iterator[U]:
             return
 
 
-def why(error: Exception) -> str:
+def loss_reason(error: Exception) -> str:
     """Return in a line what became of a unit that is lost."""
     from distributed.scheduler import KilledWorker
 

@@ -28,7 +28,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.fleet import change_points
-from dvrk_gravity.fleet.change_points import FEWEST, MONTH, Change, Fitted
+from dvrk_gravity.fleet.change_points import FEWEST, MONTH, Change, FittedSeries
 from dvrk_gravity.fleet.store import table
 
 if TYPE_CHECKING:
@@ -51,23 +51,25 @@ class HistorySettings:
     """What counts as a change, and as a need.
 
     Attributes:
-        rate: False discovery rate. A convention.
-        usable: Torque of a change over the joint's friction, from which on an arm needs a hand:
-            what is not compensated moves a joint once it exceeds its friction, and friction has
-            then doubled.
-        ahead: Months for which a slope is extrapolated where arms are put in order. Chosen.
-        clearly: Log-likelihood that it must be ahead of another quantity, else either may be it: a
-            Bayes factor of 20 (Kass and Raftery 1995: strong).
-        named: Part of the recordings since a change whose findings must name a cause. Chosen: most.
-        most: Changes of one arm: a bound on time.
+        false_discovery_rate: False discovery rate. A convention.
+        urgent_ratio: Torque of a change over the joint's friction, from which on an arm needs a
+            hand: what is not compensated moves a joint once it exceeds its friction, and friction
+            has then doubled.
+        horizon_months: Months for which a slope is extrapolated where arms are put in order.
+            Chosen.
+        min_evidence: Log-likelihood that it must be ahead of another quantity, else either may be
+            it: a Bayes factor of 20 (Kass and Raftery 1995: strong).
+        naming_share: Part of the recordings since a change whose findings must name a cause.
+            Chosen: most.
+        max_changes: Changes of one arm: a bound on time.
     """
 
-    rate: float = 0.05
-    usable: float = 1.0
-    ahead: float = 3.0
-    clearly: float = 3.0
-    named: float = 0.5
-    most: int = 5
+    false_discovery_rate: float = 0.05
+    urgent_ratio: float = 1.0
+    horizon_months: float = 3.0
+    min_evidence: float = 3.0
+    naming_share: float = 0.5
+    max_changes: int = 5
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ class Series:
     day: Array
     value: Array
     error: Array
-    fitted: Fitted | None = None
+    fitted: FittedSeries | None = None
 
     @property
     def name(self) -> Name:
@@ -152,7 +154,7 @@ class ArmChange:
     due: float | None
     due_interval: tuple[float | None, float | None]
 
-    def ahead(self, months: float) -> float:
+    def severity_after(self, months: float) -> float:
         """Return the severity so many months after the last date."""
         if self.change.shape == "break":
             return self.severity
@@ -181,7 +183,7 @@ class ArmHistory:
     p_value: float = 1.0
     changes: tuple[ArmChange, ...] = ()
     urgency: float = 0.0
-    named: Mapping[tuple[str, str], Array] = field(default_factory=dict)
+    named_days: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
 
 def histories(
@@ -208,19 +210,21 @@ def histories(
     arms = list(_arms(rows))
     fitted = []
     for count, arm in enumerate(arms, start=1):
-        fitted.append(_fitted(arm))
+        fitted.append(_fit_series(arm))
         progress(count / len(arms))
-    return judged(fitted, of)
+    return assess_changes(fitted, of)
 
 
-def judged(arms: Sequence[ArmHistory], settings: HistorySettings | None = None) -> list[ArmHistory]:
+def assess_changes(
+    arms: Sequence[ArmHistory], settings: HistorySettings | None = None
+) -> list[ArmHistory]:
     """Return arms whose series are fitted with what changed, the most urgent first."""
     from scipy.stats import false_discovery_control
 
     of = settings or HistorySettings()
     adjusted = false_discovery_control([arm.p_value for arm in arms]) if arms else []
-    reported = [bool(q <= of.rate) for q in adjusted]
-    level = of.rate * sum(reported) / max(len(arms), 1)
+    reported = [bool(q <= of.false_discovery_rate) for q in adjusted]
+    level = of.false_discovery_rate * sum(reported) / max(len(arms), 1)
     found = [
         _with_changes(arm, level, of) if is_reported else arm
         for arm, is_reported in zip(arms, reported, strict=True)
@@ -234,14 +238,14 @@ def date(day: float) -> datetime:
 
 
 def with_fit(series: Series, given: Array | None = None) -> Series:
-    """Return a series with what it did, beside (N,) a course that is allowed for."""
+    """Return a series with its fitted changes, an expected (N,) course allowed for."""
     time, value, error = series.daily
     if len(time) < FEWEST:
         return replace(series, fitted=None)
     return replace(series, fitted=change_points.fit(time, value, error, given))
 
 
-def _fitted(arm: ArmHistory) -> ArmHistory:
+def _fit_series(arm: ArmHistory) -> ArmHistory:
     series = tuple(map(with_fit, arm.series))
     p_values = [each.fitted.p_value for each in series if each.fitted is not None]
     smallest = min(1.0, len(p_values) * min(p_values)) if p_values else 1.0
@@ -251,8 +255,8 @@ def _fitted(arm: ArmHistory) -> ArmHistory:
 def _with_changes(arm: ArmHistory, level: float, of: HistorySettings) -> ArmHistory:
     """Return an arm with its changes, one after the other, each beside those before it."""
     left, changes = _significant(arm.series, level), list[ArmChange]()
-    while left and len(changes) < of.most:
-        first, by_findings = _named_first(arm, [series for series, _ in left], of)
+    while left and len(changes) < of.max_changes:
+        first, by_findings = _naming_series(arm, [series for series, _ in left], of)
         q_value = {series.name: q for series, q in left}[first.name]
         assert first.fitted is not None
         course = np.interp(first.day, first.daily[0], first.fitted.curve)
@@ -268,8 +272,11 @@ def _with_changes(arm: ArmHistory, level: float, of: HistorySettings) -> ArmHist
         )
         changes.append(_change(first, q_value, also, by_findings, of))
         left = still
-    changes.sort(key=lambda each: -np.nan_to_num(each.ahead(of.ahead)))
-    urgency = max((float(np.nan_to_num(each.ahead(of.ahead))) for each in changes), default=0.0)
+    changes.sort(key=lambda each: -np.nan_to_num(each.severity_after(of.horizon_months)))
+    urgency = max(
+        (float(np.nan_to_num(each.severity_after(of.horizon_months))) for each in changes),
+        default=0.0,
+    )
     return replace(arm, changes=tuple(changes), urgency=urgency)
 
 
@@ -300,7 +307,7 @@ def _same_step(series: Series, first: Series) -> bool:
     return both and one.since[0] <= other.since[1] and other.since[0] <= one.since[1]
 
 
-def _named_first(
+def _naming_series(
     arm: ArmHistory, series: Sequence[Series], of: HistorySettings
 ) -> tuple[Series, bool]:
     """Return the quantity that a change is named by, and whether the findings name it."""
@@ -311,12 +318,12 @@ def _named_first(
         return each.fitted.change
 
     def share(each: Series) -> float:
-        found = arm.named.get((each.effect, each.joint), np.zeros(0))
+        found = arm.named_days.get((each.effect, each.joint), np.zeros(0))
         at = change(each).at
         after = sum(visit.day >= at for visit in arm.visits)
         return float(np.sum(found >= at)) / max(after, 1)
 
-    named = [each for each in series if share(each) >= of.named]
+    named = [each for each in series if share(each) >= of.naming_share]
     return max(named or series, key=lambda each: change(each).gain), bool(named)
 
 
@@ -333,7 +340,7 @@ def _change(
         grows = np.sign(change.now) == np.sign(change.size)
         rates = [abs(change.size) + z * change.error for z in (0.0, NORMAL_95, -NORMAL_95)]
         left = [
-            last + max(of.usable - severity, 0.0) / (rate * ratio) * MONTH
+            last + max(of.urgent_ratio - severity, 0.0) / (rate * ratio) * MONTH
             if grows and rate * ratio > 0.0 else None
             for rate in rates
         ]  # fmt: skip
@@ -341,7 +348,7 @@ def _change(
     rivals = tuple(
         each.name for each in also
         if each.fitted is not None and each.fitted.change is not None
-        and each.fitted.change.gain > change.gain - of.clearly
+        and each.fitted.change.gain > change.gain - of.min_evidence
     )  # fmt: skip
     names = tuple(each.name for each in also)
     return ArmChange(
@@ -392,7 +399,7 @@ def _arm(serial: str, rows: pyarrow.Table) -> ArmHistory:
     return ArmHistory(
         serial, columns["arm"][0], visits,
         tuple(each for name, its in series.items() if (each := _series(name, its, day, columns))),
-        named={name: np.array(days) for name, days in named.items()},
+        named_days={name: np.array(days) for name, days in named.items()},
     )  # fmt: skip
 
 

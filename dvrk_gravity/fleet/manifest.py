@@ -190,6 +190,6 @@ def is_whole_recording(path: Path) -> bool:
 
 
 def _remote(pattern: str) -> list[str]:
-    from dvrk_gravity.fleet.remote import matching
+    from dvrk_gravity.fleet.remote import list_matches
 
-    return matching(pattern)
+    return list_matches(pattern)

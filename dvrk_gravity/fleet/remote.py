@@ -12,7 +12,7 @@ from typing import Any
 from dvrk_gravity.errors import RecordingError
 
 
-def matching(pattern: str) -> list[str]:
+def list_matches(pattern: str) -> list[str]:
     """Return the URLs that a pattern matches, sorted.
 
     Raises:
@@ -26,7 +26,7 @@ def matching(pattern: str) -> list[str]:
     return sorted(system.unstrip_protocol(each) for each in found)
 
 
-def described(url: str) -> tuple[int, datetime | None]:
+def file_info(url: str) -> tuple[int, datetime | None]:
     """Return size, bytes, and time of modification, where the system keeps one.
 
     Raises:
@@ -44,7 +44,7 @@ def described(url: str) -> tuple[int, datetime | None]:
 
 
 @contextmanager
-def fetched(url: str) -> Iterator[Path]:
+def fetch(url: str) -> Iterator[Path]:
     """Give a copy of what is behind a URL, a file of the same name, for as long as it is used.
 
     Raises:

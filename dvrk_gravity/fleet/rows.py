@@ -75,7 +75,7 @@ def parquet(rows: Iterable[Row]) -> bytes:
     return stream.getvalue()
 
 
-def of_fit(fit: Fit) -> Iterator[Row]:
+def fit_rows(fit: Fit) -> Iterator[Row]:
     """Yield the parameters of an identification."""
     for each in fit.parameters:
         term, _, joint = each.name.partition("[")
@@ -89,7 +89,7 @@ def of_fit(fit: Fit) -> Iterator[Row]:
         }  # fmt: skip
 
 
-def of_evaluation(result: Evaluation, units: Mapping[str, str]) -> Iterator[Row]:
+def evaluation_rows(result: Evaluation, units: Mapping[str, str]) -> Iterator[Row]:
     """Yield the error of a model at each joint: rmse and floor, and the first over the torque."""
     for joint, error in result.joints.items():
         sizes = {"rmse": (error.rmse, units[joint]), "nrmse": (error.nrmse, ""),
@@ -104,7 +104,7 @@ def of_evaluation(result: Evaluation, units: Mapping[str, str]) -> Iterator[Row]
             }
 
 
-def of_diagnosis(diagnosis: Diagnosis) -> Iterator[Row]:
+def diagnosis_rows(diagnosis: Diagnosis) -> Iterator[Row]:
     """Yield the verdict, and the parameters of every finding."""
     yield {"kind": "recording", "verdict": diagnosis.verdict, "text": diagnosis.sentence}
     for finding in diagnosis.findings:
@@ -119,7 +119,7 @@ def of_diagnosis(diagnosis: Diagnosis) -> Iterator[Row]:
             yield whole
 
 
-def of_changes(changes: Iterable[TrackedChange]) -> Iterator[Row]:
+def change_rows(changes: Iterable[TrackedChange]) -> Iterator[Row]:
     """Yield the changes that were fitted alone."""
     for each in changes:
         half = NORMAL_95 * each.error

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from dvrk_gravity.fleet.engine import Engine, key_of
-from dvrk_gravity.fleet.planned import Planned
+from dvrk_gravity.fleet.fleet_plan import FleetPlan
 from dvrk_gravity.fleet.worker import Result, Unit, work
 
 
@@ -35,7 +35,7 @@ class Summary:
 
 
 def run_fleet(
-    planned: Planned, client: Any, say: Callable[[str], None], progress: Callable[[float], None],
+    planned: FleetPlan, client: Any, say: Callable[[str], None], progress: Callable[[float], None],
     function: Callable[[Unit], Result] = work,
 ) -> Summary:  # fmt: skip
     """Do what is planned, and write each result as it comes.
@@ -78,15 +78,15 @@ def run_fleet(
     for serial, _ in planned.references():
         summary.lines.append(f"{serial}: none of its recordings could be identified: no model")
         say(summary.lines[-1])
-    engine.run(against_models(planned, summary), _key, take, lost)
+    engine.run(pending_comparisons(planned, summary), _key, take, lost)
     store.compact()
     return summary
 
 
-def against_models(planned: Planned, summary: Summary) -> Iterator[Unit]:
-    """Yield what is left to be compared with models, and count what is done already."""
+def pending_comparisons(planned: FleetPlan, summary: Summary) -> Iterator[Unit]:
+    """Yield recordings still to be compared with models, and count those done already."""
     before = planned.skipped
-    for unit in planned.against_models():
+    for unit in planned.pending_comparisons():
         summary.skipped += planned.skipped - before
         before = planned.skipped
         yield unit
@@ -94,7 +94,7 @@ def against_models(planned: Planned, summary: Summary) -> Iterator[Unit]:
 
 
 def _identify_references(
-    planned: Planned, engine: Engine[Unit, Result],
+    planned: FleetPlan, engine: Engine[Unit, Result],
     take: Callable[[Unit, Result], None], lost: Callable[[Unit, str], None],
 ) -> None:  # fmt: skip
     """Identify the first recording of each arm without a model; where that fails, its next one."""

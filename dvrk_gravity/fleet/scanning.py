@@ -24,7 +24,7 @@ UNKNOWN = "ARM"
 
 
 @dataclass(frozen=True)
-class _Found:
+class _ArmInRecording:
     """One arm in one recording."""
 
     path: Path
@@ -76,10 +76,12 @@ def _recordings(folder: Path) -> Iterator[Path]:
             yield from _recordings(path)
 
 
-def _arms_in(path: Path, folder: Path) -> Iterator[_Found]:
+def _arms_in(path: Path, folder: Path) -> Iterator[_ArmInRecording]:
     """Yield the arms of a recording: of a bag its namespaces, of a csv what its path names."""
     if not is_bag(path):
-        yield _Found(path, _name_in(path.relative_to(folder)) or _by_joints(path.parent), "")
+        yield _ArmInRecording(
+            path, _name_in(path.relative_to(folder)) or _by_joints(path.parent), ""
+        )
         return
     try:
         with BagReader(path) as bag:
@@ -93,7 +95,7 @@ def _arms_in(path: Path, folder: Path) -> Iterator[_Found]:
     for topic in topics:
         namespace = topic.rpartition("/")[0].strip("/").rpartition("/")[2]
         name = namespace if _kind(namespace) != UNKNOWN else _name_in(path.relative_to(folder))
-        yield _Found(path, name or namespace, topic if len(topics) > 1 else "")
+        yield _ArmInRecording(path, name or namespace, topic if len(topics) > 1 else "")
 
 
 def _name_in(path: Path) -> str:
@@ -120,7 +122,7 @@ def _serial_numbers(folder: Path) -> dict[tuple[Path, str], str]:
     return found
 
 
-def _serial(found: _Found, folder: Path, numbers: dict[tuple[Path, str], str]) -> str:
+def _serial(found: _ArmInRecording, folder: Path, numbers: dict[tuple[Path, str], str]) -> str:
     for parent in found.path.parents:
         if serial := numbers.get((parent, found.name.upper())):
             return serial

@@ -122,13 +122,13 @@ def work(unit: Unit, pages: Pages | None = None) -> Result:
     with ExitStack() as stack:
         path = Path(unit.recording)
         if is_url(unit.recording):
-            path = stack.enter_context(remote.fetched(unit.recording))
+            path = stack.enter_context(remote.fetch(unit.recording))
         content = content_hash(path)
         key = key_of(content, unit.model_hash)
         if content in unit.known:
             return Result(key, known=True)
         steps = _Steps(unit, path, pages)
-        found, report, model = steps.reference() if not unit.model else steps.against_model()
+        found, report, model = steps.reference() if not unit.model else steps.compare_with_model()
     seconds = time.monotonic() - begun
     whole = {
         "key": key, "arm": unit.arm, "serial": unit.serial, "recording": unit.recording,
@@ -181,19 +181,19 @@ def _hash_of(files: Sequence[Path]) -> str:
 def _model_files(path: str) -> Iterator[list[Path]]:
     """Give a model's file and, if there is one, that of its uncertainty, with their names."""
     if not is_url(path):
-        beside = uncertainty_file(Path(path))
-        yield [Path(path), *([beside] if beside.exists() else [])]
+        uncertainty_path = uncertainty_file(Path(path))
+        yield [Path(path), *([uncertainty_path] if uncertainty_path.exists() else [])]
         return
-    with remote.fetched(path) as file:
-        beside = uncertainty_file(file)
-        url = f"{path.rpartition('/')[0]}/{beside.name}"
-        with suppress(RecordingError), remote.fetched(url) as its:
-            beside.write_bytes(its.read_bytes())
-        yield [file, *([beside] if beside.exists() else [])]
+    with remote.fetch(path) as file:
+        uncertainty_path = uncertainty_file(file)
+        url = f"{path.rpartition('/')[0]}/{uncertainty_path.name}"
+        with suppress(RecordingError), remote.fetch(url) as its:
+            uncertainty_path.write_bytes(its.read_bytes())
+        yield [file, *([uncertainty_path] if uncertainty_path.exists() else [])]
 
 
 @lru_cache(maxsize=16)
-def _loaded(path: str, known: str) -> TorqueModel:
+def _load_model(path: str, known: str) -> TorqueModel:
     """Return a model, as the hash knows it: many recordings of an arm follow each other."""
     with _model_files(path) as files:
         if _hash_of(files) != known:
@@ -217,32 +217,32 @@ class _Steps:
             return self._rows, "", None
         verdict = f"reference, {fit.verdict.words}"
         self._rows += [{"kind": "recording", "verdict": "reference", "text": verdict}]
-        self._rows += rows.of_fit(fit)
+        self._rows += rows.fit_rows(fit)
         report = "" if self._pages is None else self._pages.fit(fit, self._unit.recording)
         with TemporaryDirectory(prefix="dvrk_gravity-") as folder:
             path = Path(folder, f"{self._unit.serial}.yaml")
             fit.model.save(path, f"Identified by dvrk_gravity fleet from {self._unit.recording}.")
             return self._rows, report, (path.read_bytes(), uncertainty_file(path).read_bytes())
 
-    def against_model(self) -> tuple[list[Row], str, None]:
+    def compare_with_model(self) -> tuple[list[Row], str, None]:
         """Return rows and report of a recording beside its arm's model."""
-        model = _loaded(self._unit.model, self._unit.model_hash)
+        model = _load_model(self._unit.model, self._unit.model_hash)
         arm, report = model.arm, ""
         recording = self._try("read", lambda: self._read(arm))
         if recording is None:
             return self._rows, report, None
         diagnosis = self._try("diagnose", lambda: diagnose(recording, model))
         if diagnosis is not None:
-            self._rows += rows.of_diagnosis(diagnosis)
+            self._rows += rows.diagnosis_rows(diagnosis)
             if self._pages is not None:
                 report = self._pages.diagnosis(diagnosis, [self._unit.recording])
         if (changes := self._try("track", lambda: track(recording, model))) is not None:
-            self._rows += rows.of_changes(changes)
+            self._rows += rows.change_rows(changes)
         units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
         if (evaluation := self._try("evaluate", lambda: evaluate(model, recording))) is not None:
-            self._rows += rows.of_evaluation(evaluation, units)
+            self._rows += rows.evaluation_rows(evaluation, units)
         if (fit := self._try("identify", lambda: identify(recording, arm))) is not None:
-            self._rows += rows.of_fit(fit)
+            self._rows += rows.fit_rows(fit)
         return self._rows, report, None
 
     def _read(self, arm: Arm) -> Recording:

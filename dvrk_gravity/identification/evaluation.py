@@ -183,7 +183,7 @@ def evaluate(
     recordings, corrected = without_known_errors(recordings, model, coordinates)
     odd = require_newtons(model, recordings)
     fixed_positions, held = held_beyond(recordings, model.arm, {})
-    warnings = list(about_arm(model.arm.doubts if model.of_file else ()))
+    warnings = list(about_arm(model.arm.warnings if model.of_file else ()))
     static, decisions = all_static(recordings), list[Decision]()
 
     def decide(number: int, prepared: Prepared) -> Coordinates:

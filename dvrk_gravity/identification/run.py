@@ -29,7 +29,7 @@ from dvrk_gravity.identification.trajectories.problem import (
     require_form,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
-from dvrk_gravity.model import Columns, TorqueModel, identified
+from dvrk_gravity.model import Columns, TorqueModel, fitted_effects
 from dvrk_gravity.observation import (
     OTHER_SIDE,
     KnownPayload,
@@ -127,7 +127,7 @@ def identify(
         recordings, given = recordings[:-1], given[:-1]
     arm, unit, wrong = their_unit(arm, recordings)
     # Neither masses that are not believed judge, nor is a mounting that the file states doubted.
-    if wrong is not None and (arm.newtons_said or (wrong.mounted and arm.base_stated)):
+    if wrong is not None and (arm.newtons_stated or (wrong.mounted and arm.base_stated)):
         unit, wrong = (*unit, wrong.warning), None
     if gains:  # found by a known load
         unit = tuple(note for note in unit if note.kind != "effort_read")
@@ -144,7 +144,7 @@ def identify(
         fit = _dynamic(
             recordings, arm, given, effects, physical, report, still, for_file, least_gain
         )
-    warnings = (*about_arm(arm.doubts), *missing, *gains, *unit, *fit.warnings)
+    warnings = (*about_arm(arm.warnings), *missing, *gains, *unit, *fit.warnings)
     if not contradiction(fit.warnings):
         warnings = (*warnings, *by_weight(fit.parameters, arm))
     if for_file:
@@ -168,7 +168,7 @@ def _judged_with_constants(fit: Fit, bias: Mapping[str, str]) -> Fit:
 
 def _require_identified(effects: Sequence[str] | None, arm: Arm) -> None:
     """Refuse effects that trajectories are not fitted with."""
-    known = identified(arm)
+    known = fitted_effects(arm)
     for effect in effects or ():
         if effect not in known:
             reasons = {term.NAME: term.NOT_FITTED for term in terms()}
@@ -343,7 +343,7 @@ def _dynamic(
             physical = True
     fit = fit_dynamic(observed, arm, shown, effects, physical, report, columns, least_gain)
     if shown == "actuator" and coordinates[complete.index(True)] is None:
-        fit = replace(fit, model=replace(fit.model, found_in=shown))
+        fit = replace(fit, model=replace(fit.model, detected_coordinates=shown))
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
 
 

@@ -52,7 +52,7 @@ class CalibrationSamples:
         rate: float,
         settings: KeptSettings | None = None,
     ) -> CalibrationSamples | None:
-        """Return what is kept of gap-free parts; ``None`` if there are none.
+        """Return thinned samples of gap-free parts; ``None`` if there are none.
 
         Args:
             parts: Positions, velocities, accelerations and efforts of each, (N, n).

@@ -31,7 +31,7 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.model.kinematics import KinematicCalibration, kinematic_columns
 
 
-def identified(arm: Arm) -> tuple[str, ...]:
+def fitted_effects(arm: Arm) -> tuple[str, ...]:
     """Return the names of the effects that trajectories of an arm are fitted with."""
     found = (unknowns.term.NAME for unknowns in _unknowns(arm, Range(*arm.range)))
     displaced = (column.effect for column in kinematic_columns(arm))
@@ -63,7 +63,7 @@ class Columns:
         """Lay the columns out for data between (n,) ``lower`` and ``upper`` measured positions."""
         self.arm = arm
         self.kinematics = KinematicCalibration() if kinematics is None else kinematics
-        self.mounted = self.kinematics.mounted(arm)
+        self.mounted = self.kinematics.mount(arm)
         self.valid = Range(lower - self.kinematics.offset, upper - self.kinematics.offset)
         self.rigid = RigidColumns(self.mounted, self.ABSENT)
         self.unknowns = tuple(_unknowns(arm, self.valid))
@@ -78,7 +78,7 @@ class Columns:
         return self.rigid.base
 
     @property
-    def terms_looked_for(self) -> tuple[LinearTerm, ...]:
+    def candidate_terms(self) -> tuple[LinearTerm, ...]:
         """The effects' terms that are fitted, their coefficients zero."""
         return tuple(unknowns.term for unknowns in self.unknowns)
 
@@ -98,10 +98,10 @@ class Columns:
 
     @cached_property
     def _of_others(self) -> set[str]:
-        return {term.NAME for term in self.terms_looked_for if term.OF_OTHERS}
+        return {term.NAME for term in self.candidate_terms if term.OF_OTHERS}
 
     @property
-    def of_others(self) -> list[int]:
+    def load_dependent(self) -> list[int]:
         """Numbers of the columns that depend on the torque of a model's other terms."""
         return [i for i, column in enumerate(self.columns) if column.effect in self._of_others]
 
@@ -136,7 +136,7 @@ class Columns:
     def effect(self, index: int) -> type[LinearTerm]:
         """Return the effect of a column that is one of a term's coefficients."""
         name = self.columns[index].effect
-        return next(type(term) for term in self.terms_looked_for if name == term.NAME)
+        return next(type(term) for term in self.candidate_terms if name == term.NAME)
 
     def basis(self, effect: str) -> Array:
         """Return (k, p) from the coefficients of an effect's columns to its term's theta."""
@@ -232,7 +232,7 @@ class Columns:
     @property
     def by_motion(self) -> list[int]:
         """Numbers of the columns that other kinematics do not change."""
-        same = {term.NAME for term in self.terms_looked_for if term.BY_MOTION}
+        same = {term.NAME for term in self.candidate_terms if term.BY_MOTION}
         return [i for i, column in enumerate(self.columns) if column.effect in same]
 
     def at(self, kinematics: KinematicCalibration) -> Columns:
@@ -241,11 +241,11 @@ class Columns:
         lower, upper = self.valid.lower + shift, self.valid.upper + shift
         return type(self)(self.arm, lower, upper, kinematics).with_terms(self.carried)
 
-    def corrected(self, theta: Array) -> KinematicCalibration:
+    def corrected_kinematics(self, theta: Array) -> KinematicCalibration:
         """Return the kinematics that (p,) coefficients correct to, with links for its slopes."""
         links, springs = self.rigid.bodies(theta[: len(self.rigid.columns)])
         change = theta[self.kinematic]
-        return self.kinematics.moved(self.arm, change, links, springs)
+        return self.kinematics.updated(self.arm, change, links, springs)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
         """Return the model's terms for (p,) coefficients; those that are zero are left out.
@@ -273,11 +273,11 @@ def _unknowns(arm: Arm, valid: Range) -> Iterator[Unknowns]:
 
 def term_moves(columns: Columns, inside: set[int]) -> Iterator[SearchMove]:
     """Yield every change of the model that a search tries, once each."""
-    for term in columns.terms_looked_for:
+    for term in columns.candidate_terms:
         yield from term.moves(columns, inside)
 
 
-def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[int]]:
+def search_starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[int]]:
     """Return where searches start: the plainest model, and one with what helps together only.
 
     Args:
@@ -286,7 +286,7 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
     """
     plain = start_columns(columns)
     rich = sorted(
-        {*plain, *(i for term in columns.terms_looked_for for i in term.joint_start(columns))}
+        {*plain, *(i for term in columns.candidate_terms for i in term.joint_start(columns))}
     )
     wanted = None if effects is None else {*RigidColumns.EFFECTS, *effects}
     permitted = {
@@ -301,5 +301,5 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
 def start_columns(columns: Columns) -> list[int]:
     """Return the columns of the plainest model that can hold: the rigid body, and little more."""
     chosen = set(range(len(columns.rigid.columns)))
-    chosen |= {i for term in columns.terms_looked_for for i in term.minimal_columns(columns)}
+    chosen |= {i for term in columns.candidate_terms for i in term.minimal_columns(columns)}
     return sorted(chosen)

@@ -45,7 +45,7 @@ class KinematicCalibration:
     links: Array | None = None
     springs: Array = field(default_factory=lambda: np.zeros(0))
 
-    def mounted(self, arm: Arm) -> Arm:
+    def mount(self, arm: Arm) -> Arm:
         """Return an arm with its base tilted."""
         if not self.tilt.any():
             return arm
@@ -60,7 +60,9 @@ class KinematicCalibration:
         """Return the columns of :meth:`slopes`, none without links to take them with."""
         return () if self.links is None else kinematic_columns(arm)
 
-    def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> KinematicCalibration:
+    def updated(
+        self, arm: Arm, change: Array, links: Array, springs: Array
+    ) -> KinematicCalibration:
         """Return the kinematics that (k,) coefficients of :meth:`columns` ask for.
 
         Args:
@@ -95,7 +97,7 @@ class KinematicCalibration:
             arm: The arm, its base not tilted yet.
             state: The measured motion, (N, n) arrays.
         """
-        vector = self.mounted(arm).gravity
+        vector = self.mount(arm).gravity
         here = self._torque(arm, self.true(state), vector)
         at_rest = State(self.true(state).q)
         columns = []
@@ -103,7 +105,7 @@ class KinematicCalibration:
             if column.site.kind is Kind.BASE:
                 step = _STEP * (np.arange(2) == column.index)
                 # Weight is linear in gravity, and nothing else of the torque knows of it.
-                turned = replace(self, tilt=self.tilt + step).mounted(arm).gravity
+                turned = replace(self, tilt=self.tilt + step).mount(arm).gravity
                 columns.append(self._torque(arm, at_rest, (turned - vector) / _STEP))
             else:
                 step = _STEP * (np.arange(arm.n) == column.joint)

@@ -89,7 +89,7 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
             is not the one that the model was made with.
     """
     arm = Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
-    arm = arm.holding(_held(values.get(_HELD.name, "")))
+    arm = arm.with_held_joints(_held(values.get(_HELD.name, "")))
     declared = {entry.name: entry for entry in arm_parameters(arm) if entry is not ARM_PARAMETER}
     given = {
         name: values[name] for name in declared if values.get(name) or values.get(name) is False
@@ -137,7 +137,7 @@ def values_of(arm: Arm) -> dict[str, Value]:
     return values
 
 
-def arm_beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def resolve_arm_path(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return a model's parameters with the path of its arm's file as seen from here.
 
     A relative path is meant from the folder of the model's file; if there is no such file, from
@@ -151,8 +151,8 @@ def arm_beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return dict(values)
 
 
-def seen_from(arm: str, folder: Path) -> str:
-    """Return what :func:`arm_beside` turns back into an arm's name or the path of its file."""
+def relative_arm_path(arm: str, folder: Path) -> str:
+    """Return the arm as a file in a folder names it: the inverse of :func:`resolve_arm_path`."""
     if not _is_relative(arm) or not Arm.file(arm).is_file():
         return arm
     path = os.path.relpath(Arm.file(arm).resolve(), folder.resolve())

@@ -26,15 +26,15 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
 from dvrk_gravity.files import json_file, outputs, text_file, yaml_file
+from dvrk_gravity.model.description_uncertainty import stated_uncertainty
 from dvrk_gravity.model.identity import IDENTITY_PARAMETER, foreign_groups, identity_of
 from dvrk_gravity.model.named_arm import (
-    arm_beside,
     arm_of,
     arm_parameters,
-    seen_from,
+    relative_arm_path,
+    resolve_arm_path,
     values_of,
 )
-from dvrk_gravity.model.stated import stated_uncertainty
 from dvrk_gravity.model.uncertainty import SUFFIX, ModelUncertainty
 from dvrk_gravity.parameters import Parameter, Value, check_all, flatten, node_parameters, unflatten
 from dvrk_gravity.validation import is_urdf, path_of, refuse_json
@@ -83,7 +83,7 @@ def model_parameters(arm: Arm) -> Mapping[str, Parameter]:
 
 
 def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
-    """Return those of an arm's models and those of the nodes, by name."""
+    """Return the declarations of parameters of an arm's models and of the nodes, by name."""
     return {**model_parameters(arm), **node_parameters(arm)}
 
 
@@ -139,9 +139,10 @@ class TorqueModel:
         constant: (n,) constant torque that it commands and that the arm may not feel, N·m or N:
             more than dry friction holds, and nothing has settled what it is; zero elsewhere.
         constant_is: What such torques are and what settled it, in words; ``""``: nothing has.
-        found_in: Coordinates that its recordings were found to be in, where they were not given.
+        detected_coordinates: Coordinates that its recordings were found to be in, where they were
+            not given.
         uncertainty: Its posterior and known error; ``None``: not identified, or not stored.
-        unsure: Why it has none though its file names an uncertainty.
+        why_no_uncertainty: Why it has none though its file names an uncertainty.
         foreign: Groups of its parameters that do not belong to the model whose identity is among
             them: another model's, or changed by hand.
         of_file: Whether it is what the arm's own file states.
@@ -156,9 +157,9 @@ class TorqueModel:
     reason: str = ""
     constant: Array = field(default_factory=lambda: np.zeros(0))
     constant_is: str = ""
-    found_in: str = "joint"
+    detected_coordinates: str = "joint"
     uncertainty: ModelUncertainty | None = None
-    unsure: str = ""
+    why_no_uncertainty: str = ""
     foreign: tuple[str, ...] = ()
     of_file: bool = False
     reading_errors: ReadingErrors = field(default_factory=lambda: ReadingErrors.none(0))
@@ -181,30 +182,30 @@ class TorqueModel:
         """Load a model from a ROS 2 parameter file (``/**: ros__parameters:``).
 
         Beside it may lie the file of its uncertainty. Without that it has no uncertainty, and
-        ``unsure`` gives the reason; another model's is refused.
+        ``why_no_uncertainty`` gives the reason; another model's is refused.
 
         A file that mixes two models, or was changed by hand, says so in ``foreign``.
 
         The file of an arm (a URDF, ``robot.urdf#LINK``, or a YAML that names one) is the model that
-        it states; see :meth:`stated`.
+        it states; see :meth:`from_arm`.
 
         Raises:
             ConfigError: Naming the file, the parameter, the value and what was expected.
         """
         file = path_of("model", path, A_MODEL)
         if is_urdf(file):
-            return cls.stated(Arm.load(file))
+            return cls.from_arm(Arm.load(file))
         refuse_json("model", path)
         content = yaml_file.load(file)
         if "urdf" in content:
-            return cls.stated(Arm.load(file))
+            return cls.from_arm(Arm.load(file))
         try:
-            return cls.beside(flatten(_ros_parameters(content)), Path(path).parent)
+            return cls.from_values(flatten(_ros_parameters(content)), Path(path).parent)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
 
     @classmethod
-    def beside(cls, values: Mapping[str, Any], folder: Path) -> TorqueModel:
+    def from_values(cls, values: Mapping[str, Any], folder: Path) -> TorqueModel:
         """Return the model of a file's parameters whose further files lie in a folder.
 
         Args:
@@ -214,14 +215,14 @@ class TorqueModel:
         Raises:
             ConfigError: As :meth:`load`.
         """
-        model = cls.from_parameters(arm_beside(values, folder))
+        model = cls.from_parameters(resolve_arm_path(values, folder))
         name = str(values.get(UNCERTAINTY_PARAMETER.name, ""))
-        beside = folder / Path(name).name
+        uncertainty_path = folder / Path(name).name
         if not name:
             return model
-        if not beside.exists():
-            return replace(model, unsure=f"{beside.name} is not in {folder}")
-        uncertainty = ModelUncertainty.load(beside)
+        if not uncertainty_path.exists():
+            return replace(model, why_no_uncertainty=f"{uncertainty_path.name} is not in {folder}")
+        uncertainty = ModelUncertainty.load(uncertainty_path)
         others = list(foreign_groups(model.identity, uncertainty.identity))
         if uncertainty.identity and others:
             raise ConfigError(
@@ -231,13 +232,15 @@ class TorqueModel:
             )  # fmt: skip
         if not uncertainty.fits(model.terms):
             return replace(
-                model, unsure=f"{beside.name} is of other coefficients than the model has"
+                model,
+                why_no_uncertainty=f"{uncertainty_path.name} is of other coefficients than the "
+                "model has",
             )
         return replace(model, uncertainty=uncertainty)
 
     @classmethod
-    def stated(cls, arm: Arm | str | Path) -> TorqueModel:
-        """Return what an arm's own file says of its torques: masses, damping and friction.
+    def from_arm(cls, arm: Arm | str | Path) -> TorqueModel:
+        """Return the model of an arm's own file: its masses, damping and friction.
 
         Args:
             arm: The arm, its name, or its file.
@@ -337,8 +340,8 @@ class TorqueModel:
             values[CONSTANT] = tuple(self.constant.tolist())
         if self.constant_is:
             values[SETTLED_PARAMETER.name] = self.constant_is
-        if self.found_in != COORDINATES_PARAMETER.default:
-            values[COORDINATES_PARAMETER.name] = self.found_in
+        if self.detected_coordinates != COORDINATES_PARAMETER.default:
+            values[COORDINATES_PARAMETER.name] = self.detected_coordinates
         # An empty array means "not given", and ROS cannot read one.
         return values | {name: value for name, value in self.node.items() if value != ()}
 
@@ -371,10 +374,10 @@ class TorqueModel:
         values = self.parameters()
         values[IDENTITY_PARAMETER.name] = identity = self.identity
         if self.uncertainty is not None:
-            beside = uncertainty_file(path)
-            self.uncertainty.save(beside, identity)
-            values[UNCERTAINTY_PARAMETER.name] = beside.name
-        values["arm"] = seen_from(str(values["arm"]), path.parent)
+            uncertainty_path = uncertainty_file(path)
+            self.uncertainty.save(uncertainty_path, identity)
+            values[UNCERTAINTY_PARAMETER.name] = uncertainty_path.name
+        values["arm"] = relative_arm_path(str(values["arm"]), path.parent)
         body = yaml_file.dump({"/**": {"ros__parameters": unflatten(values)}})
         text_file.write(path, head + body)
 
@@ -421,7 +424,7 @@ class TorqueModel:
         return sum(found.values(), np.zeros(state.q.shape))
 
     def prediction(self, state: State) -> Array:
-        """Return what :meth:`torque_at` does, (N, n) N·m, for comparison with what was measured.
+        """Return (N, n) torques as :meth:`torque_at`, N·m, to compare with measured ones.
 
         Raises:
             ConfigError: A torque that is not finite, or so large that sums of its squares are not.

@@ -110,7 +110,7 @@ class ModelUncertainty:
                         total += slope[..., None] * self.gravity[axis]
         return total
 
-    def of_longer(self, terms: Iterable[Term]) -> ModelUncertainty:
+    def extended_to(self, terms: Iterable[Term]) -> ModelUncertainty:
         """Return the same about terms some of which have gained coefficients, which come last.
 
         Nothing is said of those: beta has two more of a base that leans.
@@ -122,7 +122,7 @@ class ModelUncertainty:
                 deviations[name] = np.pad(change, ((0, len(theta) - len(change)), (0, 0)))
         return replace(self, deviations=deviations)
 
-    def moved(self, terms: Iterable[Term], parameters: Array) -> tuple[Term, ...]:
+    def shift_terms(self, terms: Iterable[Term], parameters: Array) -> tuple[Term, ...]:
         """Return terms with (d,) parameters, in units of their standard deviations, put in.
 
         The joints' zeros are left to who has them; of a term that no longer has the coefficients

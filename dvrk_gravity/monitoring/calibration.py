@@ -5,10 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.monitoring.change_candidates import (
+    Key,
+    Limits,
+    find_candidates,
+    transient_torques,
+)
 from dvrk_gravity.monitoring.change_test import ChangeTest
 from dvrk_gravity.monitoring.observer import MomentumObserver
 from dvrk_gravity.monitoring.rows import Rows
-from dvrk_gravity.monitoring.trials import Key, Limits, moments, trials
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
 from dvrk_gravity.monitoring.wrench import Tip
 
@@ -51,12 +56,12 @@ def calibration_limits(
             window = Window.of(model, rows.at(own), unexpected[own], band, sampling)
             test = ChangeTest(window.uncertain, window.residual)
             firsts = np.arange(0, len(window.time) - 20, 25).tolist()
-            for trial in trials(window, test, firsts, limits):
-                key = trial.hypothesis.key
-                if trial.evidence.gain > of_causes.get(key, 0.0):
-                    possible = trial.possible(window)
+            for candidate in find_candidates(window, test, firsts, limits):
+                key = candidate.hypothesis.key
+                if candidate.evidence.gain > of_causes.get(key, 0.0):
+                    possible = candidate.plausible_fit(window)
                     if possible is not None:
                         of_causes[key] = max(of_causes.get(key, 0.0), possible.evidence.gain)
-            found = moments(window.with_rests(), test, 0, tip)
+            found = transient_torques(window.with_rests(), test, 0, tip)
             of_pushes = np.maximum(of_pushes, found.gain.max(axis=0))
     return Limits(limits.false_alarms, of_causes, of_pushes)

@@ -34,16 +34,16 @@ class Sums:
 
     @classmethod
     def of(cls, uncertain: Array, residual: Array) -> Sums:
-        """Return those of (m, d) directions and (m,) residuals."""
+        """Return the sums over m samples of (m, d) directions and (m,) residuals."""
         return cls(uncertain.T @ uncertain, uncertain.T @ residual)
 
     @classmethod
-    def nothing(cls, d: int) -> Sums:
-        """Return those of no samples."""
+    def empty(cls, d: int) -> Sums:
+        """Return the sums over no samples, of d directions: zeros."""
         return cls(np.zeros((d, d)), np.zeros(d))
 
     def plus(self, other: Sums, kept: float = 1.0) -> Sums:
-        """Return these, of which a part is kept, and others'."""
+        """Return the sums of both, the earlier samples (these) weighted with ``kept``, 0 to 1."""
         return Sums(kept * self.gram + other.gram, kept * self.cross + other.cross)
 
 
@@ -115,13 +115,13 @@ class ChangeTest:
         return square - shared.T @ solved, score
 
     def evidence(self, columns: Array, prior: Array) -> Evidence:
-        """Return what the samples say of a cause with (m, n, k) whitened torque."""
-        return next(self.of_spans(columns, [prior], [0]))[0]
+        """Return the evidence of all samples for a cause with (m, n, k) whitened torque."""
+        return next(self.evidence_by_onset(columns, [prior], [0]))[0]
 
-    def of_spans(
+    def evidence_by_onset(
         self, columns: Array, priors: Sequence[Array], firsts: Sequence[int]
     ) -> Iterator[list[Evidence]]:
-        """Yield, for each of some causes, what the samples say of its beginning at each of some.
+        """Yield, cause by cause, its evidence for each of s possible onsets.
 
         Args:
             columns: (m, n, k) whitened torque of all causes, one beside the other.
@@ -165,7 +165,7 @@ class ChangeTest:
     def _evidence(
         self, square: Array, shared: Array, solved: Array, score: Array
     ) -> list[Evidence]:
-        """Return what s spans say of one cause, whose prior's precision is in its squares."""
+        """Return the evidence of s spans for one cause; its squares hold the prior's precision."""
         size = np.sqrt(np.einsum("skk->sk", square))
         scale = np.where(size > _NOTHING, size, 1.0)
         scale = scale[:, :, None] * scale[:, None, :]
@@ -183,12 +183,12 @@ class ChangeTest:
             for i in range(len(known))
         ]  # fmt: skip
 
-    def left(self, found: Evidence, columns: Array) -> Array:
-        """Return (m, n) whitened residual beside a cause with (m, n, k) columns."""
+    def remaining_residual(self, found: Evidence, columns: Array) -> Array:
+        """Return the (m, n) whitened residual without a fitted cause of (m, n, k) columns."""
         return self._residual - self._uncertain @ found.directions - columns @ found.theta
 
 
-def whitened(values: Array, follows: Mask, deviation: Array, kept: Array) -> Array:
+def whiten(values: Array, follows: Mask, deviation: Array, kept: Array) -> Array:
     """Return (m, n, …) samples whose errors are independent, of unit variance.
 
     Errors are taken to be of first order, e_i = kept e_(i-1) + white noise (Prais, Winsten 1954).

@@ -33,7 +33,7 @@ class Trend:
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class RestPeriod:
     """Means of the residual while an arm rests at one place.
 
     Attributes:
@@ -47,13 +47,13 @@ class Rest:
     residual: Array
 
     @classmethod
-    def of(cls, rows: Rows, unexpected: Array) -> Rest:
-        """Return the mean of (K, n) rows at rest."""
+    def of(cls, rows: Rows, unexpected: Array) -> RestPeriod:
+        """Return the period of one mean, of (K, n) rows and their torques at rest, N·m."""
         mean = unexpected.mean(axis=0)[None]
         return cls(rows.q.mean(axis=0), rows.time.mean(keepdims=True), mean)
 
-    def followed_by(self, later: Rest, farthest: Array) -> Rest:
-        """Return both, or the later one where the arm has moved by more than (n,) meanwhile."""
+    def extended_by(self, later: RestPeriod, farthest: Array) -> RestPeriod:
+        """Return both periods as one; the later one if a joint moved farther than (n,) rad or m."""
         if np.any(np.abs(later.q - self.q) > farthest):
             return later
         time = np.concatenate([self.time, later.time])[-_MOST:]

@@ -21,10 +21,10 @@ from dvrk_gravity.effects import stated_weight
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.events import Event
-from dvrk_gravity.monitoring.observer import Observed
+from dvrk_gravity.monitoring.observer import ObserverOutput
 from dvrk_gravity.monitoring.rows import RowMaker, Rows
-from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings, Seen
-from dvrk_gravity.monitoring.window import held_by_friction
+from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings, MonitorUpdate
+from dvrk_gravity.monitoring.window import breakaway_torque
 from dvrk_gravity.monitoring.wrench import Tip, Wrench
 from dvrk_gravity.parameters import DEAD_BAND
 
@@ -40,7 +40,7 @@ State = Literal["silent", "learning", "as expected", "held by friction", "extern
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What is known of one row.
+    """State, torques and wrench of one row.
 
     Attributes:
         stamp: Of its middle, by the clock of the arm's messages, ns.
@@ -67,7 +67,7 @@ class Reading:
         return self.expected - self.measured
 
 
-class Judge:
+class BackgroundTests:
     """Runs a monitor's tests in a thread of their own.
 
     Attributes:
@@ -79,17 +79,17 @@ class Judge:
         """Start the thread."""
         self.monitor = monitor
         self._pool = ThreadPoolExecutor(1, "monitor")
-        self._asked: deque[Future[Seen]] = deque()
+        self._pending: deque[Future[MonitorUpdate]] = deque()
         self.skipped = 0
 
-    def ask(self, rows: Rows, observed: Observed) -> None:
+    def submit(self, rows: Rows, observed: ObserverOutput) -> None:
         """Have rows tested that were observed, or skip them where too many wait."""
-        if len(self._asked) >= _WAITING:
+        if len(self._pending) >= _WAITING:
             self.skipped += len(rows)
             return
-        self._asked.append(self._pool.submit(self.monitor.judge, rows, observed))
+        self._pending.append(self._pool.submit(self.monitor.run_tests, rows, observed))
 
-    def answers(self, wait: bool = False) -> list[Seen]:
+    def results(self, wait: bool = False) -> list[MonitorUpdate]:
         """Return what was found since the last call.
 
         Args:
@@ -99,8 +99,8 @@ class Judge:
             Exception: Whatever a test has raised.
         """
         found = []
-        while self._asked and (wait or self._asked[0].done()):
-            found.append(self._asked.popleft().result())
+        while self._pending and (wait or self._pending[0].done()):
+            found.append(self._pending.popleft().result())
         return found
 
     def close(self) -> None:
@@ -151,7 +151,7 @@ class Listener:
         self._gap = 5.0 / sampling.row_rate  # s, after which torques begin again
         # Time and low-passed torque of the last row.
         self._smooth: tuple[float, Array] | None = None
-        self._judge = Judge(Monitor(model, self._settings))
+        self._tests = BackgroundTests(Monitor(model, self._settings))
         self._origin: int | None = None  # ns, of the rows' time
         self._stamp, self._now = 0, 0.0  # of the last sample
         self.dropped = Counter[str]()
@@ -162,9 +162,9 @@ class Listener:
         self._deviation: Array | None = None
         self._rows: list[Rows] = []  # whose torques are not worked out yet
         self._untested: list[Rows] = []  # that are not yet given to the tests
-        self._observed: list[Observed] = []  # of these
-        self._listened = 0.0  # s of rows
-        self._changed: list[Event] = []
+        self._observed: list[ObserverOutput] = []  # of these
+        self._listening_time = 0.0  # s of rows
+        self._reported_changes: list[Event] = []
 
     @property
     def tip(self) -> str:
@@ -226,12 +226,12 @@ class Listener:
         unread = None if arm.gravity_in_reading else stated_weight(arm, rows.q)
         if unread is not None:
             rows = replace(rows, effort=rows.effort + unread)
-        observed = self._judge.monitor.observe(rows)
-        self._listened += len(rows) / rate
+        observed = self._tests.monitor.observe(rows)
+        self._listening_time += len(rows) / rate
         self._untested.append(rows)
         self._observed.append(observed)
         if sum(map(len, self._untested)) >= _TESTED_FOR * rate:
-            self._judge.ask(Rows.joined(self._untested), Observed.joined(self._observed))
+            self._tests.submit(Rows.joined(self._untested), ObserverOutput.joined(self._observed))
             self._untested, self._observed = [], []
         readings = [
             self._reading(*row)
@@ -243,10 +243,10 @@ class Listener:
         return readings
 
     def _reading(self, time: float, q: Array, qd: Array, effort: Array, residual: Array) -> Reading:
-        """Return what is known of a row, with (n,) positions, velocities, effort and residual."""
+        """Return the reading of a row: its (n,) torques, their deviation, the wrench at the tip."""
         assert self._origin is not None  # there was a sample
         if self._smooth is not None and time - self._smooth[0] <= self._gap:
-            keep = np.exp(-self._judge.monitor.gain * (time - self._smooth[0]))
+            keep = np.exp(-self._tests.monitor.gain * (time - self._smooth[0]))
             effort = keep * self._smooth[1] + (1.0 - keep) * effort
         self._smooth = time, effort
         wrench = None
@@ -256,7 +256,7 @@ class Listener:
         stamp = self._origin + round(time * 1e9)
         return Reading(stamp, q, qd, effort, effort - residual, self._deviation, wrench)
 
-    def judged(self, wait: bool = False) -> list[Event]:
+    def collect_events(self, wait: bool = False) -> list[Event]:
         """Return events that were found since the last call.
 
         Where a test fails, the tests start again: torques are published all the same.
@@ -266,19 +266,19 @@ class Listener:
         """
         found = []
         try:
-            answers = self._judge.answers(wait)
+            answers = self._tests.results(wait)
         except Exception as error:  # of any kind: a number that no test has met
             self.failures += 1
             self.why_failed = f"{type(error).__name__}: {error}"
-            self._judge.close()
-            self._judge = Judge(Monitor(self.model, self._settings))
+            self._tests.close()
+            self._tests = BackgroundTests(Monitor(self.model, self._settings))
             return []
         for seen in answers:
             if np.isfinite(seen.deviation).all():
                 self._deviation = np.sqrt(np.mean(seen.deviation**2, axis=0))
             found += [self._at_clock(event) for event in seen.events]
         self.events.extend(found)
-        self._changed += [event for event in found if event.kind != "push"]
+        self._reported_changes += [event for event in found if event.kind != "push"]
         return found
 
     def _at_clock(self, event: Event) -> Event:
@@ -292,35 +292,35 @@ class Listener:
         if last is None or now - self._now > 2.0 * self._timeout:
             return "silent", f"; {self.why_dropped}" if self.why_dropped else ""
         if last.deviation is None:
-            return "learning", f"{min(self._listened, warm_up):.0f} of {warm_up:g} s"
+            return "learning", f"{min(self._listening_time, warm_up):.0f} of {warm_up:g} s"
         arm, size = self.model.arm, np.abs(last.external) / last.deviation
         joint = int(np.argmax(size))
         words = (
             f"{arm.joint_names[joint]} {last.external[joint]:+.3g} ± "
             f"{2.0 * last.deviation[joint]:.2g} {arm.effort_units[joint]}"
         )
-        if self._changed:
+        if self._reported_changes:
             return "changed", words
         if not (size > _APART).any():
             return "as expected", ""
         at_rest = (np.abs(last.qd) < DEAD_BAND * arm.scale).all()
-        most = held_by_friction(self.model, last.q) + _APART * last.deviation
+        most = breakaway_torque(self.model, last.q) + _APART * last.deviation
         held = np.abs(last.external) < most
         return ("held by friction" if at_rest and held.all() else "external"), words
 
     @property
     def changes(self) -> tuple[Event, ...]:
         """What has changed since the monitor began."""
-        return tuple(self._changed)
+        return tuple(self._reported_changes)
 
     @property
     def skipped(self) -> int:
         """Rows that were not tested, because the tests were behind."""
-        return self._judge.skipped
+        return self._tests.skipped
 
     def close(self) -> None:
         """End the tests."""
-        self._judge.close()
+        self._tests.close()
 
 
 def _require_monitorable(model: TorqueModel) -> None:

@@ -77,8 +77,8 @@ def gain_for(step: float, torque_noise: Array, momentum_noise: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
-    """What an observer makes of K rows.
+class ObserverOutput:
+    """Residual and momentum of K rows.
 
     Attributes:
         residual: (K, n) low-passed measured minus expected torque, N·m.
@@ -91,14 +91,14 @@ class Observed:
     momentum: Array
 
     @classmethod
-    def joined(cls, each: Sequence[Observed]) -> Observed:
-        """Return what was made of some rows, one after the other."""
+    def joined(cls, each: Sequence[ObserverOutput]) -> ObserverOutput:
+        """Return the outputs of consecutive rows as one."""
         names = [field.name for field in fields(cls)]
         return cls(*(np.concatenate([getattr(one, name) for one in each]) for name in names))
 
 
 @dataclass(frozen=True, eq=False)
-class _Last:
+class _ObserverState:
     """State of an observer at the last row.
 
     Attributes:
@@ -136,13 +136,15 @@ class MomentumObserver:
         self.gain = gain
         self._model, self._longest = model, longest_gap
         self._terms = sorted(model.terms, key=lambda term: term.OF_OTHERS)
-        self._last: _Last | None = None
+        self._last: _ObserverState | None = None
 
-    def advance(self, rows: Rows) -> Observed:
+    def advance(self, rows: Rows) -> ObserverOutput:
         """Return the residual of the next (K, n) rows."""
-        return Observed.joined([self._continued(rows.at(p)) for p in rows.parts(self._longest)])
+        return ObserverOutput.joined(
+            [self._advance_part(rows.at(p)) for p in rows.parts(self._longest)]
+        )
 
-    def _continued(self, rows: Rows) -> Observed:
+    def _advance_part(self, rows: Rows) -> ObserverOutput:
         last = self._last
         if last is None or not 0.0 < rows.time[0] - last.row.time[0] <= self._longest:
             last, self._last = None, None
@@ -158,8 +160,10 @@ class MomentumObserver:
         unexpected[first:] = mean - np.diff(momentum, axis=0) / steps[:, None]
         for k, keep in enumerate(np.exp(-np.outer(steps, self.gain)), first):
             before = residual[k] = keep * before + (1.0 - keep) * unexpected[k]
-        self._last = _Last(rows.at(slice(-1, None)), momentum[-1], driven[-1], memories, before)
-        return Observed(residual, unexpected, momentum[-len(rows) :])
+        self._last = _ObserverState(
+            rows.at(slice(-1, None)), momentum[-1], driven[-1], memories, before
+        )
+        return ObserverOutput(residual, unexpected, momentum[-len(rows) :])
 
     def _evaluate(
         self, rows: Rows, before: dict[int, Array]

@@ -25,8 +25,8 @@ _FASTEST_BAND = 20.0  # Hz, of the efforts
 
 
 @dataclass(frozen=True, eq=False)
-class Monitored:
-    """What a monitor saw in recordings.
+class MonitorResult:
+    """Events and external torque that a monitor found in recordings.
 
     Attributes:
         model: The model.
@@ -55,8 +55,8 @@ def monitor(
     coordinates: Coordinates | None = None,
     settings: MonitorSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> Monitored:
-    """Return what a monitor that listened to recordings would have said.
+) -> MonitorResult:
+    """Run a monitor over recordings and return its events and external torques.
 
     Args:
         recordings: Trajectories, or the paths of their files, one after the other.
@@ -97,4 +97,4 @@ def monitor(
         n = model.arm.n
         pieces = [(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))]
     time, external, deviation = (np.concatenate(each) for each in zip(*pieces, strict=True))
-    return Monitored(model, tuple(events), seconds, judged, time, external, deviation)
+    return MonitorResult(model, tuple(events), seconds, judged, time, external, deviation)

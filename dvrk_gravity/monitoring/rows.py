@@ -59,7 +59,7 @@ class Rows:
         maker = RowMaker(rate)
         samples = zip(time.tolist(), q, qd, effort, strict=True)
         made = (maker.add(*sample) for sample in samples)
-        return cls.joined([cls.none(q.shape[1]), *(row for row in made if row is not None)])
+        return cls.joined([cls.empty(q.shape[1]), *(row for row in made if row is not None)])
 
     @classmethod
     def joined(cls, each: Sequence[Rows]) -> Rows:
@@ -68,7 +68,7 @@ class Rows:
         return cls(*(np.concatenate([getattr(rows, name) for rows in each]) for name in names))
 
     @classmethod
-    def none(cls, n: int) -> Rows:
+    def empty(cls, n: int) -> Rows:
         """Return no rows of n joints."""
         empty = np.zeros((0, n))
         return cls(np.zeros(0), empty, empty, empty)

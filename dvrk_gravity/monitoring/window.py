@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis import (
 from dvrk_gravity.effects import Hypothesis, point_mass_directions
 from dvrk_gravity.identification import OTHER_MOTION
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.monitoring.change_test import ChangeTest, whitened
+from dvrk_gravity.monitoring.change_test import ChangeTest, whiten
 from dvrk_gravity.monitoring.observer import local_noise, white_noise
 from dvrk_gravity.monitoring.rows import Rows
 
@@ -63,7 +63,7 @@ class Band:
 
     @classmethod
     def of(cls, model: TorqueModel, measured: Array, gain: Array) -> Band:
-        """Return that of an identified model.
+        """Return the error band of an identified model.
 
         Args:
             model: The model.
@@ -90,28 +90,30 @@ class Window:
         time: (m,) s.
         usable: (m, n) samples that say something.
         torque: (m, n) residual, N·m.
-        open: (m, n, d + e) torque of what is uncertain, N·m per standard deviation: d directions
-            that are the same in every window (the model's own parameters, friction of the day,
-            smooth misfits), and e of this window alone (beyond what was identified, friction by
-            load).
-        fixed: d.
+        uncertain_torque: (m, n, d + e) torque of what is uncertain, N·m per standard deviation: d
+            directions that are the same in every window (the model's own parameters, friction of
+            the day, smooth misfits), and e of this window alone (beyond what was identified,
+            friction by load).
+        n_fixed: d.
         error: (n,) standard deviation of errors that the directions do not describe, N·m.
-        larger: (m, n) by which it is larger, where a joint creeps or noise is more than usually.
-        heard: (m, n) samples that are there, whether they say something or friction holds a joint.
-        held: (n,) torque that friction can hold at rest, N·m.
+        error_factor: (m, n) by which it is larger, where a joint creeps or noise is more than
+            usually.
+        available: (m, n) samples that are there, whether they say something or friction holds a
+            joint.
+        breakaway_torque: (n,) torque that friction can hold at rest, N·m.
     """
 
     motion: MeasuredMotion
     time: Array
     usable: Mask
     torque: Array
-    open: Array
-    fixed: int
+    uncertain_torque: Array
+    n_fixed: int
     error: Array
-    larger: Array
-    heard: Mask
-    held: Array
-    _filter: LowPassed
+    error_factor: Array
+    available: Mask
+    breakaway_torque: Array
+    _filter: LowPass
     _correlation: Array
 
     @classmethod
@@ -130,10 +132,10 @@ class Window:
             without: Spans of time that are left out, s.
         """
         motion = measured_motion(model, rows, settings)
-        low = LowPassed.of(motion, band.gain)
+        low = LowPass.of(motion, band.gain)
         expected = expect(motion)
         time = motion.time
-        beyond = np.broadcast_to(_beyond(motion)[:, None], motion.q.shape)
+        beyond = np.broadcast_to(_outside_identified_range(motion)[:, None], motion.q.shape)
         heard = motion.present & (low(beyond.astype(float)) < _STUCK)
         for begin, end in without:
             heard[(time >= begin) & (time <= end)] = False
@@ -145,7 +147,7 @@ class Window:
             [
                 columns[:, :, :known],
                 low(_diagonal(FRICTION_PART * expected.friction)),
-                low(_misfits(motion, band.error)),
+                low(_misfit_columns(motion, band.error)),
             ],
             axis=2,
         )
@@ -155,9 +157,9 @@ class Window:
         error = np.median(now, axis=0)
         # Of an error of first order and white noise, seen as one error of first order.
         correlation = np.exp(-step / band.correlation_time) * (band.error / now) ** 2
-        slow = low(FRICTION_PART * np.abs(expected.friction) * _slower(motion, _CREEPS))
-        held = held_by_friction(model, motion.q[-1])
-        stands = low(held * _slower(motion, _STANDS) * ~motion.stuck)
+        slow = low(FRICTION_PART * np.abs(expected.friction) * _low_speed_weight(motion, _CREEPS))
+        held = breakaway_torque(model, motion.q[-1])
+        stands = low(held * _low_speed_weight(motion, _STANDS) * ~motion.stuck)
         larger = np.sqrt(now**2 + slow**2 + stands**2) / error
         return cls(
             motion, time, usable, torque, np.concatenate([fixed, columns[:, :, known:]], axis=2),
@@ -165,19 +167,21 @@ class Window:
         )  # fmt: skip
 
     def with_rests(self) -> Window:
-        """Return it with samples in which friction holds a joint: as much as it can is error."""
-        at_rest = self._filter(np.where(self.motion.stuck, self.held / self.error, 0.0))
-        return replace(self, usable=self.heard, larger=np.hypot(self.larger, at_rest))
+        """Return the window with samples of resting joints, their breakaway torque as error."""
+        at_rest = self._filter(np.where(self.motion.stuck, self.breakaway_torque / self.error, 0.0))
+        return replace(
+            self, usable=self.available, error_factor=np.hypot(self.error_factor, at_rest)
+        )
 
     def without_spikes(self) -> Window:
-        """Return it without what is over in half a second: a knock, a jump that is followed.
+        """Return the window without spikes of up to half a second: knocks, jumps of an encoder.
 
         An encoder that slips by two degrees, say, lets a controller move the arm so far at once: of
         the acceleration, which is not in the readings, no change knows.
         """
         from scipy.ndimage import binary_dilation, median_filter
 
-        size = self.torque / (self.error * self.larger)
+        size = self.torque / (self.error * self.error_factor)
         usual = median_filter(size, (_SPIKE, 1), mode="nearest")
         above = np.abs(size - usual) > _STANDS_OUT + np.abs(usual)
         spikes = binary_dilation(above, np.ones((3, 1)))
@@ -197,12 +201,12 @@ class Window:
     @cached_property
     def residual(self) -> Array:
         """(m, n) whitened residual."""
-        return self.white(self.torque)
+        return self.whiten(self.torque)
 
     @cached_property
     def uncertain(self) -> Array:
         """(m, n, d + e) whitened torque of what is uncertain."""
-        return self.white(self.open)
+        return self.whiten(self.uncertain_torque)
 
     @cached_property
     def _follows(self) -> Mask:
@@ -212,17 +216,17 @@ class Window:
         follows[1:] &= (np.diff(self.time) < 1.5 * self.step)[:, None]
         return follows
 
-    def white(self, values: Array, rows: slice = slice(None)) -> Array:
-        """Return (r, n, …) values of some samples, whitened; zero where they say nothing.
+    def whiten(self, values: Array, rows: slice = slice(None)) -> Array:
+        """Return (r, n, …) whitened values of some samples, zero where they are not usable.
 
         Before the first of them the values are zero.
         """
         usable, larger = (
             each.reshape(*each.shape, *(1,) * (values.ndim - 2))
-            for each in (self.usable[rows], self.larger[rows])
+            for each in (self.usable[rows], self.error_factor[rows])
         )
         follows, kept = self._follows[rows], self._correlation[rows]
-        white = whitened(values / larger, follows, self.error, kept)
+        white = whiten(values / larger, follows, self.error, kept)
         return np.where(usable, white, 0.0)
 
     def deviation(self, test: ChangeTest, rows: slice) -> Array:
@@ -230,11 +234,13 @@ class Window:
 
         Errors, and what is uncertain about the model as the samples leave it.
         """
-        left = test.deviation_of(self.open[rows].reshape(-1, self.open.shape[2]))
-        return np.hypot(self.error * self.larger[rows], left.reshape(-1, self.motion.arm.n))
+        left = test.deviation_of(
+            self.uncertain_torque[rows].reshape(-1, self.uncertain_torque.shape[2])
+        )
+        return np.hypot(self.error * self.error_factor[rows], left.reshape(-1, self.motion.arm.n))
 
     def without_change(self, hypothesis: Hypothesis, theta: Array, since: float) -> Window:
-        """Return it without the torque of a change, whose size and shape are uncertain.
+        """Return the window less the torque of a change, whose size and shape stay uncertain.
 
         Its size by as much as itself, and by the friction that grows with it; its shape, since no
         cable is a polynomial, by a fifth that depends on position, and by errors of a twentieth.
@@ -245,13 +251,13 @@ class Window:
             since: When it began, s.
         """
         columns = self.columns(hypothesis, since)
-        torque, place = columns @ theta, _places(self.motion)
+        torque, place = columns @ theta, _normalized_positions(self.motion)
         rubs = FRICTION_BY_LOAD * np.abs(torque) * self._filter(self.motion.signs)
         shapes = [_diagonal(SHAPE * torque * place**power) for power in (1, 2)]
-        beside = [self.open, columns * np.abs(theta), _diagonal(rubs), *shapes]
+        uncertain = [self.uncertain_torque, columns * np.abs(theta), _diagonal(rubs), *shapes]
         return replace(
-            self, torque=self.torque - torque, open=np.concatenate(beside, axis=2),
-            larger=np.hypot(self.larger, _OF_SHAPE * torque / self.error),
+            self, torque=self.torque - torque, uncertain_torque=np.concatenate(uncertain, axis=2),
+            error_factor=np.hypot(self.error_factor, _OF_SHAPE * torque / self.error),
         )  # fmt: skip
 
     def columns(self, hypothesis: Hypothesis, since: float = -np.inf) -> Array:
@@ -261,14 +267,14 @@ class Window:
             hypothesis: The cause.
             since: When it began, s.
         """
-        return self._begun(hypothesis.regressor(self.motion), since)
+        return self._filter_from(hypothesis.regressor(self.motion), since)
 
     def load(self, body: int, since: float) -> Array:
         """Return (m, n, 10) whitened torque of a load by :func:`effects.place_terms`, per kg."""
         directions = point_mass_directions(self.motion.arm, body)
-        return self.white(self._begun(self.motion.link_torque(body, directions), since))
+        return self.whiten(self._filter_from(self.motion.link_torque(body, directions), since))
 
-    def _begun(self, columns: Array, since: float) -> Array:
+    def _filter_from(self, columns: Array, since: float) -> Array:
         """Return the low-passed (m, n, k) torque of what began at a time, s."""
         part = np.clip((self.ends - since) / self.step, 0.0, 1.0)
         return self._filter(part[:, None, None] * columns)
@@ -276,7 +282,7 @@ class Window:
     def causes(self) -> Iterator[Hypothesis]:
         """Yield what may have changed, of the same form in every window."""
         for effect in effects.effects():
-            yield from effect.watched(self.motion)
+            yield from effect.monitor_hypotheses(self.motion)
 
 
 @dataclass(frozen=True)
@@ -285,41 +291,41 @@ class Sampling:
 
     Attributes:
         row_rate: Rows a second: the observer's steps. Chosen: nine times its band.
-        averaged: Rows that a sample of the tests is the average of: noise behind the fastest
+        rows_per_sample: Rows that a sample of the tests is the average of: noise behind the fastest
             observer then has a correlation of 0.06, and tests cost what the columns of all samples
             cost.
     """
 
     row_rate: float = 50.0
-    averaged: int = 4
+    rows_per_sample: int = 4
 
     @property
     def sample_rate(self) -> float:
         """Samples a second."""
-        return self.row_rate / self.averaged
+        return self.row_rate / self.rows_per_sample
 
     def average(self, values: Array) -> Array:
         """Return averages of (K, …) rows, the last one among them."""
-        count = len(values) // self.averaged
-        grouped = values[len(values) - count * self.averaged :]
-        return grouped.reshape(count, self.averaged, *values.shape[1:]).mean(axis=1)
+        count = len(values) // self.rows_per_sample
+        grouped = values[len(values) - count * self.rows_per_sample :]
+        return grouped.reshape(count, self.rows_per_sample, *values.shape[1:]).mean(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class LowPassed:
+class LowPass:
     """The observer's low-pass on signals of samples.
 
     Attributes:
         parts: Samples that follow one another.
-        kept: (n,) what a step keeps, e^(-K T).
+        decay: (n,) what a step keeps, e^(-K T).
     """
 
     parts: tuple[slice, ...]
-    kept: Array
+    decay: Array
 
     @classmethod
-    def of(cls, motion: MeasuredMotion, gain: Array) -> LowPassed:
-        """Return that of the samples of a motion, with (n,) gains in 1/s."""
+    def of(cls, motion: MeasuredMotion, gain: Array) -> LowPass:
+        """Return the low-pass for a motion's samples, with the observer's (n,) gains in 1/s."""
         assert motion.rate is not None  # no static poses
         return cls(motion.parts, np.exp(-gain / motion.rate))
 
@@ -329,14 +335,14 @@ class LowPassed:
 
         result = np.empty_like(values)
         for part in self.parts:
-            for joint, kept in enumerate(self.kept.tolist()):
+            for joint, kept in enumerate(self.decay.tolist()):
                 own = values[part, joint]
                 start = kept * own[:1]
                 result[part, joint], _ = lfilter([1.0 - kept], [1.0, -kept], own, axis=0, zi=start)
         return result
 
 
-def held_by_friction(model: TorqueModel, q: Array) -> Array:
+def breakaway_torque(model: TorqueModel, q: Array) -> Array:
     """Return the (n,) torque that friction can hold at rest at (n,) positions, N·m."""
     model, speed = model.physical(), DRY_SPEED * model.arm.scale
     still = model.torque(q)
@@ -363,7 +369,7 @@ def measured_motion(model: TorqueModel, rows: Rows, settings: Sampling) -> Measu
     )  # fmt: skip
 
 
-def _beyond(motion: MeasuredMotion) -> Mask:
+def _outside_identified_range(motion: MeasuredMotion) -> Mask:
     """Return (K,) rows in which a joint is beyond what the model was identified on.
 
     There the model may be off by more than anything that could be named.
@@ -377,7 +383,7 @@ def _beyond(motion: MeasuredMotion) -> Mask:
     return np.asarray(np.any(outside | (np.abs(motion.qd) > _FASTER * fastest), axis=1))
 
 
-def _slower(motion: MeasuredMotion, part: float) -> Array:
+def _low_speed_weight(motion: MeasuredMotion, part: float) -> Array:
     """Return (K, n) whether a joint or a motor that moves it is slower than a part of its fastest.
 
     One at rest, next to nothing at twice that speed.
@@ -401,7 +407,7 @@ def _diagonal(values: Array) -> Array:
     return values[:, :, None] * np.eye(values.shape[1])
 
 
-def _places(motion: MeasuredMotion) -> Array:
+def _normalized_positions(motion: MeasuredMotion) -> Array:
     """Return (K, n) positions within the identified range, from -1 to 1, else within their own."""
     known = motion.model.uncertainty
     low, high = motion.q.min(axis=0), motion.q.max(axis=0)
@@ -411,13 +417,13 @@ def _places(motion: MeasuredMotion) -> Array:
     return np.clip(place, -1.0, 1.0)
 
 
-def _misfits(motion: MeasuredMotion, deviation: Array) -> Array:
+def _misfit_columns(motion: MeasuredMotion, deviation: Array) -> Array:
     """Return (K, n, 5 n) smooth functions of a joint's own state that sum up to its deviation.
 
     What a model lacks recurs wherever the arm returns: as noise alone it would seem to vanish with
     time.
     """
-    place = _places(motion)
+    place = _normalized_positions(motion)
     fast = np.clip(motion.qd / _greatest_speed(motion), -1.0, 1.0)
     shapes = (np.ones_like(place), place, place**2, motion.signs, fast)
     return np.concatenate([_diagonal(deviation / np.sqrt(_SHAPES) * s) for s in shapes], axis=2)

@@ -69,7 +69,7 @@ def inverse_dynamics(
         ShapeError: Arrays that do not fit the mechanism or one another.
         ConfigError: A value that is not finite, loads that overflow, or a rigid joint that moves.
     """
-    arrays = _checked(mechanism, q, qd, qdd)
+    arrays = _check_motion(mechanism, q, qd, qdd)
     shape, n = arrays[0].shape, mechanism.n
     samples = [array.reshape(-1, n) for array in arrays]
     model = pinocchio_model(mechanism)
@@ -111,7 +111,7 @@ def _external(mechanism: Mechanism, data: pin.Data) -> list[pin.Force]:
     return [pin.Force(wrench) for wrench in wrenches]
 
 
-def _checked(
+def _check_motion(
     mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike
 ) -> tuple[Array, Array, Array]:
     """Return the three arrays as floats after checking shapes, values and rigid joints."""

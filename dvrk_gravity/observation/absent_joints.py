@@ -8,7 +8,7 @@ from numbers import Real
 
 import numpy as np
 
-from dvrk_gravity.arms import STAYS, Arm, beyond, is_mtm
+from dvrk_gravity.arms import STAYS, Arm, distal_held_joints, is_mtm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.model import parts
@@ -78,7 +78,9 @@ def held_beyond(
     if not missing or is_mtm(arm):
         return dict(fixed_positions), ()
     # A joint whose position is given may itself be carried by one that is beyond.
-    where = beyond(arm, seen) or beyond(arm, (*seen, *fixed_positions)) or {}
+    where = (
+        distal_held_joints(arm, seen) or distal_held_joints(arm, (*seen, *fixed_positions)) or {}
+    )
     where = {name: position for name, position in where.items() if name in missing}
     if not where:
         return dict(fixed_positions), ()
@@ -103,7 +105,7 @@ def with_held(
     if fixed_positions and not is_mtm(arm):
         seen = _recorded(recordings)
         free = all_static(recordings) or arm.direct_drive
-        ends = fixed_positions if free else beyond(arm, seen) or ()
+        ends = fixed_positions if free else distal_held_joints(arm, seen) or ()
         given = {
             name: at
             for name, at in fixed_positions.items()
@@ -113,7 +115,7 @@ def with_held(
         notes += (_held("held as given", given),) if given else ()
     if not held:
         return arm, list(recordings), ()
-    arm = arm.holding(held)
+    arm = arm.with_held_joints(held)
     left_out = tuple(replace(note, text=f"{note.text}: not joints of the model") for note in notes)
     return arm, opened(recordings, arm=arm), left_out
 

@@ -23,7 +23,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State, last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation import Scales, Track, same_motion, solve_scales
-from dvrk_gravity.model import Columns, starts
+from dvrk_gravity.model import Columns, search_starts
 from dvrk_gravity.observation.design import Design, build_design
 from dvrk_gravity.observation.observation import Observation
 from dvrk_gravity.observation.observing import observe
@@ -338,7 +338,7 @@ def _of_all(
     loaded = design.part >= len(first)
     load = np.zeros((*design.y.shape, carried.x.shape[2]))
     load[loaded] = carried.x
-    chosen = starts(columns)[-1]
+    chosen = search_starts(columns)[-1]
     rigid = [i for i in chosen if i < len(columns.rigid.columns)]
     sign, moves = _direction(design.state)
     reading, known = moves * design.y, moves * mass * load[:, :, 0]

@@ -28,7 +28,7 @@ def require_signs(recording: Recording) -> None:
     arm, effort = recording.arm, recording.effort
     if arm is None or effort is None or recording.joints != arm.joint_names:
         return
-    if arm.newtons_said:  # whatever the masses say
+    if arm.newtons_stated:  # whatever the masses say
         return
     rows = slice(None, None, max(1, len(recording) // SAMPLES))
     q, read = recording.position[rows], effort[rows]

@@ -78,7 +78,7 @@ def _require_one_unit(source: str, nominal: NominalTorque | None) -> None:
     if nominal is None:
         return
     arm, parts = nominal.arm, _parts(nominal, beside_drive=True)
-    if arm.newtons_said or arm.drive_gains is not None or arm.read_in:
+    if arm.newtons_stated or arm.drive_gains is not None or arm.read_in:
         return
     size = {name: abs(part.shared) / part.needed for name, part in parts.items()}
     units = {name: _known_unit(each) for name, each in size.items()}
@@ -278,7 +278,7 @@ def _unit(arm: Arm, size: float | None) -> tuple[Arm, tuple[Note, ...]]:
         arm: The arm.
         size: Efforts over what nominal masses need; ``None`` if not known.
     """
-    if arm.newtons_said:
+    if arm.newtons_stated:
         return arm, ()
     if arm.drive_gains is not None:
         return arm, _by_gains(arm.drive_gains, not np.any(arm.drive_gain_error), size)

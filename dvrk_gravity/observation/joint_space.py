@@ -278,4 +278,4 @@ def without_standing(
 
 def stands(lower: Array, upper: Array, arm: Arm) -> Mask:
     """Return (n,) joints that friction may hold all the time, by their least and greatest q."""
-    return np.asarray((upper - lower < STILL * arm.scale) & arm.rubs)
+    return np.asarray((upper - lower < STILL * arm.scale) & arm.has_friction)

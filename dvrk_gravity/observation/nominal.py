@@ -88,7 +88,7 @@ class NominalTorque:
     @cached_property
     def inertia(self) -> Array:
         """(N, n) efforts that accelerate the links; zero where the file's inertia is in doubt."""
-        if self.arm.doubts:
+        if self.arm.warnings:
             return np.zeros_like(self.q)
         return self._needed(self.qd, self.qdd, np.zeros(3))
 
@@ -101,7 +101,7 @@ class NominalTorque:
 def recorded(given: Recording, arm: Arm) -> Recording:
     """Return a recording of the arm without joints beyond all recorded ones."""
     held, _ = held_beyond([given], arm, {})
-    return given.of(arm.holding(held))
+    return given.of(arm.with_held_joints(held))
 
 
 def _filtered(recording: Recording) -> Prepared | None:

@@ -149,12 +149,12 @@ def check_all(
     """
     for name in values:
         if name not in table:
-            expected = f"the name of a parameter{_about(str(name), table, declared_by)}"
+            expected = f"the name of a parameter{_hint(str(name), table, declared_by)}"
             raise ConfigError(str(name), values[name], expected)
     return {name: entry.check(values[name]) for name, entry in table.items() if name in values}
 
 
-def _about(name: str, table: Mapping[str, Parameter], declared_by: str) -> str:
+def _hint(name: str, table: Mapping[str, Parameter], declared_by: str) -> str:
     """Return a hint on a name that the table lacks."""
     near = difflib.get_close_matches(name, table, n=1, cutoff=_SIMILARITY)
     meant = f"did you mean {near[0]}?" if near else ""

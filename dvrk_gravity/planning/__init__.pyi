@@ -3,7 +3,7 @@ from .design import MotionDesign as MotionDesign
 from .design import SeriesSettings as SeriesSettings
 from .design import condition_number as condition_number
 from .design import design_motion as design_motion
-from .design import knowledge_of as knowledge_of
+from .design import prior_knowledge as prior_knowledge
 from .design import series_basis as series_basis
 from .exciting import coverage as coverage
 from .exciting import covering_motion as covering_motion
@@ -22,13 +22,13 @@ from .keeping import UNSEEN as UNSEEN
 from .keeping import Slack as Slack
 from .keeping import distances as distances
 from .keeping import effort_band as effort_band
-from .keeping import exceeded as exceeded
 from .keeping import slacks as slacks
+from .keeping import worst_violation as worst_violation
 from .limits import Box as Box
 from .limits import Combination as Combination
 from .limits import PairLimit as PairLimit
 from .limits import PlanLimits as PlanLimits
-from .limits import careful as careful
+from .limits import careful_limits as careful_limits
 from .limits_file import load_limits as load_limits
 from .limits_file import save_limits as save_limits
 from .motions import Move as Move
@@ -55,7 +55,7 @@ from .separation import SeparationSettings as SeparationSettings
 from .separation import UnresolvedPairs as UnresolvedPairs
 from .separation import design_separation as design_separation
 from .unresolved import PlannedMotion as PlannedMotion
-from .unresolved import diagnosed_again as diagnosed_again
 from .unresolved import load_unresolved as load_unresolved
-from .unresolved import paired as paired
+from .unresolved import make_pair as make_pair
+from .unresolved import rediagnosis_command as rediagnosis_command
 from .unresolved import unresolved_pairs as unresolved_pairs

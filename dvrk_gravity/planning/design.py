@@ -106,7 +106,7 @@ def design_motion(
     Raises:
         PlanError: No motion keeps the limits.
     """
-    knowledge = knowledge_of(arm, limits, model)
+    knowledge = prior_knowledge(arm, limits, model)
     wanted = CoverageObjective(knowledge, limits.lower, limits.upper)
     search = MotionSearch(basis, limits, wanted, model, seed, settings)
     motion = search.best(report)
@@ -121,8 +121,8 @@ def design_motion(
     )  # fmt: skip
 
 
-def knowledge_of(arm: Arm, limits: PlanLimits, model: TorqueModel | None) -> Knowledge:
-    """Return what is known before a motion: a model's posterior, else the effects' priors."""
+def prior_knowledge(arm: Arm, limits: PlanLimits, model: TorqueModel | None) -> Knowledge:
+    """Return the knowledge before a motion: a model's posterior, else the effects' priors."""
     if model is not None and model.uncertainty is not None and model.uncertainty.size:
         return ModelKnowledge(model, model.uncertainty)
     return PriorKnowledge(arm, limits.lower, limits.upper)

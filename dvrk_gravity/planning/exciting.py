@@ -74,7 +74,7 @@ def exciting_motion(limits: PlanLimits, duration: float, seed: int) -> Multisine
     """
     random = np.random.default_rng(seed)
     drives = _sines(limits, duration, random)
-    return _placed(drives, limits, random.uniform(0.0, 1.0, len(limits.lower)))
+    return _place_motion(drives, limits, random.uniform(0.0, 1.0, len(limits.lower)))
 
 
 def covering_motion(limits: PlanLimits, duration: float, seed: int) -> Multisine:
@@ -119,7 +119,7 @@ def covering_plan(arm: Arm, duration: float, seed: int) -> Plan:
 def _with_sweep(sines: Multisine, limits: PlanLimits, random: np.random.Generator) -> Multisine:
     """Return a motion of the joints with a slow sine of each beside its own."""
     settings = SweepSettings()
-    lower, upper = _of_drives(limits)
+    lower, upper = _drive_limits(limits)
     span, n = limits.used * (upper - lower), len(lower)
     cycles = random.uniform(settings.lowest, settings.highest, (1, n))
     phase = random.uniform(0.0, 2.0 * np.pi, (1, n))
@@ -143,7 +143,7 @@ def _with_sweep(sines: Multisine, limits: PlanLimits, random: np.random.Generato
         frequency=np.vstack([sines.frequency, sweep.frequency]),
         phase=np.vstack([sines.phase, sweep.phase]),
     )
-    return _placed(motion, limits, np.full(n, 0.5))
+    return _place_motion(motion, limits, np.full(n, 0.5))
 
 
 def coverage(motions: Sequence[Multisine | FourierMotion | PosePath], limits: PlanLimits) -> Array:
@@ -158,7 +158,7 @@ def coverage(motions: Sequence[Multisine | FourierMotion | PosePath], limits: Pl
     return part
 
 
-def _of_drives(limits: PlanLimits) -> tuple[Array, Array]:
+def _drive_limits(limits: PlanLimits) -> tuple[Array, Array]:
     """Return (n,) lowest and highest positions of what drives the joints.
 
     A pair's second drive is the sum of the two joints.
@@ -171,7 +171,7 @@ def _of_drives(limits: PlanLimits) -> tuple[Array, Array]:
 
 def _sines(limits: PlanLimits, duration: float, random: np.random.Generator) -> Multisine:
     """Draw the sines of what drives the joints."""
-    (lower, upper), pair = _of_drives(limits), limits.pair
+    (lower, upper), pair = _drive_limits(limits), limits.pair
     n = len(lower)
     used = limits.used * random.uniform(0.8, 1.0, n)
     reach = 0.5 * used * (upper - lower)
@@ -195,7 +195,7 @@ def _sines(limits: PlanLimits, duration: float, random: np.random.Generator) -> 
     return replace(drives, amplitude=amplitude * scale)
 
 
-def _placed(drives: Multisine, limits: PlanLimits, place: Array) -> Multisine:
+def _place_motion(drives: Multisine, limits: PlanLimits, place: Array) -> Multisine:
     """Return the motion of the joints around middles at (n,) places, 0 to 1, of where they fit."""
     time = np.arange(0.0, drives.duration + GRID, GRID)
     if limits.pair is None:

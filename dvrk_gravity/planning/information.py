@@ -37,7 +37,7 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True)
-class Steps:
+class DifferenceSteps:
     """Steps of the finite differences of a regressor.
 
     Attributes:
@@ -63,8 +63,8 @@ class Objective(ABC):
 
     @property
     def slow(self) -> Array:
-        """(n,) speeds within which a joint counts as turning back, rad/s or m/s; see `Steps`."""
-        return np.asarray(Steps().velocity * self.arm.scale)
+        """(n,) speeds below which a joint counts as turning back, rad/s or m/s."""
+        return np.asarray(DifferenceSteps().velocity * self.arm.scale)
 
     @abstractmethod
     def regressor(self, state: State) -> Array:
@@ -105,7 +105,7 @@ class Objective(ABC):
         # d value = 2 sum_t w_t tr(slope Y' R^-1 dY)
         by_y = 2.0 * (weight[:, None] / self.noise)[..., None] * (y @ slope)
         by = tuple(np.empty(state.q.shape) for _ in range(3))
-        steps, count = Steps(), len(y)
+        steps, count = DifferenceSteps(), len(y)
         for j, unit in enumerate(np.eye(self.arm.n)):
             h = steps.position
             states = State(
@@ -201,24 +201,24 @@ class PriorKnowledge(Knowledge):
         self.noise = noise_of(arm) if noise is None else noise
         self.correlation = _correlation(arm)
         self._columns = Columns(arm, lower, upper)
-        self._chosen = start_columns(self._columns)
+        self._start_columns = start_columns(self._columns)
         columns = self._columns.columns
-        self._scale = self._columns.scale[self._chosen]
+        self._scale = self._columns.scale[self._start_columns]
         rigid = self._columns.base.shape[1]
         named = [(name, unit, row @ self._columns.base)
                  for name, unit, row in base_parameters(self._columns.mounted)]  # fmt: skip
         names, units = [name for name, *_ in named], [arm.own_unit(unit) for _, unit, _ in named]
-        rows = np.zeros((len(named), len(self._chosen)))
+        rows = np.zeros((len(named), len(self._start_columns)))
         rows[:, :rigid] = [row for *_, row in named]  # these columns come first
         own = []
-        for position, index in enumerate(self._chosen):
+        for position, index in enumerate(self._start_columns):
             column = columns[index]
             if column.unit:
                 names.append(self._columns.effect(index).coefficient_name(arm, column))
                 units.append(column.site.unit(arm, column.unit))
                 own.append(position)
         self.names, self.units = tuple(names), tuple(units)
-        self.rows = np.vstack([rows, np.eye(len(self._chosen))[own]]) * self._scale
+        self.rows = np.vstack([rows, np.eye(len(self._start_columns))[own]]) * self._scale
 
     def regressor(self, state: State) -> Array:
         """Return the joints' torques; friction that depends on the path is none of the columns."""
@@ -226,11 +226,15 @@ class PriorKnowledge(Knowledge):
         start = len(self._columns.rigid.columns)
         parts = [self._columns.rigid.regressor(true)]
         for unknowns in self._columns.unknowns:
-            here = [i - start for i in self._chosen if 0 <= i - start < len(unknowns.columns)]
+            here = [
+                i - start for i in self._start_columns if 0 <= i - start < len(unknowns.columns)
+            ]
             start += len(unknowns.columns)
             if here:
                 full = unknowns.term.full_speed
-                parts.append(unknowns.regressor(_wider(true, full, self.slow), _NONE)[..., here])
+                parts.append(
+                    unknowns.regressor(_widen_reversal(true, full, self.slow), _NONE)[..., here]
+                )
         return np.concatenate(parts, axis=-1) * self._scale
 
 
@@ -239,7 +243,7 @@ _ASIDE = 1e-4  # rad or m: a slope of which a slope is taken
 _STEP = 1e-9  # rad/s: the width of a step that has none
 
 
-def _wider(state: State, full: Array | None, slow: Array) -> State:
+def _widen_reversal(state: State, full: Array | None, slow: Array) -> State:
     """Return a state for friction that is full from (n,) speeds, as if it were from ``slow`` on.
 
     The slope of its reversal can be followed then.
@@ -268,7 +272,7 @@ class ModelKnowledge(Knowledge):
             if not (isinstance(term, LinearTerm) and term.memory(still).shape[1])
         )
         names, units, rows = [], [], []
-        for name, unit, row in _named(model, known):
+        for name, unit, row in _parameter_changes(model, known):
             if row.any():
                 names.append(name)
                 units.append(unit)
@@ -281,7 +285,7 @@ class ModelKnowledge(Knowledge):
         true = replace(state, q=state.q - self._model.joint_offset)
         found = np.zeros((*state.q.shape, self._known.size))
         for term in self._terms:
-            found += self._known.torque((term,), _wider(true, term.full_speed, self.slow))
+            found += self._known.torque((term,), _widen_reversal(true, term.full_speed, self.slow))
         for joint in np.flatnonzero(self._known.offset.any(axis=1)).tolist():
             moved = _ASIDE * np.eye(self.arm.n)[joint]
             behind, ahead = (
@@ -294,7 +298,9 @@ class ModelKnowledge(Knowledge):
         return found
 
 
-def _named(model: TorqueModel, known: ModelUncertainty) -> Iterator[tuple[str, str, Array]]:
+def _parameter_changes(
+    model: TorqueModel, known: ModelUncertainty
+) -> Iterator[tuple[str, str, Array]]:
     """Yield name, unit and (d,) changes of each parameter in the directions of its uncertainty."""
     arm = model.arm
     for term in model.terms:

@@ -73,14 +73,14 @@ def slacks(
         arm: The arm.
         model: For the torque, with its own 95 % band; ``None``: torques are not known.
     """
-    time, between = motion.grid(STEP, limits.rows)
+    time, margins = motion.grid(STEP, limits.rows)
     peaks = np.full((3, len(limits.rows)), -np.inf)
     lowest, effort, change = peaks[0].copy(), np.zeros(arm.n), np.zeros(arm.n)
     nearest = np.full(sum(len(box.links) for box in limits.boxes), np.inf)
     for start in range(0, len(time) - 1, _BLOCK):
         part = slice(start, start + _BLOCK + 1)  # each block begins where the last one ends
         states = motion.at(time[part])
-        extra = between[:, part]
+        extra = margins[:, part]
         ways = [each @ limits.rows.T for each in states]
         lowest = np.maximum(lowest, (extra[0] - ways[0]).max(axis=0))
         for k, way in enumerate(ways):
@@ -112,11 +112,11 @@ def kept_parts(motion: Path, limits: PlanLimits, about: Array) -> Array:
     By their own limits of position, velocity and acceleration, between grid points, too.
     """
     n = len(about)
-    time, between = motion.grid(STEP, np.eye(n))
+    time, margins = motion.grid(STEP, np.eye(n))
     parts = np.ones(n)
     for start in range(0, len(time), _BLOCK):
         at = slice(start, start + _BLOCK)
-        (q, qd, qdd), extra = motion.at(time[at]), between[:, at]
+        (q, qd, qdd), extra = motion.at(time[at]), margins[:, at]
         ways = [q - about + extra[0], about - q + extra[0], abs(qd) + extra[1], abs(qdd) + extra[2]]
         room = [limits.upper - about, about - limits.lower, limits.velocity, limits.acceleration]
         for way, most in zip(ways, room, strict=True):
@@ -126,14 +126,14 @@ def kept_parts(motion: Path, limits: PlanLimits, about: Array) -> Array:
     return np.where(parts < 1.0, (1.0 - ROUNDING) * parts, 1.0)
 
 
-def exceeded(
+def worst_violation(
     motion: Path,
     limits: PlanLimits,
     arm: Arm,
     model: TorqueModel | None = None,
     kinds: Sequence[str] = KINDS,
 ) -> Slack | None:
-    """Return what is left of the limit that a motion exceeds most, ``None``: it keeps them.
+    """Return the slack of the limit that a motion violates most, ``None``: it keeps all.
 
     Args:
         motion: The motion.
@@ -211,10 +211,10 @@ def distances(arm: Arm, boxes: tuple[Box, ...], q: Array) -> Array:
 
     No further than the true distance, and as continuous: the greatest by axis.
     """
-    return outside(arm, boxes, q)[0]
+    return box_violations(arm, boxes, q)[0]
 
 
-def outside(arm: Arm, boxes: tuple[Box, ...], q: Array) -> tuple[Array, Array]:
+def box_violations(arm: Arm, boxes: tuple[Box, ...], q: Array) -> tuple[Array, Array]:
     """Return (N, m) :func:`distances`, and (N, m, 3) their slopes by the links' places."""
     found, slopes = [], []
     for box in boxes:

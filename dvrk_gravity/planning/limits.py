@@ -176,7 +176,7 @@ class PlanLimits:
             velocity=np.minimum(self.velocity, others.velocity),
             acceleration=np.minimum(self.acceleration, others.acceleration),
             effort=np.minimum(self.effort, others.effort),
-            combinations=stricter((*self.combinations, *others.combinations)),
+            combinations=stricter_limits((*self.combinations, *others.combinations)),
             boxes=tuple(dict.fromkeys((*self.boxes, *others.boxes))),
         )
 
@@ -250,7 +250,7 @@ def _limits_of_mtm(arm: Arm) -> PlanLimits:
     )  # fmt: skip
 
 
-def stricter(combinations: Iterable[Combination]) -> tuple[Combination, ...]:
+def stricter_limits(combinations: Iterable[Combination]) -> tuple[Combination, ...]:
     """Return combinations, those that are multiples of one sum as one with the stricter limits."""
     found: list[Combination] = []
     for each in combinations:
@@ -263,7 +263,7 @@ def stricter(combinations: Iterable[Combination]) -> tuple[Combination, ...]:
     return tuple(found)
 
 
-def careful(arm: Arm) -> tuple[Array, Array]:
+def careful_limits(arm: Arm) -> tuple[Array, Array]:
     """Return (n,) velocities and (n,) accelerations of a simulated arm's own motions."""
     if mtm.is_mtm(arm):
         known = mtm.defaults

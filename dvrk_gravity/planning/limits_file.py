@@ -28,7 +28,13 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.files.entries import check_count, mapping, sequence
-from dvrk_gravity.planning.limits import Box, Combination, LimitSettings, PlanLimits, stricter
+from dvrk_gravity.planning.limits import (
+    Box,
+    Combination,
+    LimitSettings,
+    PlanLimits,
+    stricter_limits,
+)
 from dvrk_gravity.planning.places import tip
 
 _RATES = ("velocity", "acceleration")
@@ -92,7 +98,7 @@ def limits_from(content: Mapping[str, Any], arm: Arm, beyond_defaults: bool = Fa
                     f"some of {shown(known.lower).split()[0]} to {shown(known.upper)} of "
                     f"{known.name}, the limits of the arm or of an entry before",
                 )  # fmt: skip
-        combinations = stricter((*combinations, given))
+        combinations = stricter_limits((*combinations, given))
     boxes = tuple(
         _box(f"boxes[{k}]", entry, k, arm)
         for k, entry in enumerate(sequence("boxes", content.get("boxes", [])))
@@ -111,7 +117,7 @@ def limits_content(limits: PlanLimits, arm: Arm) -> dict[str, Any]:
             "acceleration": float(limits.acceleration[k] / size),
             "effort": float(limits.effort[k]),
         }
-    combinations = [_written(each, arm) for each in limits.combinations]
+    combinations = [_combination_entry(each, arm) for each in limits.combinations]
     boxes = [
         {"name": box.name, "lower": list(box.lower), "upper": list(box.upper),
          "links": list(box.links)}
@@ -129,7 +135,7 @@ def save_limits(path: str | Path, limits: PlanLimits, arm: Arm, comment: str) ->
     text_file.write(path, f"# {comment}\n{yaml_file.dump(limits_content(limits, arm))}")
 
 
-def _written(combination: Combination, arm: Arm) -> dict[str, Any]:
+def _combination_entry(combination: Combination, arm: Arm) -> dict[str, Any]:
     size = _size(arm, arm.joint_names.index(combination.factors[0][0]))
     entry: dict[str, Any] = {"of": dict(combination.factors)}
     ends = (combination.lower, combination.upper)

@@ -22,7 +22,7 @@ from dvrk_gravity.errors import PlanError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.information import Objective
-from dvrk_gravity.planning.keeping import efforts, kept_parts, outside, slacks
+from dvrk_gravity.planning.keeping import box_violations, efforts, kept_parts, slacks
 from dvrk_gravity.planning.limits import PlanLimits
 from dvrk_gravity.planning.places import levers
 from dvrk_gravity.planning.resting import resting_positions
@@ -36,7 +36,7 @@ Multiplier = Array | float  # of the shape of g; 0.0: of no force yet
 _HALVINGS = 10  # of the part of a motion that keeps its limits: to a thousandth
 _PLACES = 21  # positions at rest about which random motions are drawn. Chosen
 # Of finite differences of efforts by position, velocity and acceleration, rad and s: dry friction
-# reverses within the second, as in `information.Steps`; the third is exact.
+# reverses within the second, as in `information.DifferenceSteps`; the third is exact.
 _STEPS = (1e-5, 0.05, 1.0)
 _BOX_UNIT = 0.1  # m, which counts as much as all of a limit. Chosen
 _BOX_SPARE = 0.005  # m, by which links stay further off, for what is between grid points. Chosen
@@ -153,8 +153,8 @@ class MotionSearch:
         def count(_: Array) -> None:
             nonlocal done
             done += 1
-            report(min(1.0, max(done / total, self._spent())))
-            if self._spent() >= 1.0:
+            report(min(1.0, max(done / total, self._spent_share())))
+            if self._spent_share() >= 1.0:
                 raise StopIteration  # as the solver expects it of who wants no more
 
         drawn = sorted((self._draw(k) for k in range(settings.draws)), key=self.value, reverse=True)
@@ -162,13 +162,17 @@ class MotionSearch:
         free: list[Multiplier] = [0.0] * len(self._constraints)
         for start in drawn[: settings.starts]:
             x, multipliers = self._solve(self._vector(start), free, 1, settings.first, count)
-            found.append((self._kept(x), x, multipliers))
+            found.append((self._shrink_to_limits(x), x, multipliers))
         found.sort(key=lambda each: -self.value(each[0]))
         done = settings.starts * settings.first
         _, x, multipliers = found[0]
         x, _ = self._solve(x, multipliers, settings.rounds, settings.iterations, count)
         return max(
-            [self._kept(x), *(each[0] for each in found), self._kept(self._vector(drawn[0]))],
+            [
+                self._shrink_to_limits(x),
+                *(each[0] for each in found),
+                self._shrink_to_limits(self._vector(drawn[0])),
+            ],
             key=self.value,
         )
 
@@ -228,7 +232,7 @@ class MotionSearch:
 
         stiffness = self.settings.stiffness
         for _ in range(rounds):
-            if self._spent() >= 1.0:
+            if self._spent_share() >= 1.0:
                 break
             x = minimize(
                 self._lagrangian, x, args=(multipliers, stiffness), jac=True, method="L-BFGS-B",
@@ -242,7 +246,7 @@ class MotionSearch:
             stiffness *= self.settings.stiffer
         return x, multipliers
 
-    def _spent(self) -> float:
+    def _spent_share(self) -> float:
         """Return the part of the search's time, or of its evaluations, that is spent."""
         settings = self.settings
         parts = [(time.process_time() - self._begun) / settings.seconds]
@@ -338,7 +342,7 @@ class MotionSearch:
         """Return (N, links) how far links are within boxes, in units of 0.1 m."""
         boxes = self.limits.boxes
         q = self._grid[0] @ coefficients + middle
-        away, slope = outside(self.arm, boxes, q)
+        away, slope = box_violations(self.arm, boxes, q)
         part = (_BOX_SPARE - away) / _BOX_UNIT
 
         def back(force: Array) -> tuple[Array, Array]:
@@ -354,7 +358,7 @@ class MotionSearch:
 
         return part, back
 
-    def _kept(self, x: Array) -> FourierMotion:
+    def _shrink_to_limits(self, x: Array) -> FourierMotion:
         """Return the motion, moved towards rest as far as it takes to keep all limits.
 
         First each joint alone, towards the middle of its range, as far as its own limits take it,

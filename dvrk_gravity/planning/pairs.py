@@ -49,15 +49,15 @@ class HypothesisPair:
     Attributes:
         first: One.
         second: The other.
-        either: Whether the first, and whether the second, is to be shown if it is true.
+        required: Whether the first, and whether the second, is to be shown if it is true.
     """
 
     first: FittedHypothesis
     second: FittedHypothesis
-    either: tuple[bool, bool] = (True, True)
+    required: tuple[bool, bool] = (True, True)
 
     @property
-    def between(self) -> tuple[str, str]:
+    def names(self) -> tuple[str, str]:
         """The two in words."""
         return self.first.words, self.second.words
 
@@ -76,7 +76,7 @@ class Prediction:
 
     @classmethod
     def of(cls, gram: Array, root: Array) -> Prediction:
-        """Return it for (p, p) G and (p, r) L."""
+        """Return the prediction for a (p, p) Gram matrix G and (p, r) covariance root L."""
         # Of 1e12 times the noise a Cholesky factor may fail by rounding.
         values, vectors = np.linalg.eigh(np.eye(root.shape[1]) + root.T @ gram @ root)
         half = vectors / np.sqrt(np.maximum(values, 1.0))
@@ -108,18 +108,18 @@ class TrueHypothesis:
     Attributes:
         true: What is known if it is true.
         other: ... if the other is.
-        apart: (p,) difference of the factors' means.
+        mean_difference: (p,) difference of the factors' means.
         before: Evidence for the true one in the diagnosed recordings; negative: against it.
     """
 
     true: Prediction
     other: Prediction
-    apart: Array
+    mean_difference: Array
     before: float = 0.0
 
-    def further(self, gram: Array) -> tuple[float, Array]:
+    def expected_evidence(self, gram: Array) -> tuple[float, Array]:
         """Return the evidence that is expected of (p, p) G alone, and its (p, p) slope by G."""
-        (far,), left = self.other.distance(gram, self.apart[:, None])
+        (far,), left = self.other.distance(gram, self.mean_difference[:, None])
         return 0.5 * float(far), 0.5 * left @ left.T
 
     def chance(self, gram: Array, scattered: float = 1.0) -> float:
@@ -139,7 +139,7 @@ class TrueHypothesis:
         random = np.random.default_rng(0)
         off = self.true.root @ random.normal(size=(self.true.root.shape[1], _DRAWN))
         near, _ = self.true.distance(gram, off)
-        far, _ = self.other.distance(gram, off + self.apart[:, None])
+        far, _ = self.other.distance(gram, off + self.mean_difference[:, None])
         far = np.maximum(far, 1e-12)
         spread = np.sqrt(far)
         least = np.maximum(STRONG, _CLEAR * np.sqrt(scattered) * spread)
@@ -219,13 +219,15 @@ class Separation(Objective):
         """Return (N, n) the part of torques that shows: friction hides that of a joint at rest."""
         if state.qd is None or state.direction is not None:
             return np.ones(state.q.shape)
-        return np.where(self.arm.rubs, np.abs(state.qd) / np.hypot(state.qd, self.slow), 1.0)
+        return np.where(
+            self.arm.has_friction, np.abs(state.qd) / np.hypot(state.qd, self.slow), 1.0
+        )
 
     def score(self, gram: Array) -> tuple[float, Array]:
         """Return the sum of K / (1 + K / 10.5) over the senses of all pairs, and its slope."""
         total, slope = 0.0, np.zeros_like(gram)
         for sense in chain.from_iterable(self._senses(gram)):
-            value, by = sense.further(gram)
+            value, by = sense.expected_evidence(gram)
             more = 1.0 + value / _ENOUGH
             total += value / more
             slope += by / more**2
@@ -238,7 +240,7 @@ class Separation(Objective):
         """
         return [
             (
-                min(sense.before + sense.further(gram)[0] for sense in senses),
+                min(sense.before + sense.expected_evidence(gram)[0] for sense in senses),
                 min(sense.chance(gram, self._scattered) for sense in senses),
             )
             for senses in self._senses(gram)
@@ -257,8 +259,10 @@ class Separation(Objective):
         gram = self.gram(state, np.full(len(state.q), _BEST * duration / len(state.q)))
         found = []
         for pair, senses in zip(self.pairs, self._senses(gram), strict=True):
-            most = iter([max(sense.before, 0.0) + sense.further(gram)[0] for sense in senses])
-            first, second = (wanted and next(most) < _ENOUGH for wanted in pair.either)
+            most = iter(
+                [max(sense.before, 0.0) + sense.expected_evidence(gram)[0] for sense in senses]
+            )
+            first, second = (wanted and next(most) < _ENOUGH for wanted in pair.required)
             found.append((first, second))
         return found
 
@@ -274,5 +278,5 @@ class Separation(Objective):
                     self._kept * (causes[i].evidence - causes[1 - i].evidence),
                 )
                 for i in (0, 1)
-                if pair.either[i]
+                if pair.required[i]
             ]  # fmt: skip

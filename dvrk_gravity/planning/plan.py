@@ -14,7 +14,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file, yaml_file
 from dvrk_gravity.files.entries import check_count, mapping
-from dvrk_gravity.model import arm_beside, arm_of, seen_from, values_of
+from dvrk_gravity.model import arm_of, relative_arm_path, resolve_arm_path, values_of
 from dvrk_gravity.parameters import flatten, unflatten
 from dvrk_gravity.planning.fourier import Basis, FourierMotion
 from dvrk_gravity.planning.limits import PlanLimits
@@ -84,7 +84,7 @@ class Plan:
         """
         path = Path(path)
         arm = values_of(self.arm)
-        arm["arm"] = seen_from(str(arm["arm"]), path.parent)
+        arm["arm"] = relative_arm_path(str(arm["arm"]), path.parent)
         of_poses = isinstance(self.motion, PosePath)
         content = {
             "format": FORMAT,
@@ -151,7 +151,7 @@ class Plan:
         if content["format"] != FORMAT:
             raise ConfigError("format", content["format"], f"{FORMAT}, as `plan` writes it")
         mapping("limits", content["limits"], KEYS, KEYS)  # a file that was cut lacks some
-        arm = arm_of(arm_beside(flatten(mapping("arm", content["arm"])), folder))
+        arm = arm_of(resolve_arm_path(flatten(mapping("arm", content["arm"])), folder))
         limits = limits_from(content["limits"], arm, beyond_defaults)
         entry = content[kind]
         read = _read_motion(entry, arm) if kind == MOTION else _read_poses(entry, arm, limits)

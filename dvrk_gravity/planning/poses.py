@@ -12,7 +12,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State, weight_directions
 from dvrk_gravity.errors import PlanError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning.design import MotionDesign, condition, knowledge_of
+from dvrk_gravity.planning.design import MotionDesign, condition, prior_knowledge
 from dvrk_gravity.planning.information import Knowledge
 from dvrk_gravity.planning.keeping import slacks
 from dvrk_gravity.planning.limits import PlanLimits
@@ -78,10 +78,10 @@ def design_poses(
         PlanError: No position keeps the limits, or there is no time for two poses.
     """
     of = settings or PoseSettings()
-    knowledge = knowledge_of(arm, limits, model)
+    knowledge = prior_knowledge(arm, limits, model)
 
     def choose(candidates: Array, count: int, report: Callable[[float], None]) -> list[int]:
-        return _chosen(knowledge, candidates, count, of.reading, report)
+        return _choose_poses(knowledge, candidates, count, of.reading, report)
 
     motion = pose_path(arm, limits, duration, model, seed, of, choose, report)
     ordered = motion.poses
@@ -127,7 +127,7 @@ def pose_path(
     """
     way = of.approach * arm.scale
     random = np.random.default_rng(seed)
-    found = resting_positions(_narrowed(limits, way), arm, model, random, 10 * of.candidates)
+    found = resting_positions(_narrow_limits(limits, way), arm, model, random, 10 * of.candidates)
     some = random.permutation(len(found))[: of.candidates]
     candidates = found[np.sort(some)]
 
@@ -143,7 +143,7 @@ def pose_path(
     return path(ordered)
 
 
-def _narrowed(limits: PlanLimits, way: Array) -> PlanLimits:
+def _narrow_limits(limits: PlanLimits, way: Array) -> PlanLimits:
     """Return limits within which a pose and both ends of its approaches are within limits."""
     combinations = []
     for row, each in zip(limits.rows[len(way) :], limits.combinations, strict=True):
@@ -161,7 +161,7 @@ def stands(poses: Array, direction: float) -> State:
     return State(poses, rest, rest, np.full(poses.shape, direction))
 
 
-def _chosen(
+def _choose_poses(
     knowledge: Knowledge, poses: Array, count: int, reading: float, report: Callable[[float], None]
 ) -> list[int]:
     """Return the indices of poses, each the one that adds most to log det A."""
@@ -176,8 +176,8 @@ def _chosen(
         gain[found] = -np.inf
         best = int(np.argmax(gain))
         found.append(best)
-        beside = covariance @ x[best].T
-        covariance = covariance - beside @ np.linalg.solve(inner[best], beside.T)
+        gain = covariance @ x[best].T
+        covariance = covariance - gain @ np.linalg.solve(inner[best], gain.T)
         report((number + 1) / count)
     return found
 

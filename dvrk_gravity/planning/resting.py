@@ -37,9 +37,9 @@ def resting_positions(
         PlanError: There are none: the limit and by how much it would have to give.
     """
     centre = _centre(limits, arm)
-    q = _drawn(limits, centre, random)
+    q = _draw_positions(limits, centre, random)
     room = np.ones(len(q))
-    others = _others(limits, arm, model, q)
+    others = _other_slacks(limits, arm, model, q)
     for _, left, _, size in others:
         room = np.minimum(room, left / size)
     at = int(np.argmax(room))
@@ -63,7 +63,7 @@ def resting_positions(
     return q[order[: min(count, int(np.sum(room >= 0.0)))]]
 
 
-def _others(
+def _other_slacks(
     limits: PlanLimits, arm: Arm, model: TorqueModel | None, q: Array
 ) -> list[tuple[str, Array, str, float]]:
     """Return name, (N,) what is left, unit, and size of each limit that is not of positions."""
@@ -153,7 +153,7 @@ def _shown(limits: PlanLimits, arm: Arm, row: int) -> str:
     return f"{shown(low).split()[0]} to {shown(high)}"
 
 
-def _drawn(limits: PlanLimits, centre: Array, random: np.random.Generator) -> Array:
+def _draw_positions(limits: PlanLimits, centre: Array, random: np.random.Generator) -> Array:
     """Return (N, n) positions within the limits of positions: the centre, and random ones.
 
     Each is on a straight way from the centre, at a random part of where it leaves the limits,

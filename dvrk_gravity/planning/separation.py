@@ -105,7 +105,7 @@ class UnresolvedPairs:
             PlanError: Limits that no position keeps.
         """
         arm, random = self.model.arm, np.random.default_rng(0)
-        q = resting_positions(_as_identified(limits, self.model), arm, None, random, _ANYWHERE)
+        q = resting_positions(_identified_limits(limits, self.model), arm, None, random, _ANYWHERE)
         rates = random.uniform(-1.0, 1.0, (2, *q.shape))
         state = State(q, rates[0] * limits.velocity, rates[1] * limits.acceleration)
         return self.objective(_LONGEST).hidden(state, _LONGEST)
@@ -116,14 +116,14 @@ class ExpectedEvidence:
     """What a plan is expected to show of a pair.
 
     Attributes:
-        between: The two in words.
+        names: The two in words.
         planned: Evidence of the diagnosed recordings and the plan, as a log-likelihood: the lesser
             of those that are expected if either is true.
         chance: Probability that it will be clear, likewise.
         why: Why the plan does not separate them; ``""`` if it does.
     """
 
-    between: tuple[str, str]
+    names: tuple[str, str]
     planned: float
     chance: float
     why: str = ""
@@ -131,7 +131,7 @@ class ExpectedEvidence:
     @property
     def words(self) -> str:
         """Both in words."""
-        return " or ".join(self.between)
+        return " or ".join(self.names)
 
     @property
     def separates(self) -> bool:
@@ -185,7 +185,7 @@ def design_separation(
     of = settings or SeparationSettings()
     lasts = of.duration if duration is None else duration
     model, objective = unresolved.model, unresolved.objective(lasts)
-    within = _as_identified(limits, model)
+    within = _identified_limits(limits, model)
     motion: FourierMotion | PosePath
     if poses:
         motion, gram = _poses(objective, within, model, lasts, seed, of, report)
@@ -196,7 +196,7 @@ def design_separation(
     found = zip(unresolved.pairs, objective.expected(gram), unresolved.hidden(limits), strict=True)
     expected = tuple(
         ExpectedEvidence(
-            pair.between, value, chance,
+            pair.names, value, chance,
             "" if chance >= _SURE
             else nothing_shows(pair, hidden) or _why(unresolved, pair, motion),
         )
@@ -207,7 +207,7 @@ def design_separation(
     )
 
 
-def _as_identified(limits: PlanLimits, model: TorqueModel) -> PlanLimits:
+def _identified_limits(limits: PlanLimits, model: TorqueModel) -> PlanLimits:
     """Return limits within which the model was identified: beyond, any torque may be its own.
 
     Faster, too: what it lacks of inertia shows then. A joint that was hardly moved then, or never
@@ -269,7 +269,7 @@ def nothing_shows(pair: HypothesisPair, hidden: tuple[bool, bool]) -> str:
         pair: Two causes.
         hidden: Whether none is expected to show the first if it is true, and the second.
     """
-    if all(none or not wanted for none, wanted in zip(hidden, pair.either, strict=True)):
+    if all(none or not wanted for none, wanted in zip(hidden, pair.required, strict=True)):
         return (
             "they are the same torque within the limits, to about the errors: no motion of this "
             "arm there is expected to separate them"

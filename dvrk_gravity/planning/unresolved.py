@@ -82,7 +82,7 @@ def unresolved_pairs(
         for group in groups
         for first, second in combinations(group, 2)
         if first.named != second.named
-        if any((pair := paired(model, first, second)).either)
+        if any((pair := make_pair(model, first, second)).required)
     )
     known = model.uncertainty
     if known is None:
@@ -96,7 +96,9 @@ def unresolved_pairs(
     return UnresolvedPairs(model, pairs, motion_of, noise, coherent, poses, lasted)
 
 
-def paired(model: TorqueModel, first: FittedHypothesis, second: FittedHypothesis) -> HypothesisPair:
+def make_pair(
+    model: TorqueModel, first: FittedHypothesis, second: FittedHypothesis
+) -> HypothesisPair:
     """Return two causes, and which of them is to be shown if it is true.
 
     If a cause is true that another one at the same place contains, a diagnosis takes it as the
@@ -139,12 +141,12 @@ def load_unresolved(
     """
     content = json_file.load(path)
     try:
-        return _unresolved(content, Path(path).parent, model)
+        return _parse_unresolved(content, Path(path).parent, model)
     except ConfigError as error:
         raise error if error.source else error.in_file(path) from None
 
 
-def _unresolved(
+def _parse_unresolved(
     content: Mapping[str, Any], folder: Path, model: TorqueModel | str | Path | None
 ) -> UnresolvedPairs:
     if "verdict" not in content:
@@ -187,13 +189,13 @@ def _unresolved(
 def _groups(entry: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Return the groups of causes by their place in the file; of 0.3 and before, its pairs."""
     if "groups" in entry:
-        groups = _listed(entry["groups"], f"{ENTRY}.groups")
+        groups = _require_list(entry["groups"], f"{ENTRY}.groups")
         found = {f"{ENTRY}.groups[{k}]": group for k, group in enumerate(groups)}
     else:
-        pairs = _listed(entry.get("pairs"), f"{ENTRY}.pairs")
+        pairs = _require_list(entry.get("pairs"), f"{ENTRY}.pairs")
         found = {f"{ENTRY}.pairs[{k}]": _of_pair(pair) for k, pair in enumerate(pairs)}
     for where, group in found.items():
-        if len(_listed(group, where)) < 2:
+        if len(_require_list(group, where)) < 2:
             raise ConfigError(where, group, "two causes or more")
     check_count(ENTRY, sum(map(len, found.values())), _MOST_CAUSES)
     return found
@@ -212,7 +214,7 @@ def _of_pair(pair: Any) -> Any:
     ]
 
 
-def _listed(value: Any, where: str) -> list[Any]:
+def _require_list(value: Any, where: str) -> list[Any]:
     if not isinstance(value, list):
         raise ConfigError(where, value, "a list")
     return value
@@ -229,7 +231,7 @@ def _require_columns(cause: FittedHypothesis, motion: PlannedMotion, where: str)
         raise ConfigError(where, words, UNREADABLE_CAUSE)
 
 
-def diagnosed_again(
+def rediagnosis_command(
     path: str | Path, further: str, poses: bool = False, model: str | Path | None = None
 ) -> str:
     """Return the command that diagnoses a further recording together with the first ones.

@@ -91,7 +91,7 @@ def require_usable(source: str, warnings: Iterable[Note]) -> None:
 
 
 def about_arm(doubts: Iterable[str]) -> tuple[Note, ...]:
-    """Return ``Arm.doubts`` about the masses in an arm's file as warnings."""
+    """Return ``Arm.warnings`` about the masses in an arm's file as warnings."""
     text = "in the arm's file: "
     return tuple(Note("arm_file", None, {}, text + doubt) for doubt in doubts)
 

@@ -279,7 +279,7 @@ class _Positions:
             effort is not None
             and arm.inertial_parameters is not None
             and arm.gravity_in_reading
-            and not arm.newtons_said  # or the masses are not believed
+            and not arm.newtons_stated  # or the masses are not believed
             and arm.direct_drive
             and self._names == arm.joint_names
             and not not_recorded(effort).any()

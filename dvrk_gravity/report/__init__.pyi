@@ -1,6 +1,6 @@
 from .arm_drawing import Level as Level
 from .arm_drawing import Remark as Remark
-from .arm_drawing import drawn_arm as drawn_arm
+from .arm_drawing import arm_figure as arm_figure
 from .certificate import certificate_page as certificate_page
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png
@@ -9,10 +9,10 @@ from .evaluation import evaluation_page as evaluation_page
 from .findings import parameter_rows as parameter_rows
 from .findings import size_of as size_of
 from .findings import what_is_compared as what_is_compared
-from .fit_in_terminal import compared as compared
 from .fit_in_terminal import error_table as error_table
 from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text
+from .fit_in_terminal import verdict_comparison as verdict_comparison
 from .fit_pictures import residual_pictures as residual_pictures
 from .fit_pictures import torque_pictures as torque_pictures
 from .history import FEW_ARMS as FEW_ARMS
@@ -29,8 +29,8 @@ from .html import table as table
 from .identification import identification_page as identification_page
 from .monitoring import event_json as event_json
 from .monitoring import event_text as event_text
-from .monitoring import monitored_json as monitored_json
-from .monitoring import monitored_text as monitored_text
+from .monitoring import monitor_json as monitor_json
+from .monitoring import monitor_text as monitor_text
 from .page import page as page
 from .plan_in_terminal import design_text as design_text
 from .plan_in_terminal import limits_text as limits_text
@@ -41,4 +41,4 @@ from .terminal import columns as columns
 from .terminal import warning_lines as warning_lines
 from .terminal import wrap as wrap
 from .units import effort_in_table as effort_in_table
-from .units import shown_position as shown_position
+from .units import position_units as position_units

@@ -37,12 +37,12 @@ class Remark:
     level: Level = ""
 
 
-def worst_of(levels: Iterable[Level]) -> Level:
+def worst_level(levels: Iterable[Level]) -> Level:
     """Return the level that needs attention most; ``""`` of none."""
     return max(levels, key=_LEVELS.index, default="")
 
 
-def drawn_arm(arm: Arm, remarks: Iterable[Remark]) -> str:
+def arm_figure(arm: Arm, remarks: Iterable[Remark]) -> str:
     """Return the HTML of an arm's drawing, and of a list of its joints with what is said of them.
 
     Args:
@@ -51,13 +51,13 @@ def drawn_arm(arm: Arm, remarks: Iterable[Remark]) -> str:
     """
     remarks = list(remarks)
     worst = {
-        name: worst_of(remark.level for remark in remarks if remark.joint == name)
+        name: worst_level(remark.level for remark in remarks if remark.joint == name)
         for name in ("", *arm.joint_names)
     }
     lines = []
     for name in arm.joint_names:
-        said = "; ".join(remark.text for remark in remarks if remark.joint == name)
-        text = f"<b>{escape(name)}</b>" + (f": {prose(said)}" if said else "")
+        remarks_text = "; ".join(remark.text for remark in remarks if remark.joint == name)
+        text = f"<b>{escape(name)}</b>" + (f": {prose(remarks_text)}" if remarks_text else "")
         lines.append(f"<li{_class(worst[name])}>{text}</li>")
     whole = "".join(
         f"<p{_class(remark.level)}><b>the arm</b>: {prose(remark.text)}</p>"
@@ -77,7 +77,7 @@ def _class(level: str) -> str:
 
 
 def _svg(arm: Arm, worst: dict[str, Level], label: str) -> str:
-    origins = _projected(arm)
+    origins = _project(arm)
     base, places = origins[0], origins[1:]
     parts = [
         _line(places[body.parent] if body.parent >= 0 else base, place, "link")
@@ -91,10 +91,10 @@ def _svg(arm: Arm, worst: dict[str, Level], label: str) -> str:
     # The body that a joint moves first; a parallelogram's joint moves several.
     first = [int(np.flatnonzero([body.row[k] for body in arm.bodies])[0]) for k in range(arm.n)]
     true = places[first]
-    beside = _apart(true)
-    moved = zip(true, beside, strict=True)
+    spread_places = _spread_places(true)
+    moved = zip(true, spread_places, strict=True)
     parts += [_line(place, spot, "lead") for place, spot in moved if (spot != place).any()]
-    for joint, (x, y), number in zip(arm.joints, beside, range(1, arm.n + 1), strict=True):
+    for joint, (x, y), number in zip(arm.joints, spread_places, range(1, arm.n + 1), strict=True):
         shape = (
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS}"/>'
             if joint.kind == "revolute"
@@ -103,7 +103,7 @@ def _svg(arm: Arm, worst: dict[str, Level], label: str) -> str:
         )
         text = f'<text x="{x:.1f}" y="{y + 4:.1f}">{number}</text>'
         parts.append(f'<g class="joint{_and(worst[joint.name])}">{shape}{text}</g>')
-    corners = np.vstack([origins, beside])
+    corners = np.vstack([origins, spread_places])
     size = np.maximum(np.ptp(corners, axis=0), (_WIDTH, _HEIGHT)) + 40.0
     left, top = 0.5 * (corners.min(axis=0) + corners.max(axis=0) - size)
     box = f"{left:.0f} {top:.0f} {size[0]:.0f} {size[1]:.0f}"
@@ -119,7 +119,7 @@ def _line(start: Array, end: Array, kind: str) -> str:
     return f'<line class="{kind}" x1="{a:.1f}" y1="{b:.1f}" x2="{c:.1f}" y2="{d:.1f}"/>'
 
 
-def _projected(arm: Arm) -> Array:
+def _project(arm: Arm) -> Array:
     """Return (1 + bodies, 2) places of the base and of the bodies' origins in the drawing."""
     lower, upper = arm.range
     middle = 0.5 * (lower + upper)[None]
@@ -142,20 +142,20 @@ def _projected(arm: Arm) -> Array:
     return np.asarray(scale * (drawn - drawn.min(axis=0)) if size.any() else drawn)
 
 
-def _apart(places: Array) -> Array:
+def _spread_places(places: Array) -> Array:
     """Return (n, 2) places near the given ones at which no joint covers another."""
     found: list[Array] = []
     for place in places:
-        found.append(next(spot for spot in _around(place) if _free(spot, found)))
+        found.append(next(spot for spot in _nearby_places(place) if _is_free(spot, found)))
     return np.array(found)
 
 
-def _around(place: Array) -> Iterable[Array]:
+def _nearby_places(place: Array) -> Iterable[Array]:
     yield place
     for ring in itertools.count(1):
         for angle in np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False):
             yield place + ring * _RADIUS * np.array([np.cos(angle), np.sin(angle)])
 
 
-def _free(spot: Array, taken: Sequence[Array]) -> bool:
+def _is_free(spot: Array, taken: Sequence[Array]) -> bool:
     return all(np.linalg.norm(spot - other) > 2.2 * _RADIUS for other in taken)

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally, shown_drift
+from dvrk_gravity.calibration import Certificate, JointCertificate, MotionTally, format_drift
 from dvrk_gravity.identification import Evaluation, in_words
 from dvrk_gravity.report import html
-from dvrk_gravity.report.arm_drawing import Remark, drawn_arm
+from dvrk_gravity.report.arm_drawing import Remark, arm_figure
 from dvrk_gravity.report.fit_pictures import torque_pictures
 from dvrk_gravity.report.fit_tables import level_of_verdict
 from dvrk_gravity.report.html import prose
@@ -45,17 +45,17 @@ def _parts(certificate: Certificate, evaluation: Evaluation, arm: Arm) -> Iterat
             f'<p class="poor">Simulated: {prose(certificate.simulated)}. This is not the '
             "certificate of an arm.</p>"
         )
-    yield drawn_arm(arm, [_remark(joint) for joint in certificate.joints])
+    yield arm_figure(arm, [_remark(joint) for joint in certificate.joints])
     yield "<h2>The second motion</h2>"
     yield html.side_by_side(*_pictures(evaluation, arm))
     yield "<h2>By joint</h2>"
     yield _by_joint(certificate, arm)
     yield "<h2>What stays unknown</h2>"
-    yield html.item_list(_some(certificate.unknown), "nothing that was looked for")
+    yield html.item_list(_list_or_none(certificate.unknown), "nothing that was looked for")
     yield "<h2>What the diagnosis found beside the first model</h2>"
-    yield html.item_list(_some(certificate.findings), "nothing")
+    yield html.item_list(_list_or_none(certificate.findings), "nothing")
     yield "<h2>Motion and limits</h2>"
-    yield f"<p>{prose(_of_motion(certificate.motion))}</p>"
+    yield f"<p>{prose(_motion_sentence(certificate.motion))}</p>"
     yield html.collapsible(
         "Files (SHA-256) and versions",
         html.table((), list(certificate.files.items())),
@@ -80,14 +80,14 @@ def _by_joint(certificate: Certificate, arm: Arm) -> str:
     notes = [
         "Errors are those of a second motion that nothing was fitted on. Expected: 95 % band of "
         "that RMSE by the model itself. Gravity torque: its standard error at the recorded poses.",
-        _of_drift(certificate),
+        _drift_sentence(certificate),
         "Sure to stay: part of random poses at which so little friction covers the 95 % band of "
         "the gravity torque, what the model lacks included.",
     ]
     return html.table(head, rows) + f'<p class="small">{prose(" ".join(notes))}</p>'
 
 
-def _of_drift(certificate: Certificate) -> str:
+def _drift_sentence(certificate: Certificate) -> str:
     if not certificate.poses:
         return "The arm was not released."
     friction = (
@@ -105,7 +105,7 @@ def _of_drift(certificate: Certificate) -> str:
     )
 
 
-def _of_motion(motion: MotionTally) -> str:
+def _motion_sentence(motion: MotionTally) -> str:
     rehearsed = (
         f", and {motion.rehearsed / 60:.1f} min of rehearsals at a tenth of the speed"
         if motion.rehearsed
@@ -118,7 +118,7 @@ def _of_motion(motion: MotionTally) -> str:
     )
 
 
-def _some(lines: tuple[str, ...]) -> list[str]:
+def _list_or_none(lines: tuple[str, ...]) -> list[str]:
     more = len(lines) - _MOST
     return [*lines[:_MOST], *([f"and {more} more, in certificate.json"] if more > 0 else [])]
 
@@ -145,7 +145,7 @@ def _row(joint: JointCertificate, factor: float, decimals: int) -> list[str]:
 
 
 def _drift(value: float | None, joint: JointCertificate) -> str:
-    return "" if value is None else shown_drift(value, joint.position_unit)
+    return "" if value is None else format_drift(value, joint.position_unit)
 
 
 def _position(value: float, joint: JointCertificate, decimals: int) -> str:

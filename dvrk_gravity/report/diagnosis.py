@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis import (
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
-from dvrk_gravity.report.arm_drawing import Remark, drawn_arm, worst_of
+from dvrk_gravity.report.arm_drawing import Remark, arm_figure, worst_level
 from dvrk_gravity.report.findings import (
     BETWEEN,
     BLIND,
@@ -73,11 +73,11 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         "errors and gains below are of those."
     )
     if diagnosis.misplaced:
-        said = misplaced_load(diagnosis.misplaced)
-        facts = f"{said[0].upper()}{said[1:]}. {facts}"
+        sentence = misplaced_load(diagnosis.misplaced)
+        facts = f"{sentence[0].upper()}{sentence[1:]}. {facts}"
     if own := model_verdict(diagnosis.model_verdict):
         facts += f" {own[0].upper()}{own[1:]}."
-    level = worst_of(remark.level for remark in _remarks(diagnosis.findings)) or "good"
+    level = worst_level(remark.level for remark in _remarks(diagnosis.findings)) or "good"
     if level == "good" and diagnosis.cannot_judge:
         level = "fair"
     return page(
@@ -92,7 +92,7 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
         yield f'<p class="small">{prose(limit)}</p>'
     if diagnosis.findings and diagnosis.cannot_judge:
         yield f"<p>{prose(BLIND)}</p>" + html.item_list(diagnosis.cannot_judge)
-    yield drawn_arm(arm, _remarks(diagnosis.findings))
+    yield arm_figure(arm, _remarks(diagnosis.findings))
     if diagnosis.findings:
         yield "<h2>Findings</h2>"
     for number, finding in enumerate(diagnosis.findings, start=1):
@@ -111,7 +111,9 @@ def _parts(diagnosis: Diagnosis) -> Iterator[str]:
         yield html.collapsible("What would have been found", note, table)
     if diagnosis.ambiguities:
         yield _ambiguities(diagnosis.ambiguities)
-        yield _separating(next(filter(None, map(diagnosis.separating, diagnosis.ambiguities)), ""))
+        yield _separation_command(
+            next(filter(None, map(diagnosis.separating, diagnosis.ambiguities)), "")
+        )
     warnings = [str(warning) for warning in diagnosis.warnings]
     yield html.collapsible("Data", html.item_list(warnings, "no warnings"))
     yield html.collapsible("How it was judged", html.item_list(diagnosis.notes))
@@ -164,7 +166,7 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
             f"These data cannot separate it from {len(rejoined)} other possible {causes}",
             html.table(("effect", "joint", "numbers"), rejoined),
         )
-        yield _separating(diagnosis.separating(finding))
+        yield _separation_command(diagnosis.separating(finding))
     if finding.rejected:
         tried = [
             (effect_title(r.effect), ", ".join(r.joints) or "the arm", r.place, f"{r.gain:.0f}",
@@ -177,21 +179,21 @@ def _finding(number: int, finding: Finding, diagnosis: Diagnosis) -> Iterator[st
         )
 
 
-def _separating(command: str) -> str:
+def _separation_command(command: str) -> str:
     """Return the command that plans what separates causes, if there is one."""
     return f"<p>{SEPARATE}: <code>{escape(command)}</code></p>" if command else ""
 
 
 def _known(known: Sequence[Known], against_reference: bool) -> str:
     """Return what is expected: minor effects, the model's uncertainty and known error."""
-    said = (
+    sentences = (
         f"{entry.sentence}. What to do: {entry.remedy}" if entry.remedy else entry.sentence
         for entry in known
     )
     within = BETWEEN if against_reference else KNOWN
     return (
         f'<h2>Expected, not reported as findings</h2><p class="small">{within}:</p>'
-        + html.item_list(said)
+        + html.item_list(sentences)
     )
 
 
@@ -270,7 +272,7 @@ def png(picture: Picture, arm: Arm) -> bytes:
     figure = Figure(figsize=(9.0, 3.4))
     both = figure.subplots(1, 2, sharey=True, gridspec_kw=_ROOM)
     for axes, when in zip(both, _WHEN, strict=True):
-        axes.set_title(_drawn(axes, picture, arm, when))
+        axes.set_title(_draw_error(axes, picture, arm, when))
     both[1].set_ylabel("")
     lines, names = both[1].get_legend_handles_labels()
     figure.legend(lines, names, loc="upper right", ncols=2, frameon=False, fontsize="small")
@@ -281,7 +283,7 @@ def _panels(picture: Picture, arm: Arm) -> Iterator[str]:
     """Yield the error before and the error after, on one scale."""
     panels = [html.panel() for _ in _WHEN]
     titles = [
-        _drawn(axes, picture, arm, when) for (_, axes), when in zip(panels, _WHEN, strict=True)
+        _draw_error(axes, picture, arm, when) for (_, axes), when in zip(panels, _WHEN, strict=True)
     ]
     low, high = zip(*(axes.get_ylim() for _, axes in panels), strict=True)
     for (figure, axes), when, title in zip(panels, _WHEN, titles, strict=True):
@@ -290,7 +292,7 @@ def _panels(picture: Picture, arm: Arm) -> Iterator[str]:
         yield html.picture(html.inline(figure), f"error of {picture.joint} {when}", title)
 
 
-def _drawn(axes: Axes, picture: Picture, arm: Arm, when: Literal["before", "after"]) -> str:
+def _draw_error(axes: Axes, picture: Picture, arm: Arm, when: Literal["before", "after"]) -> str:
     """Draw the error before or after; return the title."""
     joint = arm.joints[arm.joint_names.index(picture.joint)]
     unit, factor = effort_in_picture(joint, picture.before, picture.after)
@@ -308,13 +310,13 @@ def _drawn(axes: Axes, picture: Picture, arm: Arm, when: Literal["before", "afte
         ]
     for rows, pale, strong, label in groups:
         axes.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
-        axes.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
+        axes.plot(*_binned_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
     axes.set_xlabel(picture.variable)
     axes.set_ylabel(f"error at {picture.joint} [{unit}]")
     return f"{when}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS"
 
 
-def _means(x: Array, y: Array) -> tuple[Array, Array]:
+def _binned_means(x: Array, y: Array) -> tuple[Array, Array]:
     """Return the means of x and y in equal bins of x, of those that hold enough."""
     if not len(x):
         return x, y

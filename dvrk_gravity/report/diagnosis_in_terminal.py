@@ -23,7 +23,7 @@ from dvrk_gravity.report.findings import (
     size_of,
     what_is_compared,
 )
-from dvrk_gravity.report.terminal import painted, warning_lines, wrap
+from dvrk_gravity.report.terminal import colorize, warning_lines, wrap
 from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
 
 
@@ -47,19 +47,19 @@ def diagnosis_text(
         yield wrap(exact_model(diagnosis.exact), width)
     if diagnosis.model_verdict:
         yield wrap(model_verdict(diagnosis.model_verdict), width)
-    verdict = painted(diagnosis.verdict.replace("_", " "), diagnosis.verdict, width)
+    verdict = colorize(diagnosis.verdict.replace("_", " "), diagnosis.verdict, width)
     if not findings:
         yield wrap(diagnosis.sentence, width, f"{verdict}: ")
         if diagnosis.detectable:
             line = detectable_line(diagnosis.detectable)
             yield wrap(f"would have been found (95 %): {line}", width)
     else:
-        of_what = _ambiguous(findings) if diagnosis.verdict == "ambiguous" else ""
-        yield wrap(f"{_counted(findings)}{of_what}", width, f"{verdict}: ")
+        of_what = _ambiguity_note(findings) if diagnosis.verdict == "ambiguous" else ""
+        yield wrap(f"{_finding_count(findings)}{of_what}", width, f"{verdict}: ")
         yield from finding_table(findings, diagnosis.model.arm.n, width)
         for reason in diagnosis.cannot_judge:
             yield wrap(f"others may be there unseen: {reason}", width)
-        yield wrap(_how_good(diagnosis), width)
+        yield wrap(_removed_error(diagnosis), width)
         if not why:
             yield wrap(f"next: {_largest(diagnosis).remedy or 'see the report'}", width)
         if any(diagnosis.separating(finding) for finding in findings):
@@ -106,7 +106,7 @@ def finding_table(findings: Sequence[Finding], n: int, width: int | None = None)
             yield wrap(f"    or {other.effect} at {', '.join(other.joints) or 'the arm'}", width)
 
 
-def _counted(findings: Sequence[Finding]) -> str:
+def _finding_count(findings: Sequence[Finding]) -> str:
     """Return how many findings there are, and how many are certain."""
     certain, of = sum(finding.certain for finding in findings), len(findings)
     if of == 1:
@@ -125,7 +125,7 @@ def _largest(diagnosis: Diagnosis) -> Finding:
     return pool[0] if diagnosis.of_file else max(pool, key=lambda each: each.gain.relative)
 
 
-def _ambiguous(findings: Sequence[Finding]) -> str:
+def _ambiguity_note(findings: Sequence[Finding]) -> str:
     """Return how many findings have other explanations, which certain ones may have too."""
     several = sum(bool(finding.alternatives) for finding in findings)
     which = "" if len(findings) == 1 else f"{several} of them with "
@@ -143,7 +143,7 @@ def _where(finding: Finding, n: int) -> str:
     return f"{named} (motor)" if finding.place == "motor" else named
 
 
-def _how_good(diagnosis: Diagnosis) -> str:
+def _removed_error(diagnosis: Diagnosis) -> str:
     """Return what all findings together remove, and where most error remains."""
     unit, factor, _ = effort_in_table(diagnosis.model.arm, sizes_of(diagnosis))
     before, after = diagnosis.before, diagnosis.after

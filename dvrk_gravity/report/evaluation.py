@@ -8,8 +8,8 @@ from dvrk_gravity.identification import RULE, Evaluation, by_errors
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
-from dvrk_gravity.report.arm_drawing import drawn_arm
-from dvrk_gravity.report.fit_in_terminal import compared, expectation
+from dvrk_gravity.report.arm_drawing import arm_figure
+from dvrk_gravity.report.fit_in_terminal import expectation, verdict_comparison
 from dvrk_gravity.report.fit_pictures import pictures_by_joint
 from dvrk_gravity.report.fit_tables import (
     error_remarks,
@@ -41,9 +41,11 @@ def evaluation_page(result: Evaluation, model: TorqueModel, sources: str) -> str
     facts = f"{sources}; {result.samples} samples; errors in {result.coordinates} coordinates."
 
     def parts() -> Iterator[str]:
-        said = compared(model, result.joints, result.coordinates, result.with_friction)
-        yield f"<p>{prose(said[:1].upper() + said[1:])}.</p>"
-        yield drawn_arm(arm, error_remarks(result.joints, verdicts))
+        comparison = verdict_comparison(
+            model, result.joints, result.coordinates, result.with_friction
+        )
+        yield f"<p>{prose(comparison[:1].upper() + comparison[1:])}.</p>"
+        yield arm_figure(arm, error_remarks(result.joints, verdicts))
         yield "<h2>Joint by joint</h2>"
         yield from pictures_by_joint(result.traces, arm)
         yield "<h2>Tables</h2>"

@@ -27,7 +27,7 @@ BETWEEN = "differences from the reference within day-to-day variation"
 
 
 def misplaced_load(place: str) -> str:
-    """Return that a load does not fit where it is stated to be."""
+    """Return the sentence on a load that does not fit its stated place."""
     return (
         f"no load fits at its stated place, {place}: what follows is with a load that may be "
         "anywhere"
@@ -57,7 +57,7 @@ def size_of(finding: Finding) -> str:
         return together
     effect = effects.named(finding.effect)
     names = effect.listed(finding.parameters)
-    doubtful = [effect.meaning(name).doubts(finding.parameters[name]) for name in names]
+    doubtful = [effect.meaning(name).is_hedged(finding.parameters[name]) for name in names]
     rows = [f"{label} {value}" for label, value in parameter_rows(finding)]
     found = [row for _, row in sorted(zip(doubtful, rows, strict=True), key=itemgetter(0))]
     shown = ", ".join(found[:_SIZES]) or finding.place
@@ -66,7 +66,7 @@ def size_of(finding: Finding) -> str:
 
 
 def exact_model(why: str) -> str:
-    """Return what it means that a model states no uncertainty; ``""`` if it does."""
+    """Return a note on a model without uncertainty, for that reason; ``""`` without a reason."""
     if not why:
         return ""
     return (

@@ -28,7 +28,7 @@ from dvrk_gravity.identification import (
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.recording import Coordinates
-from dvrk_gravity.report.terminal import painted, warning_lines, wrap
+from dvrk_gravity.report.terminal import colorize, warning_lines, wrap
 from dvrk_gravity.units import percent, quantity
 
 FAR_ABOVE_NOISE = 3.0
@@ -74,7 +74,7 @@ def error_table(
         row = (
             f"{joint.name:<{broad}}{error.rmse:>9.4f}{floor}{_band(expected, joint.name)}"
             f"{error.nrmse:>10.3f}{_in_column(error.r2):>9}{good_to(joint):>8.3f}  "
-            f"{painted(word, verdict.level, width)}{other}"
+            f"{colorize(word, verdict.level, width)}{other}"
         )
         plain = verdict.level == GOOD == level_of(joint, error.nrmse)
         why = f"as {said[verdict]}" if verdict.reason and verdict in said else verdict.reason
@@ -82,7 +82,7 @@ def error_table(
         said.setdefault(verdict, joint.name)
 
 
-def unmodelled(
+def unmodelled_joints(
     errors: Mapping[str, JointError],
     verdicts: Mapping[str, JointVerdict],
     everywhere: bool = False,
@@ -136,9 +136,9 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
     of_joints = "" if verdict.level == GOOD or not named else f" ({', '.join(named)})"
     why = contradiction(fit.warnings)
     found = f": {why}" if why else of_joints
-    yield wrap(found, width, f"verdict: {painted(verdict.words, verdict.level, width)}")
+    yield wrap(found, width, f"verdict: {colorize(verdict.words, verdict.level, width)}")
     yield from error_table(fit.held_out, fit.model.arm, verdict.joints, width)
-    beyond_noise = unmodelled(fit.held_out, verdict.joints, verbose)
+    beyond_noise = unmodelled_joints(fit.held_out, verdict.joints, verbose)
     said = (beyond_noise, *constant_lines(fit, verbose), weight_line(fit))
     yield from (wrap(line, width) for line in said if line)
     if verdict.record:
@@ -158,7 +158,7 @@ def constant_lines(fit: Fit, everywhere: bool = True) -> Iterator[str]:
         everywhere: Joints that dry friction holds against it, too.
     """
     shown = [
-        f"{joint.name} {constant_in_words(found, joint)} ({_of_what(found, joint)})"
+        f"{joint.name} {constant_in_words(found, joint)} ({_constant_source(found, joint)})"
         for joint in fit.model.arm.joints
         if (found := fit.constants.get(joint.name)) is not None and (found.moves or everywhere)
     ]
@@ -169,7 +169,7 @@ def constant_lines(fit: Fit, everywhere: bool = True) -> Iterator[str]:
         )
 
 
-def _of_what(found: Constant, joint: Joint) -> str:
+def _constant_source(found: Constant, joint: Joint) -> str:
     held = f"{percent(found.share)} of what holds it" if found.held else "all that holds it"
     most = f"{quantity(found.least, joint.effort_unit)} moves it"
     return f"{held}, {most}{f', stated: {found.settled}' if found.settled else ''}"
@@ -231,7 +231,7 @@ def evaluation_text(
     yield from error_table(
         result.joints, model.arm, verdicts, width, result.expected if result.expected else None
     )
-    said = compared(model, result.joints, result.coordinates, result.with_friction)
+    said = verdict_comparison(model, result.joints, result.coordinates, result.with_friction)
     yield wrap(said, width)
     if next_step := _next_step(result, verdicts, verbose):
         yield wrap(next_step, width)
@@ -254,7 +254,7 @@ def _next_step(result: Evaluation, verdicts: Mapping[str, JointVerdict], verbose
         return f"larger than the model expects of itself: {above}: `diagnose` finds out why"
     if any(verdict.level == POOR for verdict in verdicts.values()):
         return "`diagnose` finds out why"
-    return "" if verbose else unmodelled(result.joints, verdicts)
+    return "" if verbose else unmodelled_joints(result.joints, verdicts)
 
 
 def _about_errors(result: Evaluation, model: TorqueModel) -> Iterator[str]:
@@ -262,7 +262,7 @@ def _about_errors(result: Evaluation, model: TorqueModel) -> Iterator[str]:
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     yield f"rule: {RULE}"
     yield result.metric
-    if line := unmodelled(result.joints, {}, everywhere=True):
+    if line := unmodelled_joints(result.joints, {}, everywhere=True):
         yield line
     yield expectation(result, model)
     if len(result.recordings) > 1:
@@ -302,7 +302,10 @@ def _why_unknown(result: Evaluation, model: TorqueModel) -> str:
     if model.of_file:
         return "it is what the arm's file states; `identify` fits a model that knows it"
     if known is None:
-        return model.unsure or "it states no uncertainty; `identify` writes a model with one"
+        return (
+            model.why_no_uncertainty
+            or "it states no uncertainty; `identify` writes a model with one"
+        )
     if result.coordinates == "actuator" and not model.arm.direct_drive:
         return (
             "it is known in joint coordinates, these are errors at the motors; evaluate a "
@@ -321,7 +324,7 @@ def _why_unknown(result: Evaluation, model: TorqueModel) -> str:
     return "its uncertainty states no error on held-out data; identify from a longer recording"
 
 
-def compared(
+def verdict_comparison(
     model: TorqueModel,
     errors: Mapping[str, JointError],
     coordinates: Coordinates,

@@ -182,10 +182,12 @@ def arm_page(arm: ArmHistory, rate: float) -> str:
         for day, verdict, text, name, report in visits
     )
     table = f'<h2>Recordings</h2><div class="table"><table>{rows}</table></div>'
-    said = "; ".join(map(sentence, arm.changes)) or "no change that holds"
+    changes_text = "; ".join(map(sentence, arm.changes)) or "no change that holds"
     facts = f"{len(arm.visits)} recordings. Values as in the history of the fleet."
     data = [_data(arm, None, "../", "")]
-    return page(f"History of {arm.arm} {arm.serial}", said, facts, [_application(data), table])
+    return page(
+        f"History of {arm.arm} {arm.serial}", changes_text, facts, [_application(data), table]
+    )
 
 
 def _headline(arms: Sequence[ArmHistory]) -> str:
@@ -210,11 +212,11 @@ def _data(arm: ArmHistory, most: int | None, up: str, address: str) -> dict[str,
         "s": arm.serial, "k": arm.arm, "u": round(arm.urgency, 3), "a": address,
         "n": len(arm.visits), "f": sum(visit.verdict == "failed" for visit in arm.visits),
         "c": [sentence(found) for found in arm.changes],
-        "q": [_drawn(each, names.get(each.name), reports, up) for each in shown[:most]],
+        "q": [_draw_series(each, names.get(each.name), reports, up) for each in shown[:most]],
     }  # fmt: skip
 
 
-def _drawn(
+def _draw_series(
     series: Series, found: ArmChange | None, reports: Mapping[float, str], up: str
 ) -> dict[str, Any]:
     percent = effects.named(series.effect).meaning(series.parameter).percent

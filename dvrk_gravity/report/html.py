@@ -104,7 +104,7 @@ def side_by_side(*pictures: str) -> str:
 
 def png(figure: Figure, dpi: float = 110.0) -> bytes:
     """Return a figure as a PNG, on white."""
-    return _saved(figure, dpi, transparent=False)
+    return _to_png(figure, dpi, transparent=False)
 
 
 def inline(figure: Figure, dpi: float = 130.0) -> str:
@@ -112,11 +112,11 @@ def inline(figure: Figure, dpi: float = 130.0) -> str:
 
     Its ground is transparent: a page may be dark or light.
     """
-    image = _saved(figure, dpi, transparent=True)
+    image = _to_png(figure, dpi, transparent=True)
     return "data:image/png;base64," + base64.b64encode(image).decode("ascii")
 
 
-def _saved(figure: Figure, dpi: float, transparent: bool) -> bytes:
+def _to_png(figure: Figure, dpi: float, transparent: bool) -> bytes:
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dvrk_gravity.identification import POOR, RULE, Choice, Fit
 from dvrk_gravity.observation import contradiction
 from dvrk_gravity.report import html
-from dvrk_gravity.report.arm_drawing import drawn_arm
+from dvrk_gravity.report.arm_drawing import arm_figure
 from dvrk_gravity.report.fit_in_terminal import constant_lines, weight_line
 from dvrk_gravity.report.fit_pictures import pictures_by_joint
 from dvrk_gravity.report.fit_tables import (
@@ -58,7 +58,7 @@ def _parts(fit: Fit) -> Iterator[str]:
         )
     for line in (*constant_lines(fit), weight_line(fit)):
         yield f"<p>{prose(line[:1].upper() + line[1:])}.</p>" if line else ""
-    yield drawn_arm(arm, error_remarks(fit.held_out, fit.verdict.joints))
+    yield arm_figure(arm, error_remarks(fit.held_out, fit.verdict.joints))
     yield "<h2>Joint by joint</h2>"
     yield from pictures_by_joint(fit.traces, arm)
     yield "<h2>Tables</h2>"

@@ -19,7 +19,7 @@ from dvrk_gravity.report.html import (
     side_by_side,
     table,
 )
-from dvrk_gravity.report.units import shown_position
+from dvrk_gravity.report.units import position_units
 from dvrk_gravity.units import fixed
 
 _BEFORE, _AFTER = "#bb3322", "#2266aa"
@@ -53,7 +53,7 @@ def section(result: InSimulation, arm: Arm) -> str:
             for name, *figures in _rows(_largest(drift.before, arm), _largest(drift.after, arm))
         ]
         parts.append(table(("", *arm.joint_names), rows))
-        joints = _drawn(result.drifts, arm)
+        joints = _improved_joints(result.drifts, arm)
         if joints:
             parts.append(side_by_side(*_pictures(result.drifts, joints, arm)))
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
@@ -63,10 +63,10 @@ def section(result: InSimulation, arm: Arm) -> str:
 def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
     """Return the results of one joint for the terminal, under a heading."""
     joint = arm.joint_names.index(name)
-    said = []
+    text_lines = []
     if result.before is not None and result.after is not None:
-        factor, unit = shown_position(arm)[joint]
-        said.append(
+        factor, unit = position_units(arm)[joint]
+        text_lines.append(
             f"{name}'s position after {WINDOW:g} s is off by "
             f"{fixed(factor * result.after[joint], 2)} instead of "
             f"{fixed(factor * result.before[joint], 2)} {unit}"
@@ -75,18 +75,21 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
         before, after = _largest(drift.before, arm), _largest(drift.after, arm)
         with_friction = f"with {100 * drift.friction:.0f} % of its friction"
         if before[joint] - after[joint] > _LEAST_DRIFT:
-            said.append(
+            text_lines.append(
                 f"{with_friction} {name} drifts {fixed(after[joint], 1)} "
-                f"instead of {fixed(before[joint], 1)} {shown_position(arm)[joint][1]} in "
+                f"instead of {fixed(before[joint], 1)} {position_units(arm)[joint][1]} in "
                 f"{DURATION:g} s"
             )
         else:
-            said.append(
+            text_lines.append(
                 f"{with_friction} {name} drifts by {fixed(after[joint], 1)} "
-                f"{shown_position(arm)[joint][1]}, as with the given model"
+                f"{position_units(arm)[joint][1]}, as with the given model"
             )
     condition = ", if the extended model is true" if result.drifts else ""
-    return [f"in the simulator{condition}:", *(f"   {line}" for line in (*said, *result.notes))]
+    return [
+        f"in the simulator{condition}:",
+        *(f"   {line}" for line in (*text_lines, *result.notes)),
+    ]
 
 
 def _largest(way: Array, arm: Arm) -> Array:
@@ -95,11 +98,11 @@ def _largest(way: Array, arm: Arm) -> Array:
 
 
 def _factors(arm: Arm) -> Array:
-    return np.array([factor for factor, _ in shown_position(arm)])
+    return np.array([factor for factor, _ in position_units(arm)])
 
 
 def _units(arm: Arm) -> str:
-    return " or ".join(dict.fromkeys(unit for _, unit in shown_position(arm)))
+    return " or ".join(dict.fromkeys(unit for _, unit in position_units(arm)))
 
 
 def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
@@ -109,7 +112,7 @@ def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
     ]
 
 
-def _drawn(drifts: Sequence[Drift], arm: Arm) -> list[int]:
+def _improved_joints(drifts: Sequence[Drift], arm: Arm) -> list[int]:
     """Return the joints that drift less with the extended model, largest gains first.
 
     Those that drift in spite of friction go first; with little friction joints drag each other.
@@ -128,7 +131,7 @@ def _pictures(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> Itera
     axes.set_xlabel("time [s]")
     for drift in drifts:
         for joint in joints:
-            factor, unit = shown_position(arm)[joint]
+            factor, unit = position_units(arm)[joint]
             for ways, color, label in (
                 (drift.before, _BEFORE, "given model"),
                 (drift.after, _AFTER, "extended"),

@@ -10,7 +10,7 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.monitoring import Event, Monitored, MonitorSettings
+from dvrk_gravity.monitoring import Event, MonitorResult, MonitorSettings
 from dvrk_gravity.report.findings import effect_title
 from dvrk_gravity.report.terminal import wrap
 from dvrk_gravity.report.units import effort_in_table
@@ -51,7 +51,7 @@ def event_json(event: Event, arm: Arm) -> dict[str, Any]:
     return {"sentence": event_text(event, arm), **asdict(event), "values": values}
 
 
-def monitored_json(seen: Monitored) -> dict[str, Any]:
+def monitor_json(seen: MonitorResult) -> dict[str, Any]:
     """Return what a monitor saw in recordings, as a program reads it, in SI units."""
     rms, expected = _sizes(seen)
     return {
@@ -66,7 +66,7 @@ def monitored_json(seen: Monitored) -> dict[str, Any]:
     }
 
 
-def monitored_text(seen: Monitored, width: int | None = None) -> Iterator[str]:
+def monitor_text(seen: MonitorResult, width: int | None = None) -> Iterator[str]:
     """Yield lines on what a monitor saw in recordings.
 
     Args:
@@ -95,7 +95,7 @@ def monitored_text(seen: Monitored, width: int | None = None) -> Iterator[str]:
         yield wrap(event_text(event, arm), width, head)
 
 
-def _sizes(seen: Monitored) -> tuple[Any, Any]:
+def _sizes(seen: MonitorResult) -> tuple[Any, Any]:
     """Return (n,) RMS of the external torque, and of what is expected; NaN: nothing is known."""
     known = np.isfinite(seen.deviation).all(axis=1)
     if not known.any():

@@ -72,12 +72,12 @@ def page(
         kind: What it is of: ``Identification of mtmr``.
         headline: The verdict in a sentence, with its size.
         facts: From which data, in a line.
-        parts: HTML of what follows: the arm (:func:`drawn_arm`), pictures, folded tables.
+        parts: HTML of what follows: the arm (:func:`arm_figure`), pictures, folded tables.
         level: Colours the headline.
         contradiction: Why the recordings say nothing of this arm, which comes before all else;
             ``""``: nothing does.
     """
-    said = f"<p>{escape(headline)}</p>\n" if contradiction else ""
+    headline_html = f"<p>{escape(headline)}</p>\n" if contradiction else ""
     if contradiction:
         headline, level = contradiction, "poor"
     colour = f' class="{level}"' if level else ""
@@ -87,5 +87,7 @@ def page(
         f"<title>{escape(kind)}: {escape(headline)}</title>"
         f"<style>{_STYLE}</style></head><body>\n"
         f'<p class="of">{escape(kind)}</p>\n<h1{colour}>{escape(headline)}</h1>\n'
-        f'{said}<p class="small">{escape(facts)}</p>\n' + "\n".join(parts) + "\n</body></html>\n"
+        f'{headline_html}<p class="small">{escape(facts)}</p>\n'
+        + "\n".join(parts)
+        + "\n</body></html>\n"
     )

@@ -55,7 +55,7 @@ def separation_text(design: SeparationDesign) -> Iterator[str]:
     """Yield the evidence expected between causes, and what is left of each limit."""
     worst = dict[frozenset[str], ExpectedEvidence]()  # of several forms of the same two causes
     for each in sorted(design.expected, key=lambda each: each.planned):
-        worst.setdefault(frozenset(each.between), each)
+        worst.setdefault(frozenset(each.names), each)
     least = list(worst.values())
     head = "expected evidence (log-likelihood)"
     broad = 1 + max(len(head), *(len(each.words) for each in least[:_PAIRS]))

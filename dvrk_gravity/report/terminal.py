@@ -78,7 +78,7 @@ def wrap(text: str, width: int | None, head: str = "") -> str:
     return "\n".join([head.rstrip(), *lines] if apart else [head + lines[0][wide:], *lines[1:]])
 
 
-def painted(text: str, verdict: str, width: int | None) -> str:
+def colorize(text: str, verdict: str, width: int | None) -> str:
     """Return a verdict's word in its colour; as it is where NO_COLOR asks for that (no-color.org).
 
     Args:

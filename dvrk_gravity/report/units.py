@@ -25,8 +25,12 @@ def effort_in_table(arm: Arm, values: Iterable[float]) -> tuple[str, float, int]
         values: Those of the table, N·m or N; NaN where one is not known.
     """
     if max(filter(math.isfinite, values), default=0.0) < _MOST:
-        return _named([thousandth(unit) for unit in arm.effort_units], arm.joint_names), 1e3, 3
-    return _named(arm.effort_units, arm.joint_names), 1.0, 4
+        return (
+            _joined_units([thousandth(unit) for unit in arm.effort_units], arm.joint_names),
+            1e3,
+            3,
+        )
+    return _joined_units(arm.effort_units, arm.joint_names), 1.0, 4
 
 
 def effort_in_picture(joint: Joint, *values: Array) -> tuple[str, float]:
@@ -40,13 +44,13 @@ def effort_in_picture(joint: Joint, *values: Array) -> tuple[str, float]:
     return (thousandth(joint.effort_unit), 1e3) if largest < _MOST else (joint.effort_unit, 1.0)
 
 
-def _named(units: Sequence[str], joints: Sequence[str]) -> str:
+def _joined_units(units: Sequence[str], joints: Sequence[str]) -> str:
     first = units[0]
     others = [f"{name} {u}" for name, u in zip(joints, units, strict=True) if u != first]
     return first + (f" ({', '.join(others)})" if others else "")
 
 
-def shown_position(arm: Arm) -> tuple[tuple[float, str], ...]:
+def position_units(arm: Arm) -> tuple[tuple[float, str], ...]:
     """Return factor and unit of each joint's position as a person reads it: deg or mm."""
     return tuple(_SHOWN[unit] for unit in arm.units)
 

@@ -17,11 +17,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate import Sample, SampleReader, shifted
+from dvrk_gravity.compensate import Sample, SampleReader, order_mismatch
+from dvrk_gravity.ros.foreign_commands import OtherTopicCommands, SameTopicCommands
 from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.others import Others, SameTopic
+from dvrk_gravity.ros.joint_order_queries import JointOrderQueries
 from dvrk_gravity.ros.presence import Presence, on_operating_state
-from dvrk_gravity.ros.takers import AskedTakers
 from dvrk_gravity.ros.wire import CommandTopic, CommandWriter, JointStateReader, Stamp
 
 # DDS repeats lost messages seconds later: an old command must not follow a hold.
@@ -34,15 +34,15 @@ class ArmLink:
     Attributes:
         presence: Who measures the arm, and hears a hold.
         hold: Holds the arm, and repeats that until it is acknowledged.
-        others: Nodes that command the arm on other topics.
+        other_topics: Nodes that command the arm on other topics.
         same_topic: Nodes that command it on ours.
         measured: Joints of ``measured_js``, in its order, in which commands are written.
-        further: Those of them that the arm does not have.
-        shifted: Why commands in that order would reach other joints; ``""``: they would not.
-        unheard: What is missing where the arm measures and does not hear us.
+        extra_joints: Those of them that the arm does not have.
+        order_mismatch: Why commands in that order would reach other joints; ``""``: they would not.
+        missing_connection: What is missing where the arm measures and does not hear us.
     """
 
-    unheard = "nothing subscribes to servo_jp and hold"
+    missing_connection = "nothing subscribes to servo_jp and hold"
 
     def __init__(
         self,
@@ -68,14 +68,14 @@ class ArmLink:
         self._as_array = topic.as_array
         self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)
         self.presence = Presence(node, any_subscriber=topic.as_array)
-        self.hold = Hold(node, self.presence.listens)
+        self.hold = Hold(node, self.presence.arm_hears_hold)
         # Controllers of ros2_control subscribe with DDS's best effort, and obey publishers that a
         # reliable subscription does not hear. An arm's console is reliable.
         reliability = (
             ReliabilityPolicy.BEST_EFFORT if topic.as_array else ReliabilityPolicy.RELIABLE
         )
-        self.same_topic = SameTopic(node, self._command, on_same_topic, reliability)
-        self.others = Others(node, self.topic, self.hold.echo, on_other)
+        self.same_topic = SameTopicCommands(node, self._command, on_same_topic, reliability)
+        self.other_topics = OtherTopicCommands(node, self.topic, self.hold.is_echo, on_other)
         on_operating_state(node, on_state)
         self._unpack = JointStateReader().read
         self._read = SampleReader(
@@ -83,13 +83,13 @@ class ArmLink:
             arm.name, arm.held,
         ).read  # fmt: skip
         self._joints, self._fields, self._stated = arm.joint_names, topic.fields, order
-        self._takers = (
-            AskedTakers(node, self.topic, order or arm.joint_names, bool(order), watchdogs)
+        self._joint_order_queries = (
+            JointOrderQueries(node, self.topic, order or arm.joint_names, bool(order), watchdogs)
             if topic.as_array
             else None
         )
-        self.further: tuple[str, ...] = ()
-        self._write_in(arm.joint_names)
+        self.extra_joints: tuple[str, ...] = ()
+        self._set_order(arm.joint_names)
 
     @property
     def topic(self) -> str:
@@ -101,12 +101,12 @@ class ArmLink:
         return (
             self.presence.is_there()
             and self._command.get_subscription_count() > 0
-            and self.presence.listens()
+            and self.presence.arm_hears_hold()
         )
 
-    def two_measure(self, info: Mapping[str, Any]) -> str:
+    def publisher_conflict(self, info: Mapping[str, Any]) -> str:
         """Return which nodes measure if several do; ``info`` is the middleware's on a message."""
-        return self.presence.count(info["publication_sequence_number"])
+        return self.presence.note_number(info["publication_sequence_number"])
 
     def read(self, data: bytes) -> tuple[Sample, Stamp]:
         """Return the sample and the stamp in the bytes of a message of ``measured_js``.
@@ -119,18 +119,18 @@ class ArmLink:
             fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
         )
         if fields.names is not self.measured:
-            self._write_in(fields.names)
+            self._set_order(fields.names)
         return sample, fields.stamp
 
-    def _write_in(self, names: tuple[str, ...]) -> None:
+    def _set_order(self, names: tuple[str, ...]) -> None:
         """Write commands in the stated order, or in that of ``measured_js``.
 
         Consoles ignore their names. An array is in the model's order if none is stated.
         """
         self.measured = names
-        self.further = tuple(name for name in names if name not in self._joints)
+        self.extra_joints = tuple(name for name in names if name not in self._joints)
         by_measured = not (self._stated or self._as_array)
-        self.shifted = shifted(self._joints, names) if by_measured else ""
+        self.order_mismatch = order_mismatch(self._joints, names) if by_measured else ""
         in_order = names if by_measured else self._stated or self._joints
         ours = tuple(name for name in in_order if name in self._joints)
         self._order = None if ours == self._joints else [self._joints.index(name) for name in ours]
@@ -155,19 +155,22 @@ class ArmLink:
         """
         self.hold.look()
         self.same_topic.watch(active)
-        deaf = measuring and self.presence.is_there() and not self.presence.listens()
+        deaf = measuring and self.presence.is_there() and not self.presence.arm_hears_hold()
         return {
-            "others": self.others.reason() if self.others.heard_lately() else "",
-            "unheard": self.others.unheard(),
+            "others": self.other_topics.reason() if self.other_topics.heard_lately() else "",
+            "unheard": self.other_topics.unreadable_commands(),
             "hold": self.presence.no_hold_reason() if deaf else "",
-            "joint_order": self.shifted if self._takers is None else self._takers.look(active),
-            "measured_js": self.presence.two_measure() or self.presence.another_measures(active),
+            "joint_order": self.order_mismatch
+            if self._joint_order_queries is None
+            else self._joint_order_queries.look(active),
+            "measured_js": self.presence.publisher_conflict()
+            or self.presence.replaced_publisher(active),
         }
 
     def commanded_by_others(self) -> bool:
         """Return whether another node has just commanded the arm."""
-        return self.others.heard_lately() or self.same_topic.heard_lately()
+        return self.other_topics.heard_lately() or self.same_topic.heard_lately()
 
-    def listened(self) -> bool:
+    def has_listened(self) -> bool:
         """Return whether other nodes have had the time to be heard."""
-        return self.same_topic.listened(self.presence.is_there())
+        return self.same_topic.has_listened(self.presence.is_there())

@@ -22,7 +22,7 @@ from dvrk_gravity.compensate import (
     Status,
     Supervisor,
     Watchdogs,
-    Watching,
+    WatchdogStatus,
     stated_order,
 )
 from dvrk_gravity.errors import ConfigError
@@ -32,8 +32,8 @@ from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
 from dvrk_gravity.ros.executor import PromptNode
-from dvrk_gravity.ros.others import LATELY, Endpoints
-from dvrk_gravity.ros.presence import HOLD, MEASURED, if_busy, require_own
+from dvrk_gravity.ros.foreign_commands import LATELY, Endpoints
+from dvrk_gravity.ros.presence import HOLD, MEASURED, busy_advice, require_own
 from dvrk_gravity.ros.watchdog_node import WATCHDOG_TOPIC
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
@@ -61,7 +61,7 @@ class Compensator(PromptNode):
         given = runtime.given_parameters(self)
         settings = Settings.from_parameters(given)
         self._schema = all_parameters(settings.model.arm)
-        runtime.declare(self, self._schema, in_force(settings))
+        runtime.declare(self, self._schema, active_parameters(settings))
         self._supervisor = self._supervise(settings)
         self._checked = settings
         arm = settings.model.arm
@@ -131,20 +131,20 @@ class Compensator(PromptNode):
 
     def _on_measured(self, data: bytes, info: dict[str, Any]) -> None:
         now = time.monotonic()
-        several = self._arm.two_measure(info)
+        several = self._arm.publisher_conflict(info)
         if several:
             self._supervisor.obstruct("measured_js", several)
         try:
             sample, stamp = self._arm.read(data)
-            if self._arm.shifted:
-                self._supervisor.obstruct("joint_order", self._arm.shifted)
+            if self._arm.order_mismatch:
+                self._supervisor.obstruct("joint_order", self._arm.order_mismatch)
             effort = self._supervisor.command(sample, now, self._now())
         except DroppedSampleError as error:
             self._supervisor.drop(error)
             self._statistics.received(now)
             if error.cause == "after_gap":
                 self._arm.hold.repeat()
-            advice = self._supervisor.if_busy if error.cause == "stamp_too_old" else ""
+            advice = self._supervisor.busy_advice if error.cause == "stamp_too_old" else ""
             self.get_logger().warning(
                 f"measured_js dropped ({error.cause}): {error}{advice and f'; {advice}'}",
                 throttle_duration_sec=5.0,
@@ -176,9 +176,11 @@ class Compensator(PromptNode):
         self._settle()
 
     def _on_watchdog(self, message: DiagnosticStatus) -> None:
-        said = Watching.of(message.name, {entry.key: entry.value for entry in message.values})
-        if said is not None:
-            self._watchdogs.note(said, time.monotonic())
+        status = WatchdogStatus.of(
+            message.name, {entry.key: entry.value for entry in message.values}
+        )
+        if status is not None:
+            self._watchdogs.note(status, time.monotonic())
 
     def _watchdog_obstacle(self) -> str:
         supervisor = self._supervisor
@@ -203,15 +205,15 @@ class Compensator(PromptNode):
         commanders = self._commanders.nodes(seldom=active)
         own = {number.hex() for number, name in commanders.items() if name == us}
         self._watchdogs.look(self._watchdog_nodes, own)
-        self._unwatched = self._watchdogs.unwatched(time.monotonic())
+        self._unwatched = self._watchdogs.unwatched_reason(time.monotonic())
         if not active:
-            self._supervisor.if_busy = if_busy(self)
+            self._supervisor.busy_advice = busy_advice(self)
         obstacles["watchdog"] = self._watchdog_obstacle()
         for cause, reason in obstacles.items():
             self._obstruct(cause, reason)
         if self.prompt is not None:
             return
-        if self._arm.listened():
+        if self._arm.has_listened():
             self._subscribe(MEASURED)
         elif not self._arm.presence.is_there():
             self.get_logger().info(
@@ -229,16 +231,16 @@ class Compensator(PromptNode):
 
     def _on_other(self) -> None:
         """Stop, with a hold, for another node's command; only ~/enable starts again."""
-        reason = self._arm.others.reason()
-        if self._arm.others.command != "hold":
+        reason = self._arm.other_topics.reason()
+        if self._arm.other_topics.command != "hold":
             self._arm.hold.drop()  # it would undo the other's command
-            if self._supervisor.begins_by_itself:
+            if self._supervisor.starts_automatically:
                 self._supervisor.fail(reason)
         self._obstruct("others", reason)
 
     def _refuse_same_topic(self) -> None:
         """Leave the arm to another node that publishes on our command topic."""
-        if self._supervisor.active or self._supervisor.begins_by_itself:
+        if self._supervisor.active or self._supervisor.starts_automatically:
             self._supervisor.fail(self._arm.same_topic.reason())
             if self._arm.same_topic.elder:
                 self._supervisor.hold_due = False  # it would stop the other, too
@@ -287,9 +289,9 @@ class Compensator(PromptNode):
                     raise ConfigError(change.name, change.value, "no change while the node runs")
             own = [change for change in changes if not change.name.startswith(runtime.OF_RCLPY)]
             values = runtime.given_parameters(self)
-            values |= {change.name: runtime.plain(change.value) for change in own}
+            values |= {change.name: runtime.plain_value(change.value) for change in own}
             settings = Settings.from_parameters(values, self._supervisor.settings)
-            conflict = self._watchdogs.too_soon(settings.timeout)
+            conflict = self._watchdogs.timeout_conflict(settings.timeout)
             if conflict and settings.timeout > self._supervisor.settings.timeout:
                 raise ConfigError("timeout", settings.timeout, f"a shorter one: {conflict}")
         except ConfigError as error:
@@ -356,7 +358,7 @@ class Compensator(PromptNode):
         return self._arm.hold.settle()
 
 
-def in_force(settings: Settings) -> dict[str, Any]:
+def active_parameters(settings: Settings) -> dict[str, Any]:
     """Return the parameters of a node and its model in force, by name.
 
     Declared values return with every change of parameters: the gravity of an arm whose base is

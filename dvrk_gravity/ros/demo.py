@@ -25,7 +25,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
-from dvrk_gravity.ros.stage import Stage, identified, load_of
+from dvrk_gravity.ros.stage import Stage, demo_load, identify_demo_model
 from dvrk_gravity.ros.wire import CommandTopic
 
 Result = TypeVar("Result")
@@ -98,7 +98,7 @@ class Kill:
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class MonitorRecord:
     """What a monitor published of an arm that got a load.
 
     Attributes:
@@ -154,7 +154,7 @@ class Scenario:
         with ExitStack() as stack:
             self._writer = stack.enter_context(BagWriter(self._bag))
             # Before there are nodes: it computes for ten seconds, which they would wait for.
-            self._monitored = identified(
+            self._monitored = identify_demo_model(
                 stage.arm.source or stage.arm.name, stage.plant, self._friction_scale,
                 self._bag.with_name(MONITORED),
             )  # fmt: skip
@@ -233,7 +233,9 @@ class Scenario:
         """Release the arm with compensation, at one pose after the other."""
         for number, pose in enumerate(self._stage.poses, start=1):
             title = f"floating at pose {number}"
-            yield self._compensated(pose, partial(self._watch, title, self._schedule.floating))
+            yield self._act_under_compensation(
+                pose, partial(self._watch, title, self._schedule.floating)
+            )
             self._client.enable(False)
 
     def push(self) -> tuple[Phase, Phase]:
@@ -247,7 +249,7 @@ class Scenario:
             pushed = self._phase("pushed by hand", mark, start)
             return pushed, self._watch("left alone again", self._schedule.rest)
 
-        return self._compensated(self._stage.poses[0], act)
+        return self._act_under_compensation(self._stage.poses[0], act)
 
     def kill(self) -> Kill:
         """Kill the compensator while it commands: the watchdog holds the arm."""
@@ -259,8 +261,8 @@ class Scenario:
             count = len(self._client.states["watchdog"])
             killed = time.monotonic()
             self._compensator.process.kill()
-            self._client.wait(partial(self._ended, count, killed), "the watchdog's hold")
-            after = self._held(count, killed)
+            self._client.wait(partial(self._was_stopped, count, killed), "the watchdog's hold")
+            after = self._hold_time(count, killed)
             if self._commands() and after is not None:
                 title = "after the compensator was killed"
                 return Kill(after - killed, self._watch(title, self._schedule.rest))
@@ -273,7 +275,7 @@ class Scenario:
     def begin_monitor(self) -> None:
         """Start the monitor, and listen to it."""
         self._heard: dict[str, list[tuple[float, list[float]]]] = {}
-        self._said: list[dict[str, Any]] = []
+        self._monitor_events: list[dict[str, Any]] = []
         node = self._client.node
         for name in ("expected_js", "external_js", "external_js_std"):
             heard = self._heard.setdefault(name, [])
@@ -284,12 +286,12 @@ class Scenario:
         self._begin("monitor", ["--params-file", str(self._monitored)])
 
     def _on_event(self, message: Any) -> None:
-        self._said.append(json.loads(message.data))
+        self._monitor_events.append(json.loads(message.data))
 
-    def fasten(self) -> Watched:
+    def fasten(self) -> MonitorRecord:
         """Move the arm, fasten a load to it, and wait for the monitor to name that."""
         schedule = self._schedule
-        load = load_of(self._stage.arm, self._stage.watched)
+        load = demo_load(self._stage.arm, self._stage.monitor_poses)
         change = self._client.node.create_publisher(String, "simulator/change", 1)
         ways = self._moving()
         self._while_moving(ways, lambda: bool(self._heard["external_js_std"]), _AT_MOST)
@@ -298,14 +300,14 @@ class Scenario:
         self._while_moving(ways, lambda: False, schedule.usual)
         change.publish(String(data=json.dumps({"payload": load})))
         fastened = self._clock
-        self._while_moving(ways, lambda: self._named(fastened), schedule.named)
+        self._while_moving(ways, lambda: self._has_named_change(fastened), schedule.named)
         self._while_moving(ways, lambda: False, 1.0)
-        return self._what_was_heard(load, fastened)
+        return self._monitor_record(load, fastened)
 
     def _moving(self) -> Iterator[None]:
         """Move from one pose to the next, without end; yield as often as it is asked to go on."""
         arm, tolerance = self._stage.arm, np.radians(2.0) * self._stage.arm.scale
-        for goal in itertools.cycle(self._stage.watched):
+        for goal in itertools.cycle(self._stage.monitor_poses):
             self._move.publish(JointState(name=arm.joint_names, position=goal))
             begun = self._clock
             while (np.abs(self._positions[-1][1] - goal) > tolerance).any():
@@ -322,25 +324,29 @@ class Scenario:
             next(ways)
             self._client.spin(0.01)
 
-    def _named(self, since: float) -> bool:
+    def _has_named_change(self, since: float) -> bool:
         """Return whether the monitor has named a change since a time of the arm's clock, s."""
-        return any(said["kind"] != "push" and said["reported"] > since for said in self._said)
+        return any(
+            event["kind"] != "push" and event["reported"] > since for event in self._monitor_events
+        )
 
-    def _what_was_heard(self, load: dict[str, Any], fastened: float) -> Watched:
+    def _monitor_record(self, load: dict[str, Any], fastened: float) -> MonitorRecord:
         expected, external = (dict(self._heard[name]) for name in ("expected_js", "external_js"))
         spread = dict(self._heard["external_js_std"])
         stamps = sorted(expected.keys() & external.keys())
         unknown = [math.nan] * self._stage.arm.n
         torque = np.array([expected[stamp] for stamp in stamps])
         outside = np.array([external[stamp] for stamp in stamps])
-        events = ((said["reported"] - stamps[0], said["sentence"]) for said in self._said)
-        return Watched(
+        events = (
+            (event["reported"] - stamps[0], event["sentence"]) for event in self._monitor_events
+        )
+        return MonitorRecord(
             np.array(stamps) - stamps[0], torque - outside, torque,
             np.array([spread.get(stamp, unknown) for stamp in stamps]), fastened - stamps[0],
             load["mass"], load["link"], tuple(events),
         )  # fmt: skip
 
-    def _compensated(self, pose: Array, act: Callable[[], Result]) -> Result:
+    def _act_under_compensation(self, pose: Array, act: Callable[[], Result]) -> Result:
         """Act on the arm under compensation from a pose on; again if compensation stopped."""
         for _ in range(self._schedule.attempts):
             self._go_to(pose)
@@ -369,11 +375,11 @@ class Scenario:
     def _says_more(self, than: int) -> bool:
         return len(self._client.states["compensator"]) > than
 
-    def _ended(self, count: int, since: float) -> bool:
+    def _was_stopped(self, count: int, since: float) -> bool:
         """Return whether the compensator stopped or its watchdog has held the arm."""
-        return not self._commands() or self._held(count, since) is not None
+        return not self._commands() or self._hold_time(count, since) is not None
 
-    def _held(self, count: int, since: float) -> float | None:
+    def _hold_time(self, count: int, since: float) -> float | None:
         """Return the time of a hold since a monotonic time, s, if the watchdog reported one.
 
         Args:

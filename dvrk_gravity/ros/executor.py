@@ -31,7 +31,7 @@ _KINDS = ("subscription", "guard_condition", "client", "service")
 
 
 @contextlib.contextmanager
-def kept_awake(executor: Executor) -> Iterator[None]:
+def keep_awake(executor: Executor) -> Iterator[None]:
     """Wake an executor now and then, by the monotonic clock.
 
     The middleware may wait on the wall clock, as Fast DDS does where it was built for a glibc

@@ -106,7 +106,7 @@ class Hold:
             )
         return acknowledged
 
-    def echo(self) -> bool:
+    def is_echo(self) -> bool:
         """Return whether a received hold is one of ours."""
         if self._echoes == 0:
             return False

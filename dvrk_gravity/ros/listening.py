@@ -20,7 +20,7 @@ from dvrk_gravity.compensate import (
 )
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.presence import MEASURED, Presence
-from dvrk_gravity.ros.runtime import asked_to_end
+from dvrk_gravity.ros.runtime import catch_end_signals
 from dvrk_gravity.ros.wire import JointStateReader
 
 _TIMEOUT = 0.1  # s; positions after a longer silence are compared with none before
@@ -40,7 +40,7 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
 
     def believe(data: bytes, info: Mapping[str, Any]) -> None:
         nonlocal heard, jump
-        if several := presence.count(info["publication_sequence_number"]):
+        if several := presence.note_number(info["publication_sequence_number"]):
             raise MotionError(several)
         now = time.monotonic()
         try:
@@ -74,7 +74,7 @@ def listen(client: Client, arm: Arm) -> Iterator[Array | None]:
     heard: list[Array | None] = []
     ended: list[bool] = []
     on_sample(client, arm, lambda sample: heard.append(sample.position))
-    with asked_to_end(lambda: ended.append(True)):
+    with catch_end_signals(lambda: ended.append(True)):
         while not ended:
             client.spin_once(_PAUSE)
             yield from heard or [None]

@@ -26,8 +26,8 @@ from dvrk_gravity.report import event_json, event_text
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.diagnostics import Statistics
 from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.message_buffer import MessageBuffer
 from dvrk_gravity.ros.presence import MEASURED, Presence
-from dvrk_gravity.ros.saving import LastMinutes
 from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
 
 _ROWS = Sampling().row_rate
@@ -103,7 +103,7 @@ class Monitor(PromptNode):
         self._statistics = Statistics()
         self._every, self._count = round(_ROWS / value["publish_rate"]), 0
         self._frame = value["wrench_frame"] or self._listener.tip
-        self._said, self._failures = "", 0
+        self._save_result, self._failures = "", 0
         self._connect(value["save_seconds"])
         self.get_logger().info(
             f"monitoring {model.arm.name} on {self.resolve_topic_name(MEASURED)}"
@@ -127,7 +127,7 @@ class Monitor(PromptNode):
         self._events = self.create_publisher(String, "~/events", _EVENTS)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_service(Trigger, "~/save", self._on_save)
-        self._minutes = LastMinutes(
+        self._minutes = MessageBuffer(
             self._listener.model, self.resolve_topic_name(MEASURED), seconds
         )
         on_measured: Any = self._on_measured  # takes the message's information, too
@@ -153,7 +153,7 @@ class Monitor(PromptNode):
         self._statistics.received(now)
         self._minutes.add(data, time.time_ns())
         try:
-            if several := self._presence.count(info["publication_sequence_number"]):
+            if several := self._presence.note_number(info["publication_sequence_number"]):
                 raise DroppedSampleError("several_publishers", several)
             fields = self._unpack(data)
         except DroppedSampleError as error:
@@ -193,7 +193,7 @@ class Monitor(PromptNode):
         # What nobody hears costs half of the rest to publish.
         publishers = (*self._torques, *self._wrenches)
         self._heard = {each for each in publishers if each.get_subscription_count()}
-        for event in self._listener.judged():
+        for event in self._listener.collect_events():
             said = event_json(event, self._listener.model.arm)
             self._events.publish(String(data=json.dumps(said)))
             log = self.get_logger()
@@ -201,9 +201,9 @@ class Monitor(PromptNode):
         if self._listener.failures > self._failures:
             self._failures = self._listener.failures
             self.get_logger().error(f"the tests start again: {self._listener.why_failed}")
-        if self._minutes.said != self._said:
-            self._said = self._minutes.said
-            self.get_logger().info(f"~/save: {self._said}")
+        if self._minutes.last_result != self._save_result:
+            self._save_result = self._minutes.last_result
+            self.get_logger().info(f"~/save: {self._save_result}")
 
     def _publish_diagnostics(self) -> None:
         now, listener = time.monotonic(), self._listener
@@ -217,8 +217,8 @@ class Monitor(PromptNode):
             "torque": words or "as expected",
             "changes": "; ".join(changes) or "none",
             "last event": event_text(listener.events[-1], arm) if listener.events else "none",
-            **self._of_wrench(),
-            "saved": self._minutes.said or "nothing",
+            **self._wrench_values(),
+            "saved": self._minutes.last_result or "nothing",
             "messages kept": str(len(self._minutes)),
             "rows not tested": str(listener.skipped),
             "tests started again": str(listener.failures),
@@ -234,7 +234,7 @@ class Monitor(PromptNode):
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _of_wrench(self) -> dict[str, str]:
+    def _wrench_values(self) -> dict[str, str]:
         last = self._listener.last
         if last is None or last.wrench is None:
             return {}

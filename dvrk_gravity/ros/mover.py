@@ -13,10 +13,10 @@ from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.collecting import Path, Watch, held_on_error
+from dvrk_gravity.collecting import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
     DroppedSampleError,
-    Following,
+    FollowingErrorCheck,
     InputGate,
     MotionError,
     Sample,
@@ -25,10 +25,10 @@ from dvrk_gravity.compensate import (
 )
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.others import LATELY
+from dvrk_gravity.ros.foreign_commands import LATELY
 from dvrk_gravity.ros.presence import MEASURED, simulator_of
 from dvrk_gravity.ros.processes import ProcessError
-from dvrk_gravity.ros.runtime import asked_to_end
+from dvrk_gravity.ros.runtime import catch_end_signals
 from dvrk_gravity.ros.wire import CommandTopic
 
 __all__ = ["MotionError", "Mover"]
@@ -41,7 +41,7 @@ LATE = 0.02
 # A motion may be so far ahead of the arm's own clock, s: more than the 10 ms between measurements
 # and their transport. A simulated arm whose machine is too slow has a slow clock. After a stand-
 # still of 50 ms a simulated arm is 80 ms behind a set point that is this and LATE ahead: with more
-# an undisturbed joint at 230 deg/s is further behind than Following allows.
+# an undisturbed joint at 230 deg/s is further behind than FollowingErrorCheck allows.
 AHEAD = 0.03
 # No other node must have commanded the arm for so long before we do, s.
 LISTEN = 1.0
@@ -67,9 +67,9 @@ class Mover:
     def __init__(self, client: Client, arm: Arm, rate: float, timeout: float = TIMEOUT) -> None:
         """Connect the topics of ``client``'s namespace; ``rate`` Hz, ``timeout`` s."""
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
-        self._link = self._linked(client.node)
+        self._link = self._make_link(client.node)
         self._gate = InputGate(arm)
-        self._following = Following(arm)
+        self._following = FollowingErrorCheck(arm)
         self._awake = time.monotonic()  # when we last looked for messages
         self._heard = self._awake  # when the last believed one came
         self._dropped = ""  # why the last measurement was dropped
@@ -92,19 +92,19 @@ class Mover:
             self.interrupted = True
 
         self._signals = ExitStack()
-        self._signals.enter_context(asked_to_end(interrupt))
+        self._signals.enter_context(catch_end_signals(interrupt))
         return self
 
     def __exit__(self, *_: object) -> None:
         with self._signals:
             self.hold()
 
-    def _linked(self, node: Node) -> ArmLink:
+    def _make_link(self, node: Node) -> ArmLink:
         return ArmLink(
             node,
             self._arm,
             CommandTopic.positions(),
-            on_other=lambda: self._forbid("others", self._link.others.reason()),
+            on_other=lambda: self._forbid("others", self._link.other_topics.reason()),
             on_same_topic=lambda: self._forbid("same_topic", self._link.same_topic.reason()),
             on_state=lambda reason: self._forbid("operating_state", reason),
         )
@@ -131,21 +131,21 @@ class Mover:
             )
         except ProcessError:
             missing = (
-                self._link.unheard
+                self._link.missing_connection
                 if self._following.last is not None
                 else self._dropped or "nothing publishes it"
             )
-            elsewhere = self._link.presence.elsewhere()
+            elsewhere = self._link.presence.other_namespaces()
             seen = f" {', '.join(elsewhere)} is published" if elsewhere else ""
             raise MotionError(
                 f"{self.topic}: no arm within {timeout:g} s: {missing}; is its console on, and is "
                 f"this its namespace (--namespace)?{seen}"
             ) from None
-        if self._link.further:
+        if self._link.extra_joints:
             raise MotionError(
                 f"{self.topic}: has joints that {self._arm.name} lacks, "
-                f"{', '.join(self._link.further)}: a console takes positions by index, and needs "
-                "those of all its joints"
+                f"{', '.join(self._link.extra_joints)}: a console takes positions by index, and "
+                "needs those of all its joints"
             )
         heard: list[Sample] = []  # no reading twice, however slowly they arrive
         end = time.monotonic() + LISTEN
@@ -156,7 +156,7 @@ class Mover:
             if sample is not None and (not heard or sample is not heard[-1]):
                 heard.append(sample)
         try:
-            position = self._following.at_rest(np.array([each.position for each in heard]))
+            position = self._following.rest_position(np.array([each.position for each in heard]))
             require_within(self._arm, position)
         except (MotionError, StartRefusedError) as error:
             raise MotionError(f"{self.topic}: {error}") from error
@@ -179,7 +179,7 @@ class Mover:
             KeyboardInterrupt: A signal asked for the end.
         """
         try:
-            with held_on_error(self.hold):
+            with hold_on_error(self.hold):
                 self._catch_up()
                 self._begin(path, duration)
                 self._sink, self._watch = record, watch
@@ -200,7 +200,7 @@ class Mover:
             # On a grid of instants: the rate does not depend on the duration of one round.
             self._listen_until(start + (int((last - start) / period) + 1) * period)
             now = time.monotonic()
-            moment = self._advanced(moment, now - last, self._following.time - first)
+            moment = self._next_moment(moment, now - last, self._following.time - first)
             last = now
         self._command(*path(duration)[:2])
         self._finish()
@@ -209,7 +209,7 @@ class Mover:
     def _begin(self, path: Path, duration: float) -> None:
         """Prepare the arm for a path."""
 
-    def _advanced(self, moment: float, passed: float, of_arm: float) -> float:
+    def _next_moment(self, moment: float, passed: float, of_arm: float) -> float:
         """Return how far a motion is next, s, after ``passed`` s of ours and ``of_arm`` in all."""
         return min(moment + min(passed, LATE), of_arm + AHEAD)
 
@@ -228,7 +228,7 @@ class Mover:
         """
         if self._commanded is None:
             return False
-        if self._link.others.heard_lately() and self._link.others.command == "free":
+        if self._link.other_topics.heard_lately() and self._link.other_topics.command == "free":
             self._commanded = None  # the person who freed the arm may have a hand in it
             return False
         if not any(self._against.values()) and time.monotonic() - self._awake < ASLEEP:
@@ -299,7 +299,7 @@ class Mover:
                 raise MotionError(f"{self.topic}: {silence}{why}")
 
     def _on_measured(self, data: bytes, info: Mapping[str, Any]) -> None:
-        several = self._link.two_measure(info)
+        several = self._link.publisher_conflict(info)
         if self._sink is not None:
             self._sink(data)
         if several:

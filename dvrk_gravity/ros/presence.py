@@ -18,7 +18,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import shipped
-from dvrk_gravity.ros.others import LATELY, node_names, publishers_of
+from dvrk_gravity.ros.foreign_commands import LATELY, node_names, publishers_of
 
 try:  # built with the dVRK's own workspace
     from crtk_msgs.msg import OperatingState
@@ -67,7 +67,7 @@ def simulator_of(node: Node) -> str:
     return min(measures & is_pushed, default="")
 
 
-def if_busy(node: Node) -> str:
+def busy_advice(node: Node) -> str:
     """Return all options that our simulator needs on a busy computer; ``""``: an arm measures.
 
     An arm gets no such advice: for so long it would keep its last torque.
@@ -129,7 +129,7 @@ def _obstacle(message: Any) -> str:
     return "operating_state: the arm is busy" if message.is_busy else ""
 
 
-def hears_hold(subscription: TopicEndpointInfo) -> bool:
+def receives_hold(subscription: TopicEndpointInfo) -> bool:
     """Return whether a subscription to ``hold`` receives it.
 
     One of another type gets nothing, nor does one that asks for messages sent before it came.
@@ -161,7 +161,7 @@ class Presence:
         """Return whether a node publishes ``measured_js``."""
         return self._node.count_publishers(self._measured) > 0
 
-    def elsewhere(self) -> list[str]:
+    def other_namespaces(self) -> list[str]:
         """Return the published ``measured_js`` topics of other namespaces, by their full names."""
         topics = (name for name, _ in self._node.get_topic_names_and_types())
         found = {name for name in topics if name.rsplit("/", 1)[-1] == MEASURED}
@@ -169,7 +169,7 @@ class Presence:
             name for name in found - {self._measured} if self._node.count_publishers(name)
         )
 
-    def listens(self) -> bool:
+    def arm_hears_hold(self) -> bool:
         """Return whether the arm subscribes to ``hold``; cheap while no node comes or goes."""
         node = self._node
         counts = node.count_publishers(self._measured), node.count_subscribers(self._hold)
@@ -177,7 +177,7 @@ class Presence:
         if counts != self._counts or not self._listens or now - self._looked > _LOOK:
             self._counts, self._looked = counts, now
             subscriptions = node.get_subscriptions_info_by_topic(self._hold)
-            listeners = node_names(info for info in subscriptions if hears_hold(info))
+            listeners = node_names(info for info in subscriptions if receives_hold(info))
             listeners.discard(node.get_fully_qualified_name())
             if self._any_subscriber:
                 arms = listeners - node_names(node.get_publishers_info_by_topic(self._hold))
@@ -193,7 +193,7 @@ class Presence:
         who = publishers_of(self._measured, self._node)
         return f"the arm{who} does not subscribe to {self._hold}: in a fault it could not be held"
 
-    def count(self, number: int | None) -> str:
+    def note_number(self, number: int | None) -> str:
         """Note a message's publication number; return who publishes if several do, else ``""``.
 
         Every publisher counts its own messages: of two, one is behind the other. ``None``: this
@@ -205,9 +205,9 @@ class Presence:
         if not mixed:
             return ""
         self._mixed = time.monotonic()
-        return self.two_measure()
+        return self.publisher_conflict()
 
-    def two_measure(self) -> str:
+    def publisher_conflict(self) -> str:
         """Return who published ``measured_js`` a moment ago if several did, else ``""``."""
         if time.monotonic() - self._mixed > LATELY:
             return ""
@@ -216,7 +216,7 @@ class Presence:
             return self._replaced(who)
         return f"several nodes{who} publish {self._measured}: stop all but the arm"
 
-    def another_measures(self, active: bool) -> str:
+    def replaced_publisher(self, active: bool) -> str:
         """Return who publishes ``measured_js`` when the arm that we command has ceased, or ``""``.
 
         A publisher is known by its number in DDS, which no other one has, of whatever name and

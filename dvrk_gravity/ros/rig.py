@@ -20,7 +20,7 @@ from dvrk_gravity.ros.listening import on_sample
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
 from dvrk_gravity.ros.presence import simulator_of
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
-from dvrk_gravity.ros.runtime import asked_to_end
+from dvrk_gravity.ros.runtime import catch_end_signals
 
 # An arm that has gone so far, rad (Arm.scale), drifts: it is held. Chosen: ten times what a
 # certificate allows, and less than what a hand beside the arm would be hurt by.
@@ -96,7 +96,7 @@ class RosRig:
         watching = _words({"watchdog_timeout": self._timeout})
         with (
             # Suspended (Ctrl-Z), we would leave it released; a second Ctrl-C would end its holding.
-            asked_to_end(lambda: asked.append(True)),
+            catch_end_signals(lambda: asked.append(True)),
             Client(self._namespace, "calibrate_release") as client,
         ):
             # From where it was held: what it falls before it is known to be released counts.

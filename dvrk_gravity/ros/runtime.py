@@ -23,9 +23,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.model import UNCERTAINTY_PARAMETER, TorqueModel, arm_beside
+from dvrk_gravity.model import UNCERTAINTY_PARAMETER, TorqueModel, resolve_arm_path
 from dvrk_gravity.parameters import Parameter
-from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, kept_awake
+from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, keep_awake
 from dvrk_gravity.validation import refuse_json
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
@@ -53,7 +53,7 @@ sleeps must not leave an arm."""
 
 
 @contextmanager
-def asked_to_end(ask: Callable[[], None]) -> Iterator[None]:
+def catch_end_signals(ask: Callable[[], None]) -> Iterator[None]:
     """Call ``ask`` for each signal that would end the process: it holds the arm first.
 
     A signal may interrupt it while it is called for another one: it must take no lock.
@@ -87,7 +87,7 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
         refuse_json("--params-file", path)
         yaml_file.load(path)  # rcl's message for a bad file is long and names no cause
     asked: list[bool] = []
-    with asked_to_end(lambda: asked.append(True)):
+    with catch_end_signals(lambda: asked.append(True)):
         return _run(make_node, ros_args, files, asked)
 
 
@@ -123,12 +123,12 @@ def given_parameters(node: Node) -> dict[str, Any]:
     ``automatically_declare_parameters_from_overrides``.
     """
     values = {
-        name: plain(node.get_parameter(name).value)
+        name: plain_value(node.get_parameter(name).value)
         for name in node.get_parameters_by_prefix("")
         if not name.startswith(OF_RCLPY)
     }
     for folder in _folders:
-        values = arm_beside(values, folder)
+        values = resolve_arm_path(values, folder)
     return values
 
 
@@ -140,10 +140,10 @@ def model_of(values: Mapping[str, Any]) -> TorqueModel:
     """
     name = Path(str(values.get(UNCERTAINTY_PARAMETER.name, ""))).name
     folders = [folder for folder in _folders if (folder / name).exists()]
-    return TorqueModel.beside(values, (folders or _folders or [Path()])[0])
+    return TorqueModel.from_values(values, (folders or _folders or [Path()])[0])
 
 
-def plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
     """Return a parameter's value with ROS's arrays as tuples."""
     if isinstance(value, bool | int | float | str | bytes) or value is None:
         return value
@@ -196,7 +196,7 @@ def _spin(node: Node, asked: Sequence[bool]) -> int:
     gc.freeze()  # objects so far stay: no collection has to check them again
     executor = _executor_of(node)
     try:
-        with kept_awake(executor):
+        with keep_awake(executor):
             while not asked:
                 executor.spin_once(timeout_sec=0.1)
     except MemoryError:

@@ -23,7 +23,7 @@ from dvrk_gravity.files import json_file
 from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, TorqueModel, all_parameters, arm_of
 from dvrk_gravity.parameters import Parameter, check_all, flatten
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.takers import JOINTS
+from dvrk_gravity.ros.joint_order_queries import JOINTS
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 from dvrk_gravity.simulate import PlantFile, SimulatedArm, initial_position
 
@@ -195,7 +195,7 @@ class Simulator(Node):
         model = self._truth.model
         changed = model.parameters() | flatten(json_file.loads(message.data))
         self._truth = replace(self._truth, model=TorqueModel.from_parameters(changed, model.arm))
-        self._arm.become(self._truth.plant(self._friction_scale))
+        self._arm.replace_plant(self._truth.plant(self._friction_scale))
         self.get_logger().info(f"the arm has changed: {message.data}")
 
     def _on_timer(self) -> None:

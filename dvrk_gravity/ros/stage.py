@@ -35,7 +35,7 @@ LOADED = 0.2
 # Seed and s of a motion that a monitor's model is identified from; seed and number of poses between
 # which the arm moves while it is watched.
 LEARNED, LEARNING = 1, 30.0
-WATCHED, BETWEEN = 5, 40
+MONITOR_MOTION_SEED, BETWEEN = 5, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Stage:
         own_model: Whether it has the plant's own terms.
         poses: (k, n) positions at which the arm is released, rad or m.
         push: (n,) efforts of the hand, N·m or N.
-        watched: (k, n) positions between which it moves while a load is fastened, rad or m.
+        monitor_poses: (k, n) positions between which it moves while a load is fastened, rad or m.
         namespace: Of its topics, one that no arm has: a replayed bag commands no arm either.
     """
 
@@ -59,7 +59,7 @@ class Stage:
     own_model: bool
     poses: Array
     push: Array
-    watched: Array
+    monitor_poses: Array
     namespace: str
 
     @classmethod
@@ -86,12 +86,16 @@ class Stage:
             Settings.from_parameters(loaded.parameters())
         except ConfigError as error:
             raise error if error.source else error.in_file(model) from None
-        poses, push = _staged(truth.plant())
-        watched = Multisine.draw(arm, WATCHED).at(np.linspace(0.0, 0.9 * BETWEEN, BETWEEN))[0]
-        return cls(arm, plant, model, own, poses, push, watched, f"{PRIVATE}{namespace_of(arm)}")
+        poses, push = _choose_poses_and_push(truth.plant())
+        monitor_poses = Multisine.draw(arm, MONITOR_MOTION_SEED).at(
+            np.linspace(0.0, 0.9 * BETWEEN, BETWEEN)
+        )[0]
+        return cls(
+            arm, plant, model, own, poses, push, monitor_poses, f"{PRIVATE}{namespace_of(arm)}"
+        )
 
 
-def identified(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
+def identify_demo_model(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
     """Identify a model of a simulated arm, as a monitor needs one, and write it to a file.
 
     Args:
@@ -109,7 +113,7 @@ def identified(arm: str, plant: str, friction_scale: float, path: Path) -> Path:
     return path
 
 
-def load_of(arm: Arm, poses: Array) -> dict[str, float | str]:
+def demo_load(arm: Arm, poses: Array) -> dict[str, float | str]:
     """Return mass, kg, and link of a load that is well below what an arm can carry.
 
     Args:
@@ -123,7 +127,7 @@ def load_of(arm: Arm, poses: Array) -> dict[str, float | str]:
     return {"mass": float(f"{LOADED / part:.1g}"), "link": link}
 
 
-def _staged(plant: Plant) -> tuple[Array, Array]:
+def _choose_poses_and_push(plant: Plant) -> tuple[Array, Array]:
     """Return (k, n) poses far from one another, the first under much weight, and a (n,) push."""
     arm = plant.model.arm
     poses = mtm.defaults.DEMONSTRATED_POSES if mtm.is_mtm(arm) else _poses(plant)

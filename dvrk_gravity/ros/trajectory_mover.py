@@ -38,13 +38,13 @@ EARLY = 0.5
 _REJECTED = 1  # action_msgs/srv/CancelGoal: ERROR_REJECTED; others mean that it has ended
 
 
-class _Nobody:
+class _NoForeignCommands:
     """Other nodes' commands: a controller takes one goal at a time, and ends ours for another."""
 
     command = ""
 
     def heard_lately(self) -> bool:
-        """Return that none was heard."""
+        """Return False: no other node's command was heard."""
         return False
 
     def reason(self) -> str:
@@ -58,11 +58,11 @@ class TrajectoryLink:
     Attributes:
         presence: Who measures the arm.
         measured: In which order joints are measured does not matter: goals name theirs ...
-        further: ... nor do joints that the arm does not have.
-        others: Nobody can be heard ...
+        extra_joints: ... nor do joints that the arm does not have.
+        other_topics: Nobody can be heard ...
         same_topic: ... but in the end of our goal.
         hold: Cancels the goal, after which the controller holds its position.
-        unheard: What is missing where the arm measures and has no controller.
+        missing_connection: What is missing where the arm measures and has no controller.
     """
 
     def __init__(self, node: Node, arm: Arm, action: str) -> None:
@@ -77,11 +77,11 @@ class TrajectoryLink:
             )
         self._action = ActionClient(node, FollowJointTrajectory, action)
         self._name, self._arm = action, arm
-        self.unheard = f"no controller serves the action {action} (--action)"
+        self.missing_connection = f"no controller serves the action {action} (--action)"
         self.presence = Presence(node, any_subscriber=True)
         self.measured: tuple[str, ...] = ()
-        self.further: tuple[str, ...] = ()
-        self.others = self.same_topic = _Nobody()
+        self.extra_joints: tuple[str, ...] = ()
+        self.other_topics = self.same_topic = _NoForeignCommands()
         self.hold = self
         self._unpack = JointStateReader().read
         self._read = SampleReader(
@@ -97,9 +97,9 @@ class TrajectoryLink:
         """Return whether the arm measures, and its controller takes goals."""
         return self.presence.is_there() and bool(self._action.server_is_ready())
 
-    def two_measure(self, info: Mapping[str, Any]) -> str:
+    def publisher_conflict(self, info: Mapping[str, Any]) -> str:
         """Return which nodes measure if several do."""
-        return self.presence.count(info["publication_sequence_number"])
+        return self.presence.note_number(info["publication_sequence_number"])
 
     def read(self, data: bytes) -> tuple[Sample, Stamp]:
         """Return the sample and the stamp in the bytes of a message."""
@@ -132,7 +132,7 @@ class TrajectoryLink:
         self._goal = answered
         self._end = self._goal.get_result_async()
 
-    def require_going(self, left: float) -> None:
+    def require_active_goal(self, left: float) -> None:
         """Raise MotionError if the goal has ended although so much of the motion is left, s."""
         if left > EARLY and self._end is not None and self._end.done():
             early = f"{self._name}: the controller has ended the motion {left:.1f} s too early"
@@ -162,7 +162,7 @@ class TrajectoryLink:
 
     def look(self, active: bool, measuring: bool) -> dict[str, str]:
         """Return by cause why the arm must not be commanded; ``""``: it may."""
-        another = self.presence.two_measure() or self.presence.another_measures(active)
+        another = self.presence.publisher_conflict() or self.presence.replaced_publisher(active)
         return {"goal": self._failure(), "measured_js": another}
 
     def send(self) -> None:
@@ -212,7 +212,7 @@ class TrajectoryMover(Mover):
         super().__init__(client, arm, rate, timeout)
         self._link.listen = lambda: self._listen_until(time.monotonic() + 1.0 / rate)
 
-    def _linked(self, node: Node) -> Any:
+    def _make_link(self, node: Node) -> Any:
         return TrajectoryLink(node, self._arm, self._action_name)
 
     def _begin(self, path: Path, duration: float) -> None:
@@ -221,8 +221,8 @@ class TrajectoryMover(Mover):
         self._link.begin(path, duration)
         self._duration = duration
 
-    def _advanced(self, moment: float, passed: float, of_arm: float) -> float:
-        self._link.require_going(self._duration - of_arm)
+    def _next_moment(self, moment: float, passed: float, of_arm: float) -> float:
+        self._link.require_active_goal(self._duration - of_arm)
         return of_arm
 
     def _finish(self) -> None:

@@ -11,14 +11,14 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty, Float64, String
 
-from dvrk_gravity.compensate import CommandWatch, Watching, unseen_commands
+from dvrk_gravity.compensate import CommandWatch, WatchdogStatus, unseen_commands
 from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.foreign_commands import Endpoints, node_names
 from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.others import Endpoints, node_names
-from dvrk_gravity.ros.presence import HOLD, Presence, if_busy
+from dvrk_gravity.ros.presence import HOLD, Presence, busy_advice
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 
 WATCHDOG_TOPIC = "watchdog_status"
@@ -60,7 +60,7 @@ class Watchdog(PromptNode):
         assert isinstance(timeout, float)  # check_all returns it so
         self._watch = CommandWatch(timeout)
         topic = CommandTopic.of(values)
-        self._hold = Hold(self, Presence(self, any_subscriber=topic.as_array).listens)
+        self._hold = Hold(self, Presence(self, any_subscriber=topic.as_array).arm_hears_hold)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = self.create_publisher(String, "~/state", latched)
         self._status = self.create_publisher(DiagnosticStatus, WATCHDOG_TOPIC, latched)
@@ -70,7 +70,7 @@ class Watchdog(PromptNode):
             topic.message_type, topic.name, on_command, 1, raw=True
         )
         self.create_subscription(Empty, HOLD, self._on_hold, 10)
-        self._watching = Watching(
+        self._watching = WatchdogStatus(
             self.get_fully_qualified_name(),
             str(self.prompt.topic_name),
             self.resolve_topic_name(HOLD),
@@ -92,7 +92,7 @@ class Watchdog(PromptNode):
             self._report("the arm is commanded")
 
     def _on_hold(self, _: Empty) -> None:
-        if not self._hold.echo() and self._watch.note_hold():
+        if not self._hold.is_echo() and self._watch.note_hold():
             self._report("the arm holds: its commands ended with a hold")
 
     def _on_watch(self) -> None:
@@ -102,7 +102,9 @@ class Watchdog(PromptNode):
             self._hold.send()
             text = f"hold sent: no command for {silence:.3f} s and no hold before"
             self._state.publish(String(data=text))
-            advice = if_busy(self) or "to resume, call ~/enable of the compensator, or restart it"
+            advice = (
+                busy_advice(self) or "to resume, call ~/enable of the compensator, or restart it"
+            )
             self.get_logger().error(f"{text}; {advice}")
 
     def _on_listen(self) -> None:

@@ -111,7 +111,7 @@ class JointStateReader:
             try:
                 self._learn(raw)
             except CdrError:
-                return _unpacked_by_ros(raw)
+                return _unpack_by_ros(raw)
         # Copied: numbers in a message are not aligned, which slows every use of them.
         position, velocity, effort = [
             np.frombuffer(raw, self._number, count, start).astype(float) if count else _NOTHING
@@ -168,7 +168,7 @@ class CommandWriter:
         return bytes(self._raw)
 
 
-def _unpacked_by_ros(raw: bytes) -> Fields:
+def _unpack_by_ros(raw: bytes) -> Fields:
     """Return the fields of bytes that our own parser refuses (some padding, say)."""
     try:
         message = deserialize_message(raw, JointState)

@@ -47,17 +47,17 @@ class ModelArm:
         model: The terms that act on the arm, inertia apart.
         links: Inertia of the links, each in its distal DH frame.
         rotors: (n,) reflected inertia at the motors, kg·m^2.
-        off: (n,) RMS torque by which this inertia differs from the model's, as a part of the RMS
-            torque that a known arm's inertia takes in the same motion; ``None`` of a model that
-            has no inertia.
-        known: Where the known inertia is from, in words.
+        inertia_error: (n,) RMS torque by which this inertia differs from the model's, as a part of
+            the RMS torque that a known arm's inertia takes in the same motion; ``None`` of a model
+            that has no inertia.
+        inertia_source: Where the known inertia is from, in words.
     """
 
     model: TorqueModel
     links: Mapping[str, pin.Inertia]
     rotors: Array
-    off: Array | None
-    known: str
+    inertia_error: Array | None
+    inertia_source: str
 
     @classmethod
     def of(cls, model: TorqueModel, settings: CompletionSettings | None = None) -> ModelArm:
@@ -82,14 +82,16 @@ class ModelArm:
             return cls(still, known.links, known.rotor_inertia, None, known.source)
         links = {t.NAME: rows for t in inertia if (rows := t.inertial_parameters) is not None}
         motor = np.sum([0.0 * known.rotor_inertia, *rotors.values()], axis=0)
-        return cls(still, *_completed(model.arm, links, motor, known, settings), known.source)
+        return cls(
+            still, *_complete_inertia(model.arm, links, motor, known, settings), known.source
+        )
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
-        """Return it at zero position, at rest, with a factor on every friction."""
+        """Return the plant, at rest at zero position, with a factor on every friction."""
         return Plant(self.model, self.links, self.rotors, friction_scale)
 
 
-def _completed(
+def _complete_inertia(
     arm: Arm, links: Mapping[str, Array], motor: Array, known: PlantFile,
     settings: CompletionSettings,
 ) -> tuple[dict[str, pin.Inertia], Array, Array]:  # fmt: skip

@@ -77,7 +77,7 @@ class Plant:
             raise ShapeError("rotors", inertia.shape, f"({arm.n},)")
         self.model = model
         self.parts = self._parts()
-        links = _carried(links, self.parts)
+        links = _with_loads(links, self.parts)
         for name in links:
             if name not in arm.body_names:
                 raise ConfigError(f"links.{name}", name, f"one of {', '.join(arm.body_names)}")
@@ -141,11 +141,11 @@ class Plant:
 
     def mass_matrix(self) -> Array:
         """Return the (n, n) inertia at the present position, rotors included, kg·m^2."""
-        return self._at_present()[0]
+        return self._current_dynamics()[0]
 
     def smooth_torque(self) -> Array:
         """Return the (n,) torque that balances the arm at rest but for friction, N·m."""
-        return self._at_present()[1]
+        return self._current_dynamics()[1]
 
     def step(self, effort: Array, push: Array | None = None, dt: float = 1e-3) -> None:
         """Go one step on.
@@ -155,7 +155,7 @@ class Plant:
             push: (n,) torque from outside, N·m.
             dt: Length of the step, s.
         """
-        mass, smooth, bounds, tree_q = self._at_present()
+        mass, smooth, bounds, tree_q = self._current_dynamics()
         q, v = self.q, self.v
         force = effort - smooth
         if push is not None:
@@ -192,7 +192,7 @@ class Plant:
         self._evaluated = None
 
     def _parts(self) -> tuple[PlantPart, ...]:
-        """Return what acts on the arm."""
+        """Return the prepared parts of all terms that act on the arm: torque, friction, loads."""
         return tuple(term.plant() for term in self.model.terms)
 
     def _require_inertia(self) -> None:
@@ -204,7 +204,7 @@ class Plant:
             mass = self._gather.dot(tree).dot(expand) + self._rotors
             least = np.linalg.eigvalsh(mass).min()
             if not least > 0:
-                why = f" ({'; '.join(arm.doubts)})" if arm.doubts else ""
+                why = f" ({'; '.join(arm.warnings)})" if arm.warnings else ""
                 expected = f"a positive mass matrix{why}"
                 raise ConfigError("links", f"least eigenvalue {least:g}", expected)
 
@@ -214,7 +214,7 @@ class Plant:
         # To within round-off: where it matters, the exact limits are compared.
         return bool(np.count_nonzero(away >= self._half))
 
-    def _at_present(self) -> tuple[Array, Array, Array, Array]:
+    def _current_dynamics(self) -> tuple[Array, Array, Array, Array]:
         """Return mass matrix, smooth torque, friction bounds and tree joints, once a step."""
         if self._evaluated is None:
             tree = self._tree
@@ -225,7 +225,7 @@ class Plant:
         return self._evaluated
 
 
-def _carried(
+def _with_loads(
     links: Mapping[str, pin.Inertia], parts: tuple[PlantPart, ...]
 ) -> Mapping[str, pin.Inertia]:
     """Return the links with what they carry."""

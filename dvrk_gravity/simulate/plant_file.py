@@ -17,7 +17,7 @@ from dvrk_gravity.effects import assumed_inertias, assumed_rotors, stated_terms,
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import entries, yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
-from dvrk_gravity.model import TorqueModel, arm_beside
+from dvrk_gravity.model import TorqueModel, resolve_arm_path
 from dvrk_gravity.parameters import flatten
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import Sensors
@@ -126,14 +126,14 @@ def initial_position(arm: Arm) -> tuple[float, ...]:
 
 
 def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:
-    _only("", content, _SECTIONS, _SECTIONS[:3])
+    _check_keys("", content, _SECTIONS, _SECTIONS[:3])
     values = flatten(entries.mapping("parameters", content["parameters"]))
-    model = TorqueModel.from_parameters(arm_beside(values, folder))
+    model = TorqueModel.from_parameters(resolve_arm_path(values, folder))
     links = {
         str(name): _inertia(f"links.{name}", row)
         for name, row in entries.mapping("links", content["links"]).items()
     }
-    _only("links", links, model.arm.body_names)
+    _check_keys("links", links, model.arm.body_names)
     n = len(model.arm.joints)
     rotors = np.array(_numbers("rotor_inertia", content["rotor_inertia"], n, least=0.0))
     return PlantFile(model, links, rotors, _sensors(content.get("sensors", {}), n))
@@ -141,7 +141,7 @@ def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:
 
 def _inertia(where: str, row: Any) -> pin.Inertia:
     fields = ("mass", "com", "inertia")
-    _only(where, row, fields, fields)
+    _check_keys(where, row, fields, fields)
     mass = _number(f"{where}.mass", row["mass"], least=0.0)
     com = np.array(_numbers(f"{where}.com", row["com"], 3))
     xx, yy, zz, xy, xz, yz = _numbers(f"{where}.inertia", row["inertia"], 6)
@@ -154,7 +154,7 @@ def _inertia(where: str, row: Any) -> pin.Inertia:
 
 
 def _sensors(content: Any, n: int) -> Sensors:
-    _only("sensors", content, (*_STEPS, "effort_delay"))
+    _check_keys("sensors", content, (*_STEPS, "effort_delay"))
     arrays = {
         key: np.array(_numbers(f"sensors.{key}", content[key], n, least=0.0))
         for key in _STEPS
@@ -164,7 +164,7 @@ def _sensors(content: Any, n: int) -> Sensors:
     return Sensors(**arrays, effort_delay=delay)
 
 
-def _only(where: str, value: Any, known: Sequence[str], required: Sequence[str] = ()) -> None:
+def _check_keys(where: str, value: Any, known: Sequence[str], required: Sequence[str] = ()) -> None:
     """Refuse what is no mapping of these keys; an unknown one by its own name."""
     for key in entries.mapping(where, value):
         if key not in known:

@@ -78,7 +78,7 @@ def record_motion(
         rate: Samples recorded, Hz.
     """
     arm.plant.reset(motion.at(0.0)[0])
-    ahead = _ahead(motion, arm.plant.time, arm.dt)
+    ahead = _set_points(motion, arm.plant.time, arm.dt)
 
     def follow(simulated: SimulatedArm, _: Measurement) -> None:
         simulated.follow(*next(ahead))
@@ -87,7 +87,7 @@ def record_motion(
     return simulate(arm, follow, duration, rate)
 
 
-def _ahead(motion: Multisine, start: float, dt: float) -> Iterator[tuple[Array, Array]]:
+def _set_points(motion: Multisine, start: float, dt: float) -> Iterator[tuple[Array, Array]]:
     """Yield position and velocity (n,) a step ahead of a motion, after each step."""
     time = start
     while True:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.planning import Move, careful
+from dvrk_gravity.planning import Move, careful_limits
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import SensorReader, Sensors
 
@@ -228,7 +228,7 @@ class SimulatedArm:
         goal = self._within(position)
         start = self._present()
         self._servo(Mode.POSITION, start)
-        self._move = Move(start, goal, *careful(self.plant.model.arm), self.plant.time)
+        self._move = Move(start, goal, *careful_limits(self.plant.model.arm), self.plant.time)
 
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch the built-in compensation of effort commands."""
@@ -248,7 +248,7 @@ class SimulatedArm:
         self._push = self._finite("effort", effort)
         self._push_until = self.plant.time + duration
 
-    def become(self, plant: Plant) -> None:
+    def replace_plant(self, plant: Plant) -> None:
         """Go on as another plant from where the arm is, as when a load is fastened in motion.
 
         Args:

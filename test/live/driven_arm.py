@@ -16,7 +16,7 @@ from std_msgs.msg import Empty
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.compensate import MotionError
-from dvrk_gravity.planning import Move, careful
+from dvrk_gravity.planning import Move, careful_limits
 from dvrk_gravity.ros import Client, Mover
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
@@ -134,7 +134,7 @@ def mover() -> Iterator:
 
 def to(goal: np.ndarray, duration: float = 1.0):
     """Return a way from POSE to a goal in some s."""
-    move = Move(POSE, goal, *careful(Arm.load("mtmr")))
+    move = Move(POSE, goal, *careful_limits(Arm.load("mtmr")))
     return lambda time: move.at(time * move.duration / duration)
 
 

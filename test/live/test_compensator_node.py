@@ -97,7 +97,7 @@ def test_parameters_describe_themselves_and_a_change_is_ramped_or_measured_anew(
     # An effect that the model does not have may still be given while the node runs.
     assert arm.client.set_parameters({"payload.mass": 0.05})[0]
     loaded = Settings.from_parameters(MODEL.parameters() | {"payload.mass": 0.05})
-    torque = loaded.at_rest(np.array(arm.position))
+    torque = loaded.static_torque(np.array(arm.position))
     assert np.abs(torque - expected(arm)).max() > 0.05
     arm.run_until(lambda: np.abs(arm.efforts[-1] - torque).max() < 1e-9, "the load's torque")
     assert not arm.holds

@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import WATCHED, assert_silent, calm, commanding, faulty, held, watched
 from support import MODEL_FILE
 
-from dvrk_gravity.compensate import Watching
+from dvrk_gravity.compensate import WatchdogStatus
 from dvrk_gravity.ros import PRIVATE, NodeProcess
 
 
@@ -95,7 +95,7 @@ def test_a_watchdog_s_time_out_is_waited_for_and_must_not_be_the_shorter_one(arm
     topic = f"{PRIVATE}/servo_jf"
     infos = arm.client.node.get_publishers_info_by_topic(topic)
     heard = frozenset(bytes(info.endpoint_gid).hex() for info in infos)
-    said = Watching(f"{PRIVATE}/client", topic, f"{PRIVATE}/hold", 0.8, heard)
+    said = WatchdogStatus(f"{PRIVATE}/client", topic, f"{PRIVATE}/hold", 0.8, heard)
     values = [KeyValue(key=key, value=value) for key, value in said.values().items()]
     watchdog.publish(DiagnosticStatus(name=said.node, values=values))
     arm.run_until(lambda: "0.8 s" in arm.state, "the other reason")

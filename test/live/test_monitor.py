@@ -7,7 +7,7 @@ from released import ARM, NAMESPACE
 from std_srvs.srv import Trigger
 
 from dvrk_gravity import Recording
-from dvrk_gravity.ros import COMMANDS, UNHEARD, NodeProcess
+from dvrk_gravity.ros import COMMANDS, UNREADABLE, NodeProcess
 
 
 def test_torques_at_once_a_bag_on_demand_and_never_a_command(domain, tmp_path):
@@ -24,7 +24,7 @@ def test_torques_at_once_a_bag_on_demand_and_never_a_command(domain, tmp_path):
             for name, _ in client.node.get_publisher_names_and_types_by_node("monitor", NAMESPACE)
         }
         assert {"expected_js", "external_wrench_std", "events"} <= published
-        commands = {name.rsplit("/", 1)[-1] for name, _ in COMMANDS} | {*UNHEARD}
+        commands = {name.rsplit("/", 1)[-1] for name, _ in COMMANDS} | {*UNREADABLE}
         assert not published & (commands | {"hold", "servo_jf", "use_gravity_compensation"})
         answer = client.call(Trigger, "monitor/save")
         assert answer.success

@@ -25,7 +25,7 @@ from dvrk_gravity.effects import (
     ViscousFriction,
     beta_map,
 )
-from dvrk_gravity.exports import Exported
+from dvrk_gravity.exports import ExportResult
 from dvrk_gravity.model import TorqueModel
 
 
@@ -83,9 +83,9 @@ def without_dry(model: TorqueModel) -> TorqueModel:
     return replace(model, terms=terms)
 
 
-def held_torque(exported: Exported, q, qd, qdd, dry: bool = True) -> np.ndarray:
+def held_torque(exported: ExportResult, q, qd, qdd, dry: bool = True) -> np.ndarray:
     """Return the torque of what a file has: its bodies by true positions, the rest by measured."""
-    held = exported.held
+    held = exported.file_model
     dynamics = held.dynamics if dry else replace(held.dynamics, friction=np.zeros((2, held.arm.n)))
     bodies = (held.arm, held.links.ravel(), q - held.joint_offset, qd, qdd, held.gravity)
     return rigid_body.torque(*bodies) + dynamics.torque(State(q, qd, qdd))

@@ -19,8 +19,7 @@ from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.model import identified as identified_effects
+from dvrk_gravity.model import TorqueModel, fitted_effects
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
 from testing.mujoco_arms import KINOVA
@@ -127,7 +126,7 @@ def test_a_model_of_any_arm_moves_in_the_simulator_and_balances(known, model, tm
 def test_joints_that_turn_without_an_end_are_fitted_with_the_same_effects():
     endless = Arm.load(KINOVA)
     assert np.isinf(endless.upper).any()
-    assert identified_effects(endless) == identified_effects(Arm.load(UR5))
+    assert fitted_effects(endless) == fitted_effects(Arm.load(UR5))
 
 
 def test_a_compensator_without_the_weight_of_its_arm_is_refused_in_one_line(known):
@@ -172,7 +171,7 @@ def gantry(folder, limit: int) -> Arm:
 
 def test_a_gantry_is_identified_evaluated_and_diagnosed(tmp_path):
     arm = gantry(tmp_path, 60)
-    truth = TorqueModel.stated(arm)
+    truth = TorqueModel.from_arm(arm)
     first, second = slid(truth, 0), slid(truth, 1)
     fit = identify(first, arm)
     assert fit.verdict.level == "good"
@@ -186,7 +185,7 @@ def test_a_gantry_is_identified_evaluated_and_diagnosed(tmp_path):
 
 
 def test_an_effort_limit_far_above_the_torques_changes_nothing(tmp_path):
-    recording = slid(TorqueModel.stated(gantry(tmp_path, 60)), 0)
+    recording = slid(TorqueModel.from_arm(gantry(tmp_path, 60)), 0)
     tight, wide = (
         identify(recording, gantry(tmp_path, limit), effects=FEW) for limit in (60, 1_000_000)
     )

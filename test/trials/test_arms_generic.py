@@ -7,7 +7,7 @@ import pytest
 from made_up_arm import made_up_arm
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.cli.options import still_joints
+from dvrk_gravity.cli.options import fixed_positions
 from dvrk_gravity.compensate import (
     EffortLimits,
     PassivityObserver,
@@ -84,10 +84,10 @@ def test_passivity_is_observed_equally_whether_a_joint_turns_or_slides():
 
 
 def test_where_joints_stood_is_given_in_units_of_their_kind(made_up):
-    assert still_joints(["insertion=20mm,others=0"], made_up) == {
+    assert fixed_positions(["insertion=20mm,others=0"], made_up) == {
         "yaw": 0.0, "pitch": 0.0, "insertion": 0.02, "roll": 0.0,
     }  # fmt: skip
-    assert still_joints(["insertion=0.02m", "yaw=90deg"], made_up) == {
+    assert fixed_positions(["insertion=0.02m", "yaw=90deg"], made_up) == {
         "insertion": 0.02, "yaw": pytest.approx(np.pi / 2),
     }  # fmt: skip
     for given, said in (
@@ -96,4 +96,4 @@ def test_where_joints_stood_is_given_in_units_of_their_kind(made_up):
         ("others=5deg", "insertion"), ("elbow_pitch=0", "yaw, pitch, insertion, roll"),
     ):  # fmt: skip
         with pytest.raises(ConfigError, match=f"--at: got .*, expected .*{said}"):
-            still_joints([given], made_up)
+            fixed_positions([given], made_up)

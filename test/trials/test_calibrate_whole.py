@@ -14,7 +14,7 @@ from finished_calibration import BRIEF, KilledError, work_in
 from support import REPOSITORY
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration import SimulatedRig, calibrate, drawn_arm
+from dvrk_gravity.calibration import SimulatedRig, calibrate, draw_arm
 from dvrk_gravity.simulate import PlantFile
 
 
@@ -30,7 +30,7 @@ def test_interrupted_or_not_what_is_found_is_the_same_to_the_last_bit(tmp_path):
                 raise KilledError
 
         for _ in range(20):
-            rig = SimulatedRig(drawn_arm(PlantFile.of(arm), 1), 1, settings.friction)
+            rig = SimulatedRig(draw_arm(PlantFile.of(arm), 1), 1, settings.friction)
             try:
                 calibrate(work_in(folder, arm, report, rig=rig, settings=settings))
             except KilledError:

@@ -53,11 +53,11 @@ def test_an_ambiguous_diagnosis_is_followed_by_the_motion_that_separates(
     of = offset_or_spring(model, 1e-2) if separable else made_up(model, twins(model))
     content = of.content()
     content["unseparated"]["model"] = "model_0.yaml"
-    asked, more = ("plan --separate", content), replace(BRIEF, search=20, further=20.0)
+    asked, more = ("plan --separate", content), replace(BRIEF, search=20, further_duration=20.0)
     outcome = further(1.0, *asked, more)
-    assert "pitch" in outcome.said
+    assert "pitch" in outcome.summary
     assert bool(outcome.paths) == separable
     if separable:
-        assert Plan.load(outcome.paths[0]).duration == more.further
+        assert Plan.load(outcome.paths[0]).duration == more.further_duration
     else:  # another motion is planned where friction may not hold the arm
         assert further(0.5, *asked).paths

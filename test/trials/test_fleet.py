@@ -16,18 +16,18 @@ from dvrk_gravity.fleet import (
     COLUMNS,
     ArmEntry,
     ArmHistory,
+    FleetPlan,
     Manifest,
-    Planned,
     Result,
     Series,
     Store,
     Unit,
     Visit,
+    assess_changes,
     date_in,
     date_of,
     fit,
     histories,
-    judged,
     key_of,
     parquet,
     scan,
@@ -121,7 +121,7 @@ def test_what_is_there_is_not_done_again_by_name_or_by_content_also_once_results
     (tmp_path / "m.yaml").write_text("a model")
     entry = ArmEntry("1", "ecm", (str(tmp_path / "*.csv"),), str(tmp_path / "m.yaml"))
     store = Store.open(tmp_path / "out")
-    units = list(Planned.of(Manifest((entry,)), store).against_models())
+    units = list(FleetPlan.of(Manifest((entry,)), store).pending_comparisons())
     assert len(units) == 3
     for unit in units[:2]:
         content = Path(unit.recording).name
@@ -131,12 +131,12 @@ def test_what_is_there_is_not_done_again_by_name_or_by_content_also_once_results
                "version": "0.1.0", "content": content}  # fmt: skip
         store.write(Result(key, table=parquet([row])))
     for _ in range(2):
-        planned = Planned.of(Manifest((entry,)), Store.open(tmp_path / "out"))
-        assert [each.recording for each in planned.against_models()] == [units[2].recording]
+        planned = FleetPlan.of(Manifest((entry,)), Store.open(tmp_path / "out"))
+        assert [each.recording for each in planned.pending_comparisons()] == [units[2].recording]
         assert planned.skipped == 2
         assert table(tmp_path / "out").num_rows == 2
         store.compact(2)
-    left = next(planned.against_models())
+    left = next(planned.pending_comparisons())
     assert left.known == {"0.csv", "1.csv"}
 
 
@@ -187,7 +187,7 @@ def an_arm(serial: int, series: list[Series]) -> ArmHistory:
 def test_of_arms_that_do_not_change_hardly_one_is_reported_and_those_that_do_are():
     random, joints = np.random.default_rng(RANDOM), ("a", "b", "c", "d", "e")
     clean = [an_arm(k, [a_series(random, 15, joint) for joint in joints]) for k in range(40)]
-    assert not [arm for arm in judged(clean) if arm.changes]
+    assert not [arm for arm in assess_changes(clean) if arm.changes]
     changed = []
     for number in range(100, 108):
         series = [a_series(random, 15, joint) for joint in joints]
@@ -198,7 +198,7 @@ def test_of_arms_that_do_not_change_hardly_one_is_reported_and_those_that_do_are
                 series[index], day=series[1].day, value=series[index].value + part * course
             )
         changed.append(an_arm(number, series))
-    found = judged([*clean, *changed])
+    found = assess_changes([*clean, *changed])
     reported = [arm for arm in found if arm.changes]
     assert [arm in found[: len(reported)] for arm in reported] == [True] * len(reported)
     false = [arm for arm in reported if int(arm.serial) < 100]
@@ -221,7 +221,7 @@ def test_a_recording_behind_a_url_is_found_dated_and_read_by_a_copy(tmp_path):
     folder.mkdir()
     (folder / "2025-03-14.csv").write_text("time,a.position\n0,nothing\n")
     entry = ArmEntry("1", "ecm", (f"file://{folder}/*.csv",))
-    planned = Planned.of(Manifest((entry,)), Store.open(tmp_path / "out"))
+    planned = FleetPlan.of(Manifest((entry,)), Store.open(tmp_path / "out"))
     ((_, units),) = planned.references()
     url = f"file://{folder}/2025-03-14.csv"
     assert [(unit.recording, unit.date[:10], unit.date_from) for unit in units] == [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, NAMES, chromium
 
-from dvrk_gravity.fleet import ArmHistory, Series, Visit, judged, with_fit
+from dvrk_gravity.fleet import ArmHistory, Series, Visit, assess_changes, with_fit
 from dvrk_gravity.report import arm_page, history_csv, history_page, history_text
 
 pytestmark = pytest.mark.skipif(
@@ -38,7 +38,7 @@ def fleet_of(count: int) -> list[ArmHistory]:
         )
         serial = HOSTILE if number == 1 else f"{20_000 + number}"
         arms.append(ArmHistory(serial, "ecm", visits, tuple(series), p_value))
-    return judged(arms)
+    return assess_changes(arms)
 
 
 @pytest.mark.parametrize("count", [50, 5000])

@@ -21,8 +21,8 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.fleet import (
     ArmEntry,
     EngineLostError,
+    FleetPlan,
     Manifest,
-    Planned,
     Store,
     Summary,
     client_of,
@@ -96,7 +96,7 @@ def fleet(tmp_path: Path) -> Manifest:
 
 
 def run(manifest: Manifest, out: Path, address: str, lines: list[str]) -> Summary:
-    planned = Planned.of(manifest, Store.open(out))
+    planned = FleetPlan.of(manifest, Store.open(out))
     with client_of(address, 0) as client:
         return run_fleet(planned, client, lines.append, lambda done: None, work_for_a_moment)
 

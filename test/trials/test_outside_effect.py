@@ -24,7 +24,7 @@ from dvrk_gravity.diagnosis import extended, load
 from dvrk_gravity.effects import added
 from dvrk_gravity.effects.base import registry
 from dvrk_gravity.errors import ConfigError, EffectError
-from dvrk_gravity.model import identified
+from dvrk_gravity.model import fitted_effects
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import diagnosis_page
 
@@ -74,7 +74,7 @@ def test_it_is_compensated_by_the_ratio_of_friction(file):
 
 
 def test_it_is_identified_beside_the_others():
-    assert "quadratic_drag" in identified(known_ecm.ARM)
+    assert "quadratic_drag" in fitted_effects(known_ecm.ARM)
     recording = known_ecm.recorded(1, 12.0, dragged)
     names = ["coulomb_friction", "viscous_friction", "quadratic_drag"]
     fit = identify([recording], known_ecm.ARM, "joint", names)

@@ -9,7 +9,7 @@ import pytest
 from path_driver import plan_of
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.collecting import Paced, TaughtLimits
+from dvrk_gravity.collecting import PacedMotion, TaughtLimits
 from dvrk_gravity.planning import (
     PlanLimits,
     load_limits,
@@ -24,7 +24,7 @@ def test_between_points_of_its_grid_a_motion_at_another_pace_exceeds_no_more_tha
     speed: float, begin: float, ramp: float
 ) -> None:
     plan = plan_of("mtmr", seed=5)
-    paced, rows = Paced(plan.motion, speed, begin, ramp), plan.limits.rows
+    paced, rows = PacedMotion(plan.motion, speed, begin, ramp), plan.limits.rows
     for step in (0.005, 0.1):
         times, extra = paced.grid(step, rows)
         assert times[0] == 0.0

@@ -31,7 +31,7 @@ def robots() -> tuple[TorqueModel, Recording, Recording]:
     """A UR5 with the masses of its file, and a model that knows its friction, too."""
     arm = Arm.load(str(UR5))
     world = PlainWorld.of(arm, nominal_inertias(arm))
-    known = TorqueModel.stated(arm).parameters() | {
+    known = TorqueModel.from_arm(arm).parameters() | {
         "coulomb_friction.joint_positive": tuple(world.coulomb.tolist()),
         "coulomb_friction.joint_negative": tuple(world.coulomb.tolist()),
         "viscous_friction.joint": tuple(world.viscous.tolist()),

@@ -58,7 +58,7 @@ def test_a_wide_spread_of_the_other_cause_is_no_evidence_against_it():
     near, wide = (
         replace(between(COLUMNS), other=Prediction.of(gram, size * ROOTS[1])) for size in (1.0, 1e3)
     )
-    assert wide.further(gram)[0] <= near.further(gram)[0]
+    assert wide.expected_evidence(gram)[0] <= near.expected_evidence(gram)[0]
     assert wide.chance(gram) <= near.chance(gram)
 
 

@@ -78,7 +78,7 @@ def test_a_joint_that_turns_needs_no_limits(tmp_path):
 
 def test_the_compensator_asks_for_an_effort_limit_and_says_where_it_belongs(tmp_path):
     path = without_efforts(tmp_path)
-    values = TorqueModel.stated(Arm.load(path)).parameters()
+    values = TorqueModel.from_arm(Arm.load(path)).parameters()
     with pytest.raises(ConfigError) as caught:
         Settings.from_parameters(values)
     said = str(caught.value)
@@ -96,7 +96,7 @@ def test_the_compensator_asks_for_an_effort_limit_and_says_where_it_belongs(tmp_
 def test_a_limit_that_the_file_states_binds_beside_those_that_the_parameter_does(tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(PLAIN.replace('effort="150.0"', 'effort="0"'))
-    values = TorqueModel.stated(Arm.load(path)).parameters()
+    values = TorqueModel.from_arm(Arm.load(path)).parameters()
     settings = Settings.from_parameters(values | {"effort_limit": (100.0,) * 6})
     np.testing.assert_array_equal(settings.limits.joint, [100.0] * 3 + [28.0] * 3)
 
@@ -155,17 +155,17 @@ DOUBTED = {
 
 def test_masses_that_no_body_has_are_reported_by_link(tmp_path):
     for case, (was, now, named) in DOUBTED.items():
-        doubts = Arm.load(with_links(tmp_path, was, now)).doubts
+        doubts = Arm.load(with_links(tmp_path, was, now)).warnings
         assert any("upper_arm_link" in line and named in line for line in doubts), case
     for source in (UR5, KINOVA, XARM, PANDA):
-        assert not Arm.load(source).doubts, source
+        assert not Arm.load(source).warnings, source
 
 
 def test_moments_in_a_turned_frame_are_judged_by_the_principal_ones(tmp_path):
     """A rod across: in a frame turned by 45 deg its products are as large as its moments."""
     rod = '<inertia ixx="0.1" ixy="-0.1" ixz="0" iyy="0.1" iyz="0" izz="0.2"/>'
     turned = '<origin xyz="0 0 0" rpy="0 0 0.7853981633974483"/>'
-    assert not Arm.load(with_links(tmp_path, INERTIA, turned + rod)).doubts
+    assert not Arm.load(with_links(tmp_path, INERTIA, turned + rod)).warnings
 
 
 def test_a_simulator_refuses_inertia_by_which_motion_would_take_negative_work(tmp_path):

@@ -19,9 +19,9 @@ from dvrk_gravity.effects import (
     Estimate,
     ReadingErrors,
     SensorEffect,
-    or_extended,
     reading_effect,
     readings,
+    remedy_text,
 )
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import NORMAL_95
@@ -130,7 +130,7 @@ def correct_recordings(
         sentence = f"{recording.source}: {fault.sentence}" if several else fault.sentence
         # Of several recordings each may have been written in another way.
         carried = bool(model.terms) and not several  # without a model nothing is extended
-        remedy = or_extended(fault.remedy, carried, reading=True)
+        remedy = remedy_text(fault.remedy, carried, reading=True)
         faults.append(replace(fault, sentence=sentence, of_one=several, remedy=remedy))
         if not several:
             read = read.after(errors)
@@ -147,7 +147,7 @@ def correct_recordings(
         warnings += decision.warnings
         if decision.coordinates != stated:
             recording = replace(recording, coordinates=decision.coordinates)
-            if given is None and decision.coordinates == model.found_in:
+            if given is None and decision.coordinates == model.detected_coordinates:
                 processing_log.append(
                     f"{decision.reason}, as those that the model was identified from"
                 )

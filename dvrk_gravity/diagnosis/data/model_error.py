@@ -153,7 +153,7 @@ def joints_rubbing_by_load(motion: MeasuredMotion) -> list[int]:
     """Return the joints that :func:`friction_by_load` has a column for, in order."""
     if _calibration(motion) is None:
         return []
-    rubs = motion.moves & motion.arm.rubs & motion.friction.any(axis=0)
+    rubs = motion.moves & motion.arm.has_friction & motion.friction.any(axis=0)
     return [int(joint) for joint in np.flatnonzero(rubs)]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import State, delayed
+from dvrk_gravity.effects import State, delay_signal
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.observation import SMEARED, Observation
 from dvrk_gravity.recording import LowPass
@@ -102,7 +102,7 @@ class MeasuredMotion(Observation):
         return sum(torques, np.zeros(self.q.shape))
 
     @cached_property
-    def acting(self) -> Array:
+    def applied_torque(self) -> Array:
         """(N, n) torque that acts, as wrong readings scale or delay it, N·m.
 
         Of two measurements it is the mean: a column with one's own noise would make that one seem
@@ -133,7 +133,7 @@ class MeasuredMotion(Observation):
             state = replace(state, qd=self.qd @ true, qdd=self.qdd @ true)
         torque = model.torque_at(state) @ errors.effort.T
         torque = np.clip(torque, -errors.limit, errors.limit)
-        return delayed(self, torque, errors.delay) if errors.delay else torque
+        return delay_signal(self, torque, errors.delay) if errors.delay else torque
 
     def _state(self, q: Array) -> State:
         if self.static:
@@ -171,7 +171,7 @@ class MeasuredMotion(Observation):
         """(n,) joints that never move and that friction may hold; none in static poses."""
         if self.static:
             return np.zeros(self.arm.n, dtype=bool)
-        return self.present & ~self.moves & self.arm.rubs
+        return self.present & ~self.moves & self.arm.has_friction
 
     @cached_property
     def speed(self) -> Array:

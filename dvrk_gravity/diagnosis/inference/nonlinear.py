@@ -231,7 +231,7 @@ def relinearised(
             break
         last = now
         # After them comes what no term has, on which no cause acts.
-        terms = uncertainty.moved(motion.model.terms, own_parameters[: uncertainty.size])
+        terms = uncertainty.shift_terms(motion.model.terms, own_parameters[: uncertainty.size])
         moved = replace(motion, model=replace(motion.model, terms=terms))
         beside = replace(motion, model=acting)
         acting_data = data.relinearised(beside, own_parameters)

@@ -177,7 +177,7 @@ def updated(
     before = motion.model.uncertainty
     if before is None:
         return model
-    before = before.of_longer(model.terms)
+    before = before.extended_to(model.terms)
     mean, covariance = validation.posterior(named)
     variance, vectors = np.linalg.eigh(covariance)
     spread = vectors * np.sqrt(np.maximum(variance, 0.0))
@@ -210,7 +210,7 @@ def updated(
                     deviations[name] = deviations.get(name, empty) + np.outer(slope, row)
     terms = tuple(
         within
-        for term in before.moved(model.terms, own_parameters)
+        for term in before.shift_terms(model.terms, own_parameters)
         if (within := _clipped(term, model) if term.NAME in before.deviations else term) is not None
     )
     moved = replace(
@@ -298,7 +298,7 @@ def _within(
     mean = unconstrained
     for _ in range(len(unconstrained)):
         new = False
-        for term, moved in zip(model.terms, before.moved(model.terms, mean), strict=True):
+        for term, moved in zip(model.terms, before.shift_terms(model.terms, mean), strict=True):
             change = before.deviations.get(term.NAME)
             if change is None or not isinstance(term, LinearTerm):
                 continue

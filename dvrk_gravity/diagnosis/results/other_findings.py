@@ -31,7 +31,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Known,
     PayloadCheck,
 )
-from dvrk_gravity.effects import Estimate, Kind, is_friction, or_extended, unexplained
+from dvrk_gravity.effects import Estimate, Kind, is_friction, remedy_text, unexplained
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.parameters import FRICTION_RATIO
@@ -155,7 +155,7 @@ def reading_finding(wrong: WrongReading, before: Array, after: Array, held_out: 
         sentence=sentences.wrong_reading(reading.words, gain.relative, names[joints[0]]),
         picture=None,
         left_out="" if carried else NO_TERM,
-        remedy=or_extended(reading.remedy, carried, reading=True),
+        remedy=remedy_text(reading.remedy, carried, reading=True),
     )
 
 

@@ -322,7 +322,7 @@ def why_exact(model: TorqueModel) -> str:
     """Return why a model is taken as exact; ``""`` if it states its uncertainty."""
     if model.uncertainty is not None:
         return ""
-    return model.unsure or "it states no uncertainty"
+    return model.why_no_uncertainty or "it states no uncertainty"
 
 
 def unfit_model(model: TorqueModel) -> str:
@@ -401,7 +401,7 @@ def _certainty(data: FilteredData) -> str:
     if not data.expectation.predicts:
         return "the reference's efforts at the same phase were used in place of a model's torques"
     if model.uncertainty is None:
-        why = f" ({model.unsure})" if model.unsure else ""
+        why = f" ({model.why_no_uncertainty})" if model.why_no_uncertainty else ""
         return (
             f"the model states no uncertainty{why}: its parameters were taken as exact and, where "
             "much error remained, as free as links plausibly weigh (their prior in "

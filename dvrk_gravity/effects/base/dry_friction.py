@@ -108,7 +108,7 @@ class DryFriction(Friction):
         return np.array([self.joint_displacement, self.motor_displacement])
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether it builds up anywhere."""
         return bool(self._builds_up.any())
 
@@ -126,7 +126,7 @@ class DryFriction(Friction):
         (N, 0) where nothing builds up.
         """
         known = velocities(self.arm, state)
-        if not self.remembers:
+        if not self.has_memory:
             return np.zeros((len(state.q), 0))
         found = np.zeros((len(state.q), len(self._builds_up)))
         if known is None or state.direction is not None:
@@ -177,7 +177,7 @@ class DryFriction(Friction):
 
     # Identified.
     @classmethod
-    def several(cls, term: DryFriction, basis: Array) -> Unknowns:
+    def for_settings(cls, term: DryFriction, basis: Array) -> Unknowns:
         """Return the unknowns of a term, its levels zero, for each of the settings.
 
         Args:
@@ -256,7 +256,7 @@ class SettingUnknowns(Unknowns):
 
     def _split(self, memory: Array) -> list[Array]:
         """Return each setting's part of (…, m) memory."""
-        sizes = [2 * self.term.arm.n * term.remembers for term in self._terms]
+        sizes = [2 * self.term.arm.n * term.has_memory for term in self._terms]
         return np.split(memory, np.cumsum(sizes)[:-1], axis=-1)
 
     def memory(self, state: State, before: Array | None = None) -> Array:

@@ -99,8 +99,8 @@ class Effect(ABC):
         yield from ()
 
     @classmethod
-    def tracked(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Yield what a history of an arm follows: of the same form in every recording of it.
+    def history_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Yield the hypotheses that an arm's history follows, of one form in every recording.
 
         By default what :meth:`unit_changes` asks about, each hypothesis once.
         """
@@ -111,12 +111,12 @@ class Effect(ABC):
                 yield hypothesis
 
     @classmethod
-    def watched(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Yield what may have changed while an arm is monitored.
+    def monitor_hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Yield the hypotheses that a monitor tests while an arm moves.
 
-        By default what :meth:`tracked` follows.
+        By default what :meth:`history_hypotheses` follows.
         """
-        yield from cls.tracked(motion)
+        yield from cls.history_hypotheses(motion)
 
     @classmethod
     def search_basis(cls, data: Filtered) -> Any:
@@ -312,7 +312,7 @@ class Hypothesis(ABC):
         return True
 
     def clamped(self, theta: Array) -> Hypothesis | None:
-        """Return it at the nearest likely settings, if those of (k,) theta are not plausible."""
+        """Return the hypothesis at the nearest typical settings, if (k,) theta is not plausible."""
         return None
 
     @property
@@ -332,7 +332,7 @@ class Hypothesis(ABC):
 
     # How its settings are found.
     def relinearised(self, theta: Array) -> Hypothesis:
-        """Return it with its :attr:`fixed_point` settings at the values that theta implies."""
+        """Return the hypothesis with its :attr:`fixed_point` settings as (k,) theta implies."""
         if not self.fixed_point:
             return self
         found = self.parameters(theta)
@@ -460,7 +460,7 @@ class Hypothesis(ABC):
     def remedy(self, carried: bool) -> str:
         """Return what to do about it, in one line; ``carried``: the extended model has it."""
         joint = self.names[0] if self.names else self.site.words(self.arm)
-        return or_extended(
+        return remedy_text(
             self.EFFECT.REMEDY.format(joint=joint), carried, self.EFFECT.READS_WRONGLY
         )
 
@@ -471,7 +471,7 @@ class Hypothesis(ABC):
         return f"{self.effect} at {where}{detail}"
 
 
-def or_extended(what: str, carried: bool, reading: bool = False) -> str:
+def remedy_text(what: str, carried: bool, reading: bool = False) -> str:
     """Return a remedy, with the extended model as the alternative where that has the effect."""
     does = "reads recordings correctly in spite of it" if reading else "has it"
     model = f"use the extended model, which {does}" if carried else ""

@@ -12,7 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Range, Values, diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.column import ColumnTable, SearchMove
-from dvrk_gravity.effects.base.effect import Hypothesis, or_extended
+from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import Estimate, Words
 from dvrk_gravity.effects.base.motion import Motion, State
@@ -205,7 +205,7 @@ class AllFriction(Hypothesis):
 
     @classmethod
     def of(cls, motion: Motion) -> Iterator[AllFriction]:
-        """Yield it for an identified model with friction at several joints: as one, and by kind."""
+        """Yield hypotheses on all friction of an identified model: one factor, and one by kind."""
         rubs = np.flatnonzero(motion.friction.any(axis=0)).tolist()
         if motion.static or motion.model.of_file or len(rubs) < 2:
             return
@@ -255,7 +255,7 @@ class AllFriction(Hypothesis):
         return f"there is {kinds} than in {self.against}"
 
     def remedy(self, carried: bool) -> str:
-        return or_extended(
+        return remedy_text(
             "if the arm is as warm as it was, look at what all joints share", carried
         )
 

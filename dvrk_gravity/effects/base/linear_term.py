@@ -166,7 +166,7 @@ class Unknowns:
     basis: Array | None = None
 
     def at(self, sites: Collection[Site]) -> Unknowns:
-        """Return those at some sites; what is elsewhere stays zero."""
+        """Return the unknowns at some sites; coefficients elsewhere stay zero."""
         kept = [i for i, column in enumerate(self.columns) if column.site in sites]
         basis = np.eye(len(self.columns)) if self.basis is None else self.basis
         return Unknowns(self.term, tuple(self.columns[i] for i in kept), basis[:, kept])

@@ -85,17 +85,19 @@ def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
     """
     scale = prior_scale(arm)
     scale[list(absent)] = 0.0
-    return _that_act(rigid_body.regressor(arm, *samples(arm), arm.gravity), scale)
+    return _identifiable_combinations(rigid_body.regressor(arm, *samples(arm), arm.gravity), scale)
 
 
 @lru_cache(maxsize=8)
 def weight_directions(arm: Arm) -> Array:
     """Return (4 bodies, b): as :func:`base_directions`, of masses and first moments at rest."""
     scale = prior_scale(arm).reshape(len(arm.bodies), -1)[:, : rigid_body.OF_WEIGHT].ravel()
-    return _that_act(rigid_body.weight_regressor(arm, samples(arm)[0], arm.gravity), scale)
+    return _identifiable_combinations(
+        rigid_body.weight_regressor(arm, samples(arm)[0], arm.gravity), scale
+    )
 
 
-def _that_act(regressor: Array, scale: Array) -> Array:
+def _identifiable_combinations(regressor: Array, scale: Array) -> Array:
     """Return (p, b) combinations, of unit prior size, of the parameters that a regressor shows."""
     from scipy.linalg import qr
 
@@ -107,7 +109,7 @@ def _that_act(regressor: Array, scale: Array) -> Array:
 
 
 @lru_cache(maxsize=8)
-def rotors_beside_links(arm: Arm) -> tuple[int, ...]:
+def separable_rotors(arm: Arm) -> tuple[int, ...]:
     """Return the motors whose rotors' torque is none that links could have.
 
     The others' inertia is a part of a link's, as far as torque can show.
@@ -118,8 +120,8 @@ def rotors_beside_links(arm: Arm) -> tuple[int, ...]:
     found = []
     for motor, row in enumerate(arm.joint_to_actuator):
         torque = np.outer(qdd @ row, row).ravel()
-        beside = torque - basis @ (basis.T @ torque)
-        if np.linalg.norm(beside) > _RANK * np.linalg.norm(torque):
+        unexplained = torque - basis @ (basis.T @ torque)
+        if np.linalg.norm(unexplained) > _RANK * np.linalg.norm(torque):
             found.append(motor)
     return tuple(found)
 

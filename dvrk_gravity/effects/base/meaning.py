@@ -55,7 +55,7 @@ class Estimate:
         return Estimate(-self.value, -self.high, -self.low, self.unit)
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as findings.json and the monitor's events have it."""
+        """Return value, interval and unit as findings.json and the monitor's events have them."""
         known = not math.isnan(self.low)
         ci95 = [self.low, self.high] if known else None
         return {"value": self.value, "ci95": ci95, "unit": self.unit}
@@ -105,7 +105,7 @@ class Meaning:
         """Whether it is positive by its nature."""
         return self.least >= 0.0
 
-    def doubts(self, estimate: Estimate) -> bool:
+    def is_hedged(self, estimate: Estimate) -> bool:
         """Return whether an estimate is shown with `perhaps`: its interval holds the neutral value.
 
         Not one that is shown as so many times, as any angle, or without a sign.
@@ -129,7 +129,7 @@ class Meaning:
             return "any angle"
         if self.senses is not None:
             return estimate.signed(self.senses)
-        return f"perhaps {estimate.shown}" if self.doubts(estimate) else estimate.shown
+        return f"perhaps {estimate.shown}" if self.is_hedged(estimate) else estimate.shown
 
 
 class Words:
@@ -154,7 +154,7 @@ class Words:
         if name not in self._estimates:
             return self._plain[name]
         meaning, estimate = self._meaning(name), self._estimates[name]
-        self.hedged |= meaning.doubts(estimate)
+        self.hedged |= meaning.is_hedged(estimate)
         return meaning.in_words(estimate)
 
     def __contains__(self, name: str) -> bool:

@@ -90,7 +90,7 @@ class Motion(Protocol):
         true_q: (N, n) positions corrected by the model's encoder zeros.
         modelled: (N, n) torque of the model.
         friction: (N, n) torque of the model's friction.
-        acting: (N, n) torque that acts: the model's, or the mean of both recordings.
+        applied_torque: (N, n) torque that acts: the model's, or the mean of both recordings.
         slope: (N, n, n) derivative of the modelled torque [:, joint, by position of].
         travel: (n,) middle of each joint's range in the motion, and half its width.
         moves: (n,) which joints move enough to identify anything.
@@ -136,7 +136,7 @@ class Motion(Protocol):
     @property
     def friction(self) -> Array: ...
     @property
-    def acting(self) -> Array: ...
+    def applied_torque(self) -> Array: ...
     @property
     def slope(self) -> Array: ...
     @property

@@ -59,12 +59,12 @@ def terms() -> tuple[type[Term], ...]:
 
 def stated_terms(arm: Arm) -> tuple[Term, ...]:
     """Return the terms that an arm's own file states."""
-    return tuple(term for effect in terms() if (term := effect.stated(arm)) is not None)
+    return tuple(term for effect in terms() if (term := effect.from_arm(arm)) is not None)
 
 
 def stated_weight(arm: Arm, q: Array) -> Array | None:
     """Return (…, n) efforts that hold the masses in an arm's file; ``None`` if it states none."""
-    weights = (effect.stated(arm) for effect in terms() if effect.WEIGHT_OF_ARM)
+    weights = (effect.from_arm(arm) for effect in terms() if effect.WEIGHT_OF_ARM)
     weight = next((term for term in weights if term is not None), None)
     return None if weight is None else weight.torque(State.of(q))
 

@@ -45,7 +45,7 @@ class SensorEffect(Effect):
         """Return the values that :meth:`read` would take; none where it is not among the errors."""
 
     @classmethod
-    def misleads(cls, arm: Arm, errors: ReadingErrors) -> bool:
+    def invalidates_commands(cls, arm: Arm, errors: ReadingErrors) -> bool:
         """Return whether a command that rests on the live readings would be wrong by it."""
         return bool(cls.written(arm, errors))
 

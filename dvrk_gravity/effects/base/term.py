@@ -196,7 +196,7 @@ class Term(Effect):
         return None
 
     @classmethod
-    def stated(cls, arm: Arm) -> Term | None:
+    def from_arm(cls, arm: Arm) -> Term | None:
         """Return the term that the arm's own file states."""
         return None
 

@@ -190,14 +190,14 @@ def model_uncertainty(
     def coefficients(at: Array) -> dict[str, Array]:
         return coefficients_of(columns.terms(at))
 
-    here, kinematics = coefficients(theta), columns.corrected(theta)
+    here, kinematics = coefficients(theta), columns.corrected_kinematics(theta)
     there = [coefficients(theta + change) for change in whole.T]
-    moved = [columns.corrected(theta + change) for change in whole.T]
+    moved = [columns.corrected_kinematics(theta + change) for change in whole.T]
     arm = columns.arm
-    zeros, base = kinematics.offset + np.zeros(arm.n), kinematics.mounted(arm).gravity
+    zeros, base = kinematics.offset + np.zeros(arm.n), kinematics.mount(arm).gravity
     own = coefficients_of(model.terms)
     offset = [calibration.offset - zeros for calibration in moved]
-    gravity = [calibration.mounted(arm).gravity - base for calibration in moved]
+    gravity = [calibration.mount(arm).gravity - base for calibration in moved]
     return ModelUncertainty(
         coefficients={name: own[name] for name in here},
         deviations=_deviations(here, there),

@@ -89,7 +89,7 @@ def held_weights(
     size, found = np.sqrt(np.mean(weight**2, axis=0)), np.sqrt(np.mean(held**2, axis=0))
     counts = bears_weight(size, arm)
     scale = arm.effort_size if arm.read_in == ANY_UNIT else 1.0
-    known = arm.newtons_said or arm.read_in not in ("", ANY_UNIT)
+    known = arm.newtons_stated or arm.read_in not in ("", ANY_UNIT)
     loaded = np.zeros(arm.n, dtype=bool)
     if stated and scale == 1.0:  # no load makes four times the weight of all joints
         loaded = _by_load(arm, q, held, weight)
@@ -118,7 +118,7 @@ def idle(arm: Arm, q: Array, static: bool) -> Mask:
         weight = np.sqrt((each**2).sum(axis=2))
     light = ~bears_weight(np.sqrt(np.mean(weight**2, axis=0)), arm)
     if not static:
-        return np.asarray(light & ~arm.rubs)
+        return np.asarray(light & ~arm.has_friction)
     return np.asarray(light | (np.ptp(q, axis=0) < NARROW * arm.scale))
 
 

@@ -59,7 +59,7 @@ from dvrk_gravity.identification.trajectories.problem import (
     with_loads,
 )
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection
-from dvrk_gravity.model import Columns, TorqueModel, starts
+from dvrk_gravity.model import Columns, TorqueModel, search_starts
 from dvrk_gravity.observation import (
     Design,
     Observation,
@@ -154,7 +154,7 @@ def fit_dynamic(
     limited = effects is not None and form is Columns
     with_all = problem if limited else None  # its regressor is large
     problem, chosen = choose(
-        problem, starts(problem.design.columns, effects),
+        problem, search_starts(problem.design.columns, effects),
         lambda share: report("choice of terms", share),
     )  # fmt: skip
     problem, chosen = with_loads(problem, chosen, parts)
@@ -324,7 +324,7 @@ def _with_all_terms(problem: Problem, own: KnownError, report: Report) -> KnownE
     free = replace(problem, selection=replace(problem.selection, effects=None, choices=[]))
     columns = problem.design.columns
     free, chosen = choose(
-        free, starts(columns), lambda share: report("what all terms would leave", share)
+        free, search_starts(columns), lambda share: report("what all terms would leave", share)
     )
     blind = _held_out(free.design, free.folds, free.selection, chosen, physical=False)
     error = known_error(free.design, blind, own.band)
@@ -350,7 +350,7 @@ def how_validated(folds: Folds) -> str:
 def _model(columns: Columns, theta: Array, links: Array | None) -> TorqueModel:
     declared = node_parameters(columns.arm)
     node = {name: declared[name].default for name in _SHOWN}
-    offset = columns.corrected(theta).offset
+    offset = columns.corrected_kinematics(theta).offset
     return TorqueModel(columns.arm, columns.terms(theta, links), node, joint_offset=offset)
 
 

@@ -24,7 +24,7 @@ from dvrk_gravity.model import (
     KinematicCalibration,
     kinematic_columns,
     offset_joints,
-    starts,
+    search_starts,
 )
 from dvrk_gravity.observation import Observation, build_design
 
@@ -78,7 +78,9 @@ def calibrate(
     around, found = _converged(around, found, motions, ROUGH_TOLERANCE)
     columns = around.design.columns
     moved = [i for i in found if i in columns.kinematic]
-    plain = [sorted({*initial, *moved}) for initial in starts(columns, around.selection.effects)]
+    plain = [
+        sorted({*initial, *moved}) for initial in search_starts(columns, around.selection.effects)
+    ]
     around.selection.choices = [choice for choice in (*assumed.choices, *choices) if choice.kept]
     around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
     chosen_again = around.selection.choices
@@ -113,7 +115,7 @@ def _calibration(problem: Problem, chosen: Sequence[int], fitted: Array) -> Kine
     columns = problem.design.columns
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = fitted
-    return columns.corrected(theta)
+    return columns.corrected_kinematics(theta)
 
 
 def _moved(

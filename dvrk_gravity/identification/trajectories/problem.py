@@ -63,7 +63,7 @@ class FileColumns(Columns):
 
     def offers(self, column: Column) -> bool:
         """Whether the file has such a column."""
-        own = next((t for t in self.terms_looked_for if column.effect == t.NAME), None)
+        own = next((t for t in self.candidate_terms if column.effect == t.NAME), None)
         return (own is None or own.in_file(self.FORM, column)) and super().offers(column)
 
 
@@ -101,7 +101,7 @@ class ConsoleColumns(FileColumns):
 
     def offers(self, column: Column) -> bool:
         """Whether the console has such a column at rest."""
-        if any(term.POWERS and column.effect == term.NAME for term in self.terms_looked_for):
+        if any(term.POWERS and column.effect == term.NAME for term in self.candidate_terms):
             return column.index < N_POWERS and column.joint < N_POLYNOMIALS
         return super().offers(column)
 
@@ -311,7 +311,7 @@ def _with_loads(
     theta = np.zeros(len(columns.columns))
     theta[chosen] = solved(problem, chosen).theta
     columns = columns.with_terms(columns.terms(theta))
-    new = columns.of_others
+    new = columns.load_dependent
     if not any(selection.allowed(columns.columns[index].effect) for index in new):
         return problem, chosen
     x = design.x.copy()

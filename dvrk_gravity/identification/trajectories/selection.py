@@ -270,7 +270,7 @@ class ColumnSelection:
 
 
 def _moves_of_others(columns: Columns, inside: set[int]) -> Iterator[SearchMove]:
-    for term in columns.terms_looked_for:
+    for term in columns.candidate_terms:
         if term.OF_OTHERS:
             yield from term.moves(columns, inside)
 

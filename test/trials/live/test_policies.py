@@ -8,7 +8,7 @@ from arm_side import PATIENT
 from std_msgs.msg import Float64MultiArray
 from support import CONFIG, MODEL_FILE
 
-from dvrk_gravity.ros import PRIVATE, UNHEARD, Client, NodeProcess, OperatingState
+from dvrk_gravity.ros import PRIVATE, UNREADABLE, Client, NodeProcess, OperatingState
 
 ACCESS = {"topics": ("publish", "subscribe"), "services": ("reply", "request")}
 NODES = {
@@ -18,7 +18,7 @@ NODES = {
 }
 POLICIES = {"servo_jf": ("mtml", "/MTML"), "array": ("effort_controller", "/ARM")}
 # Whose types come with the dVRK's workspace: not subscribed to without it.
-OF_THE_WORKSPACE = {*UNHEARD, *(() if OperatingState else ("operating_state",))}
+OF_THE_WORKSPACE = {*UNREADABLE, *(() if OperatingState else ("operating_state",))}
 
 
 def allowed(policy: str, node: str) -> dict[str, set[str]]:

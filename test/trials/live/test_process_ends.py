@@ -11,7 +11,7 @@ import threading
 import pytest
 from running import commanding
 
-from dvrk_gravity.ros import kept_awake, private_domain
+from dvrk_gravity.ros import keep_awake, private_domain
 
 # Takes a while to leave in order, and is sent the signal again meanwhile.
 ENDING = """
@@ -76,7 +76,7 @@ def test_an_executor_that_waits_is_woken_again_and_again():
         def wake(self) -> None:
             woken.release()
 
-    with kept_awake(Executor()):
+    with keep_awake(Executor()):
         assert all(woken.acquire(timeout=15.0) for _ in range(3))
 
 

@@ -48,7 +48,7 @@ class DrawSettings:
     noise: float = 0.003
 
 
-def drawn_arm(plant: PlantFile, seed: int, settings: DrawSettings | None = None) -> PlantFile:
+def draw_arm(plant: PlantFile, seed: int, settings: DrawSettings | None = None) -> PlantFile:
     """Return a plant with other masses, friction, zeros of joints and mounting, and with cables.
 
     Cables and springs of the plant are replaced: polynomials of a higher degree, as a console has
@@ -67,9 +67,9 @@ def drawn_arm(plant: PlantFile, seed: int, settings: DrawSettings | None = None)
             plant.links.items(), random.uniform(*of.mass, len(plant.links)), strict=True
         )
     }
-    vector = _tilted(arm, of.tilt * random.standard_normal(2))
+    vector = _tilted_gravity(arm, of.tilt * random.standard_normal(2))
     terms = (
-        *(_drawn(term, arm, links, vector, random, of) for term in _kept(plant, of)),
+        *(_draw_term(term, arm, links, vector, random, of) for term in _kept_terms(plant, of)),
         *(each for effect in effect_terms() if (each := effect.drawn(arm, random, of.cable))),
     )
     offset = of.zero * arm.scale * random.standard_normal(arm.n)
@@ -82,12 +82,12 @@ def drawn_arm(plant: PlantFile, seed: int, settings: DrawSettings | None = None)
     return PlantFile(model, links, rotors, sensors, f"{plant.source}, with errors of seed {seed}")
 
 
-def _tilted(arm: Arm, angles: Array) -> Array:
+def _tilted_gravity(arm: Arm, angles: Array) -> Array:
     roll, pitch, yaw = arm.base_rpy
     return gravity_in_base(roll + float(angles[0]), pitch + float(angles[1]), yaw)
 
 
-def _kept(plant: PlantFile, of: DrawSettings) -> list[Term]:
+def _kept_terms(plant: PlantFile, of: DrawSettings) -> list[Term]:
     """Return friction, which every joint has, weight and loads."""
     arm, model = plant.model.arm, plant.model
     friction = [term for term in model.terms if term.FRICTION]
@@ -102,7 +102,7 @@ def _kept(plant: PlantFile, of: DrawSettings) -> list[Term]:
     return [*friction, *(each.scaled(without) for each in usual), *loads]
 
 
-def _drawn(
+def _draw_term(
     term: Term, arm: Arm, links: Mapping[str, pin.Inertia], vector: Array,
     random: np.random.Generator, of: DrawSettings,
 ) -> Term:  # fmt: skip

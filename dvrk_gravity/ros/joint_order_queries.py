@@ -11,8 +11,8 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
-from dvrk_gravity.compensate import Takers
-from dvrk_gravity.ros.others import Endpoints
+from dvrk_gravity.compensate import CommandSubscribers
+from dvrk_gravity.ros.foreign_commands import Endpoints
 
 JOINTS = "joints"
 """The parameter in which controllers of ros2_control list their joints, in their order."""
@@ -21,7 +21,7 @@ JOINTS = "joints"
 _AGAIN = 0.5
 
 
-class AskedTakers:
+class JointOrderQueries:
     """Knows in which order of joints the subscribers to a command topic take efforts.
 
     Questions are sent and answers fetched without waiting: see :meth:`look`.
@@ -43,35 +43,35 @@ class AskedTakers:
         self._subscriptions = Endpoints(
             topic, node.count_subscribers, node.get_subscriptions_info_by_topic
         )
-        self._takers = Takers(topic, order, stated)
+        self._subscribers = CommandSubscribers(topic, order, stated)
         # Clients, the questions that they have sent, and when.
-        self._asked: dict[bytes, tuple[Any, Any, float]] = {}
+        self._queries: dict[bytes, tuple[Any, Any, float]] = {}
 
     def look(self, active: bool) -> str:
         """Return why the arm must not be commanded, ``""``: it may; to be called now and then."""
         now = time.monotonic()
-        apart = {self._node.get_fully_qualified_name(), *self._watchdogs()}
+        excluded = {self._node.get_fully_qualified_name(), *self._watchdogs()}
         found = self._subscriptions.nodes(seldom=active).items()
-        self._takers.look({each: name for each, name in found if name not in apart}, now)
-        for taker in self._asked.keys() - self._takers.unanswered().keys():
-            self._forget(taker)
-        for taker, name in self._takers.to_ask(now).items():
-            self._ask(taker, name, now)
-        return self._takers.obstacle(now, active)
+        self._subscribers.look({each: name for each, name in found if name not in excluded}, now)
+        for subscriber in self._queries.keys() - self._subscribers.unanswered().keys():
+            self._forget(subscriber)
+        for subscriber, name in self._subscribers.due_questions(now).items():
+            self._ask(subscriber, name, now)
+        return self._subscribers.obstacle(now, active)
 
-    def _ask(self, taker: bytes, name: str, now: float) -> None:
-        if taker not in self._asked:
+    def _ask(self, subscriber: bytes, name: str, now: float) -> None:
+        if subscriber not in self._queries:
             client = self._node.create_client(GetParameters, f"{name}/get_parameters")
-            self._asked[taker] = client, None, -math.inf
-        client, question, sent = self._asked[taker]
+            self._queries[subscriber] = client, None, -math.inf
+        client, question, sent = self._queries[subscriber]
         if question is not None and question.done():
             values = question.result().values  # none: it has no such parameter
             listed = [v for v in values if v.type == ParameterType.PARAMETER_STRING_ARRAY]
-            self._takers.answer(taker, listed[0].string_array_value if listed else ())
-            self._forget(taker)
+            self._subscribers.answer(subscriber, listed[0].string_array_value if listed else ())
+            self._forget(subscriber)
         elif now - sent > _AGAIN and client.service_is_ready():
             question = client.call_async(GetParameters.Request(names=[JOINTS]))
-            self._asked[taker] = client, question, now
+            self._queries[subscriber] = client, question, now
 
-    def _forget(self, taker: bytes) -> None:
-        self._node.destroy_client(self._asked.pop(taker)[0])
+    def _forget(self, subscriber: bytes) -> None:
+        self._node.destroy_client(self._queries.pop(subscriber)[0])

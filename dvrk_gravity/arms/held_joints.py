@@ -16,7 +16,7 @@ from dvrk_gravity.errors import ConfigError
 STAYS = 0.02
 
 
-def holding(arm: Description, where: Mapping[str, float]) -> Description:
+def hold_joints(arm: Description, where: Mapping[str, float]) -> Description:
     """Return an arm without the joints that are held.
 
     Args:
@@ -67,8 +67,8 @@ def holding(arm: Description, where: Mapping[str, float]) -> Description:
     )
 
 
-def beyond(arm: Description, recorded: tuple[str, ...]) -> dict[str, float] | None:
-    """Return where joints are held that were not recorded, if they lie beyond those that were.
+def distal_held_joints(arm: Description, recorded: tuple[str, ...]) -> dict[str, float] | None:
+    """Return positions, rad or m, of unrecorded joints that lie beyond all recorded ones.
 
     At zero, or at the limit next to it. ``None`` if a recorded joint is carried by one that was
     not: its orientation is unknown then.

@@ -18,7 +18,7 @@ _BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass
-class Planned:
+class FleetPlan:
     """What is to be done of a fleet.
 
     Attributes:
@@ -35,7 +35,7 @@ class Planned:
     @classmethod
     def of(
         cls, manifest: Manifest, store: Store, report: Callable[[int], None] = lambda arms: None
-    ) -> Planned:
+    ) -> FleetPlan:
         """Look at every recording of a manifest: name, size and date, and no more.
 
         Args:
@@ -75,8 +75,8 @@ class Planned:
             if serial not in self._models:
                 yield serial, deque(unit for unit in units if not self.store.has(unit))
 
-    def against_models(self) -> Iterator[Unit]:
-        """Yield what is left to be compared with a model, arm by arm."""
+    def pending_comparisons(self) -> Iterator[Unit]:
+        """Yield recordings still to be compared with a model, arm by arm."""
         for serial, units in self.units.items():
             if serial not in self._models:
                 continue
@@ -92,7 +92,7 @@ class Planned:
 
 def _unit(arm: ArmEntry, name: str) -> Unit:
     if is_url(name):
-        size, modified = remote.described(name)
+        size, modified = remote.file_info(name)
         named = date_in(name)
         date = named or modified or _BEGINNING
         stamp = int(modified.timestamp() * 1e9) if modified else 0

@@ -20,7 +20,7 @@ REPLAYED_MEASURED = "replay/measured_js"
 REPLAYED_COMMANDS = "replay/servo_jf"
 
 
-class Unsupervised(Supervisor):
+class BareModelSupervisor(Supervisor):
     """Answers every readable sample with the bare model: no limit, ramp, time-out or check."""
 
     def __init__(self, settings: Settings) -> None:
@@ -40,11 +40,11 @@ class Unsupervised(Supervisor):
         return True
 
 
-class Replayed(Compensator):
+class ReplayCompensator(Compensator):
     """The compensator's path from message to message, with the bare model in between."""
 
     def _supervise(self, settings: Settings) -> Supervisor:
-        return Unsupervised(settings)
+        return BareModelSupervisor(settings)
 
     def _command_topic(self) -> CommandTopic:
         return CommandTopic(REPLAYED_COMMANDS, as_array=False)
@@ -70,8 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
-    return runtime.spin(Replayed, arguments.ros_args)
+    return runtime.spin(ReplayCompensator, arguments.ros_args)
 
 
 if __name__ == "__main__":
-    sys.exit(command_line.run("dvrk_gravity.ros.replayed"))
+    sys.exit(command_line.run("dvrk_gravity.ros.replay_node"))

@@ -27,7 +27,7 @@ _GAIN = OTHER_MOTION**2
 _CONSTANT = 0.7  # of a torque's power, from which on it may be a push. Chosen
 # Samples, of moments at which any torque may act: a third of a second to two.
 _LENGTHS = (4, 8, 16, 25)
-LONGEST_MOMENT = max(_LENGTHS)
+LONGEST_TRANSIENT = max(_LENGTHS)
 _APART = 3  # samples between two such moments
 # Of the mean square of errors as they are known, below which none is believed: .3 where a model's
 # known error is that of another motion, and what it lacks is fitted. Chosen.
@@ -57,8 +57,8 @@ class Limits:
     of_pushes: Array = field(default_factory=lambda: np.zeros(1))
     level: Array = field(default_factory=lambda: np.ones(1))
 
-    def usual(self, columns: Array) -> float:
-        """Return what the gain of (m, n, k) whitened columns is usually, over that of known errors.
+    def typical_gain(self, columns: Array) -> float:
+        """Return the mean gain of (m, n, k) whitened columns without a change, over that expected.
 
         By the joints at which they act: of several parameters the largest.
         """
@@ -66,7 +66,7 @@ class Limits:
         share = power / np.maximum(power.sum(axis=0), 1e-300)
         return float(np.sum(self.level[:, None] * share, axis=0).max())
 
-    def cause(self, hypothesis: Hypothesis, k: int, count: int, usual: float) -> float:
+    def cause_limit(self, hypothesis: Hypothesis, k: int, count: int, usual: float) -> float:
         """Return the gain from which on one of so many causes of k parameters is there.
 
         Args:
@@ -78,7 +78,7 @@ class Limits:
         chance = float(chi2.isf(self.false_alarms / count, k))
         return max(chance * usual, _GAIN * self.of_causes.get(hypothesis.key, 0.0))
 
-    def push(self, gain: Array, usual: Array, largest: Array) -> Array:
+    def push_limit(self, gain: Array, usual: Array, largest: Array) -> Array:
         """Return (p, n + 1) limits from which on one of as many gains of moments is no chance.
 
         Args:
@@ -91,7 +91,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class ChangeCandidate:
     """A cause beside the residual of some last seconds.
 
     Attributes:
@@ -100,7 +100,7 @@ class Trial:
         since: When it begins, s.
         first: Index of the first sample that has something of it.
         limit: Gain from which on it is there.
-        usual: Its gain where nothing happens, over that of known errors.
+        typical_gain: Its gain where nothing happens, over that of known errors.
         columns: (m, n, k) whitened torque in all samples.
         test: That gave the evidence.
     """
@@ -110,7 +110,7 @@ class Trial:
     since: float
     first: int
     limit: float
-    usual: float
+    typical_gain: float
     columns: Array
     test: ChangeTest
 
@@ -120,7 +120,7 @@ class Trial:
         return self.evidence.gain - self.limit
 
     @cached_property
-    def _begun(self) -> Array:
+    def _active_columns(self) -> Array:
         """(m, n, k) columns from its first sample on, zero before."""
         acts = np.arange(len(self.columns)) >= self.first
         return np.where(acts[:, None, None], self.columns, 0.0)
@@ -128,23 +128,23 @@ class Trial:
     @cached_property
     def torque(self) -> Array:
         """(m, n) whitened torque of the estimate."""
-        return np.asarray(self._begun @ self.evidence.theta)
+        return np.asarray(self._active_columns @ self.evidence.theta)
 
-    def possible(self, window: Window) -> Trial | None:
-        """Return it, or as it is at the nearest likely setting; ``None``: neither is possible."""
+    def plausible_fit(self, window: Window) -> ChangeCandidate | None:
+        """Return it if plausible, else refitted at the nearest plausible setting, or ``None``."""
         theta = self.evidence.theta
         if self.hypothesis.plausible(theta):
             return self
         hypothesis = self.hypothesis.clamped(theta)
         if hypothesis is None:
             return None
-        columns = window.white(window.columns(hypothesis))
-        return replace(self, hypothesis=hypothesis, columns=columns)._fitted()
+        columns = window.whiten(window.columns(hypothesis))
+        return replace(self, hypothesis=hypothesis, columns=columns)._refit()
 
-    def _fitted(self) -> Trial | None:
-        """Return it with what the samples say of its columns; ``None``: that is impossible."""
+    def _refit(self) -> ChangeCandidate | None:
+        """Return the candidate with parameters fitted again; ``None``: they are not plausible."""
         prior = prior_precision(self.hypothesis, self.columns.shape[2])
-        evidence = self.test.evidence(self._begun, prior)
+        evidence = self.test.evidence(self._active_columns, prior)
         if not self.hypothesis.plausible(evidence.theta):
             return None
         return replace(self, evidence=evidence)
@@ -156,15 +156,15 @@ class Trial:
             return self.since
         for reach, step in ((1.0, window.step), (window.step, 0.25 * window.step)):
             around = found.since + np.arange(-reach, reach, step)
-            begun = [self.begun(since, window) for since in around.tolist()]
+            begun = [self.refit_from(since, window) for since in around.tolist()]
             found = likeliest([found, *(each for each in begun if each is not None)])
         return found.since
 
-    def begun(self, since: float, window: Window) -> Trial | None:
-        """Return it as it begins at a time, s; ``None``: what it then would be is impossible."""
-        columns = window.white(window.columns(self.hypothesis, since))
+    def refit_from(self, since: float, window: Window) -> ChangeCandidate | None:
+        """Return the candidate refitted for an onset, s; ``None``: the fit is not plausible."""
+        columns = window.whiten(window.columns(self.hypothesis, since))
         first = int(np.searchsorted(window.ends, since, "right"))
-        return replace(self, since=since, first=first, columns=columns)._fitted()
+        return replace(self, since=since, first=first, columns=columns)._refit()
 
     def size(self, window: Window) -> float:
         """Return its RMS torque while it acts, over the errors', at the joint where it is most."""
@@ -172,9 +172,9 @@ class Trial:
         acts = np.any(torque != 0.0, axis=1)
         return float((np.sqrt(np.mean(torque[acts] ** 2, axis=0)) / window.error).max())
 
-    def lasts(self) -> bool:
-        """Return whether either half of its information shows it, in one size."""
-        columns, k = self._begun, self.columns.shape[2]
+    def is_persistent(self) -> bool:
+        """Return whether each half of its information shows it, with about the same size."""
+        columns, k = self._active_columns, self.columns.shape[2]
         power = np.cumsum(np.sum(columns**2, axis=(1, 2)))
         middle = int(np.searchsorted(power, 0.5 * power[-1])) + 1
         halves = np.zeros((*columns.shape[:2], 2 * k))
@@ -185,22 +185,22 @@ class Trial:
         early, late = found.theta[:k], found.theta[k:]
         for theta, own in ((early, slice(0, k)), (late, slice(k, None))):
             gain = theta @ np.linalg.solve(found.covariance[own, own], theta)
-            if gain < NORMAL_95**2 * k * self.usual:
+            if gain < NORMAL_95**2 * k * self.typical_gain:
                 return False
         size = self.evidence.theta @ self.evidence.theta
         return bool(min(early @ self.evidence.theta, late @ self.evidence.theta) > 0.5 * size)
 
-    def like_push(self) -> bool:
+    def resembles_push(self) -> bool:
         """Return whether it is nearly constant at every joint, as the push of a hand is."""
         torque = self.torque[self.first :]
         acts = np.any(torque != 0.0, axis=1)
         constant = torque[acts].mean(axis=0) ** 2
         return bool(constant.sum() > _CONSTANT * np.mean(torque[acts] ** 2, axis=0).sum())
 
-    def left(self, usable: Mask) -> float:
+    def remaining_error(self, usable: Mask) -> float:
         """Return the largest mean square of whitened residuals that it leaves at its joints."""
         rows, torque = slice(self.first, None), self.torque
-        left = self.test.left(self.evidence, self._begun)[rows]
+        left = self.test.remaining_residual(self.evidence, self._active_columns)[rows]
         count = np.maximum(usable[rows].sum(axis=0), 1)
         power, left = (np.sum(each**2, axis=0) / count for each in (torque, left))
         # A column is right to some per cent, which is more than the errors of a large change.
@@ -214,13 +214,13 @@ class Trial:
         names = self.hypothesis.arm.joint_names
         return tuple(names[j] for j in np.argsort(-size) if size[j] > 0.1 * size.max())
 
-    def on_other_link(self, other: Trial) -> bool:
-        """Return whether it is another's effect at another link."""
+    def differs_by_link(self, other: ChangeCandidate) -> bool:
+        """Return whether both are the same effect, at different links."""
         own = self.hypothesis
         return own.effect == other.hypothesis.effect and own.site.kind is Kind.LINK
 
     def alternative(self) -> Alternative:
-        """Return it as the alternative to another cause."""
+        """Return effect, joints and site, to report as the alternative to another cause."""
         return Alternative(self.hypothesis.effect, self.joints(), self.hypothesis.where)
 
     def values(self) -> dict[str, Estimate]:
@@ -256,13 +256,13 @@ class Trial:
         return False
 
 
-def likeliest(found: Sequence[Trial]) -> Trial:
+def likeliest(found: Sequence[ChangeCandidate]) -> ChangeCandidate:
     """Return the one with the largest excess; of samples that say nothing it begins with the last.
 
     Raises:
         ValueError: There is none.
     """
-    return max(found, key=lambda trial: (trial.excess, trial.first))
+    return max(found, key=lambda candidate: (candidate.excess, candidate.first))
 
 
 def prior_precision(hypothesis: Hypothesis, k: int) -> Array:
@@ -270,29 +270,29 @@ def prior_precision(hypothesis: Hypothesis, k: int) -> Array:
     return np.asarray(1.0 / np.square(hypothesis.prior_std or (np.inf,) * k))
 
 
-def trials(
+def find_candidates(
     window: Window, test: ChangeTest, firsts: Sequence[int], limits: Limits
-) -> Iterator[Trial]:
+) -> Iterator[ChangeCandidate]:
     """Yield every cause as it may have begun with each of some samples, plausible or not."""
     causes = list(window.causes())
-    columns = [window.white(window.columns(cause)) for cause in causes]
+    columns = [window.whiten(window.columns(cause)) for cause in causes]
     if not firsts or not causes:
         return
     priors = [
         prior_precision(cause, own.shape[2]) for cause, own in zip(causes, columns, strict=True)
     ]
-    found = test.of_spans(np.concatenate(columns, axis=2), priors, firsts)
+    found = test.evidence_by_onset(np.concatenate(columns, axis=2), priors, firsts)
     for cause, own, evidences in zip(causes, columns, found, strict=True):
-        usual = limits.usual(own)
-        limit = limits.cause(cause, own.shape[2], len(causes) * len(firsts), usual)
+        usual = limits.typical_gain(own)
+        limit = limits.cause_limit(cause, own.shape[2], len(causes) * len(firsts), usual)
         for first, evidence in zip(firsts, evidences, strict=True):
             if evidence.gain > 0.0:
                 since = float(window.ends[first]) - window.step
-                yield Trial(cause, evidence, since, first, limit, usual, own, test)
+                yield ChangeCandidate(cause, evidence, since, first, limit, usual, own, test)
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class TransientTorques:
     """Torque of any origin that acts for a moment: at one joint, or of a force at the tip.
 
     Attributes:
@@ -309,7 +309,7 @@ class Moments:
 
 
 @dataclass(frozen=True, eq=False)
-class UsualGains:
+class TypicalGains:
     """Mean gains of moments in which nothing happens, which are one where errors are as known.
 
     A model's error may last longer than it knows: the longer a moment, the larger its gain then.
@@ -325,19 +325,19 @@ class UsualGains:
     largest: Array
 
     @classmethod
-    def begin(cls, n: int) -> UsualGains:
-        """Return those of n joints of which nothing is known: as of some moments of gain one."""
+    def begin(cls, n: int) -> TypicalGains:
+        """Return the prior of n joints: as if some moments of gain one had been seen."""
         count = np.full((len(_LENGTHS), n + 1), _BEFORE)
         return cls(count * _freedom(n), count, np.zeros(n + 1))
 
-    def after(self, found: Moments, limit: Array, kept: float) -> UsualGains:
-        """Return these, of which a part is kept, with other moments' up to (p, n + 1) limits."""
+    def updated(self, found: TransientTorques, limit: Array, kept: float) -> TypicalGains:
+        """Return the means with p further moments, up to their (p, n + 1) limits; old ones fade."""
         length = _length_of(found)
         total, count = kept * self.total, kept * self.count
         gain = np.minimum(found.gain, limit)
         np.add.at(total, length, gain)
         np.add.at(count, length, gain > 0.0)
-        return UsualGains(
+        return TypicalGains(
             total, count, np.maximum(kept * self.largest, gain.max(axis=0, initial=0.0))
         )
 
@@ -350,8 +350,8 @@ class UsualGains:
         usual = np.max(self.total / self.count, axis=0)[:-1]
         return np.asarray(np.clip(usual, _LEAST, 1.0))
 
-    def of(self, found: Moments) -> Array:
-        """Return (p, n + 1) what is usual for moments, over the degrees of freedom.
+    def for_transients(self, found: TransientTorques) -> Array:
+        """Return (p, n + 1) mean gains of moments of these lengths, over the degrees of freedom.
 
         At least one: where it is less, rare errors (after reversals) are as large all the same.
         """
@@ -364,15 +364,15 @@ def _freedom(n: int) -> Array:
     return np.append(np.ones(n), 3.0)
 
 
-def _length_of(found: Moments) -> NDArray[np.int64]:
+def _length_of(found: TransientTorques) -> NDArray[np.int64]:
     """Return (p,) the indices of moments' lengths."""
     return np.searchsorted(_LENGTHS, found.end - found.begin)
 
 
-def moments(
+def transient_torques(
     window: Window, known: ChangeTest, since: int, tip: Tip | None, blind: Sequence[int] = ()
-) -> Moments:
-    """Return what acts for moments that end after a sample.
+) -> TransientTorques:
+    """Return gains and torques of moments that end after a sample.
 
     Args:
         window: The samples.
@@ -390,7 +390,7 @@ def moments(
     at_joints = np.ones((m, n, 1))
     by_force = np.zeros((m, n, 3))
     if tip is not None:
-        recent = slice(max(since - LONGEST_MOMENT, 0), m)
+        recent = slice(max(since - LONGEST_TRANSIENT, 0), m)
         jacobians = tip.velocity_jacobian(window.motion.true_q[recent])
         by_force[recent] = jacobians.transpose(0, 2, 1)
     columns = np.concatenate([at_joints, by_force], axis=2)
@@ -406,7 +406,7 @@ def moments(
         if part.stop - part.start > _AT_REST:
             usable &= ~rests
         # What comes after may go on.
-        white = np.where(usable[:, None], window.white(columns[part], part), 0.0)
+        white = np.where(usable[:, None], window.whiten(columns[part], part), 0.0)
         joint, force = white[:, :, 0], white[:, :, 1:]
         directions, rest = uncertain[part], unexpected[part]
         held = np.einsum("mn,mnd->nd", joint, directions)
@@ -424,4 +424,4 @@ def moments(
         gain[index, n] = pull @ spread @ pull
     begin, end = (np.array([getattr(part, side) for part in parts], dtype=np.int64)
                   for side in ("start", "stop"))  # fmt: skip
-    return Moments(begin, end, gain, torque)
+    return TransientTorques(begin, end, gain, torque)

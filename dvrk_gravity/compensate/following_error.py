@@ -32,7 +32,7 @@ class MotionError(DvrkGravityError):
     """The arm could not be moved, or was stopped."""
 
 
-class Following:
+class FollowingErrorCheck:
     """Compares set points with measured positions.
 
     Attributes:
@@ -64,7 +64,7 @@ class Following:
         assert self.last is not None
         return self.last.stamp * 1e-9
 
-    def at_rest(self, heard: Array) -> Array:
+    def rest_position(self, heard: Array) -> Array:
         """Return the (n,) median of (N, n) positions of an arm at rest, rad or m.
 
         Raises:

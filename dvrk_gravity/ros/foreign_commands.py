@@ -61,7 +61,7 @@ COMMANDS: tuple[tuple[str, Any], ...] = tuple(
 )
 """Commands that can be heard: topic in the arm's namespace, and type."""
 
-UNHEARD: tuple[str, ...] = tuple(name for name, kind in _KNOWN.items() if kind is None)
+UNREADABLE: tuple[str, ...] = tuple(name for name, kind in _KNOWN.items() if kind is None)
 """Topics of commands whose messages cannot be read here: the dVRK's workspace is not sourced."""
 
 LATELY = 0.3
@@ -128,7 +128,7 @@ def publishers_of(topic: str, node: Node) -> str:
     return f" ({', '.join(names)})" if names else ""
 
 
-class _Heard:
+class _ForeignCommands:
     """Commands of other nodes; ``topic`` is that of the last one."""
 
     topic: str
@@ -147,7 +147,7 @@ class _Heard:
         return f"another node{who} commands {self.topic}: stop it first, two would fight"
 
 
-class Others(_Heard):
+class OtherTopicCommands(_ForeignCommands):
     """Listens to every command topic of the arm but our own.
 
     Attributes:
@@ -164,7 +164,7 @@ class Others(_Heard):
         """
         super().__init__(node, heard)
         self._echo = echo
-        self._unheard = {node.resolve_topic_name(name): _TYPES[name] for name in UNHEARD}
+        self._unreadable = {node.resolve_topic_name(name): _TYPES[name] for name in UNREADABLE}
         self.command = self.topic = ""
         for name, kind in COMMANDS:
             topic = node.resolve_topic_name(name)
@@ -177,13 +177,13 @@ class Others(_Heard):
             return f"another node{publishers_of(self.topic, self._node)} sent hold ({self.topic})"
         return super().reason()
 
-    def unheard(self) -> str:
+    def unreadable_commands(self) -> str:
         """Return who may command the arm with messages that cannot be read here, ``""``: nobody.
 
         Elsewhere a publisher alone proves nothing: clients have one for every command, and most
         never use it. Of these messages the publisher is all there is to see.
         """
-        for topic, kind in self._unheard.items():
+        for topic, kind in self._unreadable.items():
             if self._node.count_publishers(topic) > 0:
                 return (
                     f"another node{publishers_of(topic, self._node)} may command {topic}, whose "
@@ -203,7 +203,7 @@ class Others(_Heard):
         return listen
 
 
-class SameTopic(_Heard):
+class SameTopicCommands(_ForeignCommands):
     """Listens to our own command topic, on which our commands bear a mark.
 
     A publisher alone proves nothing: crtk clients have one for every command and most never use it.
@@ -260,7 +260,7 @@ class SameTopic(_Heard):
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def listened(self, to_arm: bool) -> bool:
+    def has_listened(self, to_arm: bool) -> bool:
         """Return whether others have had the time to be heard since the arm is there.
 
         Before DDS has found the arm, it has not found others either: silence proves nothing.

@@ -112,24 +112,26 @@ def _fill(
         field = f"gc_dynamic_params_{side}"
         old = section.get(field, [])
         section[field] = [
-            *_kept(old[:N_GRAVITY], beta, lambda p: p * GRAVITY, lambda b: b / GRAVITY),
-            *_kept(old[N_GRAVITY:], given[:, :N_POLYNOMIALS].T.ravel()),
+            *_updated_numbers(old[:N_GRAVITY], beta, lambda p: p * GRAVITY, lambda b: b / GRAVITY),
+            *_updated_numbers(old[N_GRAVITY:], given[:, :N_POLYNOMIALS].T.ravel()),
         ]
     ramp = (blend.dead_band, blend.saturation_velocity, blend.ratio)
     for field, row in zip(BLEND_FIELDS[2], ramp, strict=True):
-        section[field] = _kept(section.get(field, []), row)
+        section[field] = _updated_numbers(section.get(field, []), row)
     # A range has to have a width: that of a joint that stood still gets a degree.
     valid = polynomials.valid
     still = np.where(valid.lower == valid.upper, np.radians(0.5), 0.0)
     edges = (valid.lower - still, valid.upper + still)
     for field, row in zip(RANGE_FIELDS, edges, strict=True):
         if np.isfinite(row).all():
-            section[field] = _kept(section.get(field, []), row, math.radians, math.degrees)
+            section[field] = _updated_numbers(
+                section.get(field, []), row, math.radians, math.degrees
+            )
         else:
             section.pop(field, None)
 
 
-def _kept(
+def _updated_numbers(
     old: list[Any],
     new: Array,
     to_model: Callable[[float], float] = float,

@@ -24,11 +24,11 @@ _RATE = 1000  # messages a second that there is room for: the fastest that a con
 _BESIDE = 10  # niceness of the diagnosis: what commands an arm goes first
 
 
-class LastMinutes:
+class MessageBuffer:
     """Keeps messages, and saves them.
 
     Attributes:
-        said: What has become of the last save, in words; ``""``: there was none.
+        last_result: What has become of the last save, in words; ``""``: there was none.
     """
 
     def __init__(self, model: TorqueModel, topic: str, seconds: float) -> None:
@@ -44,7 +44,7 @@ class LastMinutes:
         self._work: threading.Thread | None = None
         self._process: subprocess.Popen[str] | None = None
         self._ended = False
-        self.said = ""
+        self.last_result = ""
 
     def __len__(self) -> int:
         """Return the number of messages that are kept."""
@@ -64,7 +64,7 @@ class LastMinutes:
             Whether that has begun, and where it is, or why not.
         """
         if self._work is not None and self._work.is_alive():
-            return False, f"the last one is not ready: {self.said}"
+            return False, f"the last one is not ready: {self.last_result}"
         if not self._kept:
             return False, f"nothing was received on {self._topic}"
         name = f"{self._model.arm.name}_{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
@@ -73,7 +73,7 @@ class LastMinutes:
             target.mkdir(parents=True)
         except OSError as error:
             return False, f"{target}: {error.strerror or error}"
-        self.said = f"{target / BAG}: being written"
+        self.last_result = f"{target / BAG}: being written"
         self._work = threading.Thread(
             target=self._write, args=(target, tuple(self._kept)), name="save", daemon=True
         )
@@ -87,12 +87,14 @@ class LastMinutes:
                 for received, data in messages:
                     bag.write(self._topic, JOINT_STATE, data, received)
             self._model.save(folder / MODEL)
-            self.said = f"{folder / BAG}: {len(messages)} messages; the diagnosis is on its way"
-            self.said = f"{folder}: {self._diagnosed(folder)}"
+            self.last_result = (
+                f"{folder / BAG}: {len(messages)} messages; the diagnosis is on its way"
+            )
+            self.last_result = f"{folder}: {self._diagnose(folder)}"
         except (DvrkGravityError, OSError) as error:
-            self.said = str(error)
+            self.last_result = str(error)
 
-    def _diagnosed(self, folder: Path) -> str:
+    def _diagnose(self, folder: Path) -> str:
         command = [sys.executable, "-m", "dvrk_gravity", "diagnose", str(folder / BAG)]
         command += ["--model", str(folder / MODEL), "--out", str(folder / DIAGNOSIS)]
         if self._ended:
