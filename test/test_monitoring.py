@@ -261,7 +261,7 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
     assert (deviation(moving)[1:3] < 1.05).all()
 
 
-@pytest.mark.parametrize(("smaller", "level"), [(0.5, 0.5), (0.1, 0.25), (4.0, 1.0)])
+@pytest.mark.parametrize(("smaller", "level"), [(0.5, 0.5), (0.05, 1.0 / 12.0), (4.0, 1.0)])
 def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, level):
     gain = smaller * np.random.default_rng(8).chisquare([1.0, 1.0, 3.0], (12000, 3))
     last = np.tile([4, 8, 16, 25], 3000)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.calibration import calibration_limits
 from dvrk_gravity.monitoring.change_candidates import (
     LONGEST_TRANSIENT,
+    ChangeCandidate,
     Limits,
     TypicalGains,
     find_candidates,
@@ -79,7 +80,7 @@ class MonitorSettings:
     min_relative_size: float = 1.0
     margin: float = 10.0
     margin_fraction: float = 0.1
-    patience: float = 4.0
+    patience: float = 2.0
     give_up: float = 10.0
     level_delay: float = 12.0
     longest_push: float = 5.0
@@ -288,16 +289,8 @@ class Monitor:
     def _find_change(self, window: Window, test: ChangeTest) -> Iterator[Event]:
         """Yield the change that the last seconds show, if it has lasted and has a cause."""
         settings, now = self.settings, float(window.time[-1])
-        found = find_candidates(window, test, self._onsets(window), self._cause_limits)
-        possible = [
-            candidate.plausible_fit(window) for candidate in found if candidate.excess > 0.0
-        ]
-        passing = [
-            candidate
-            for candidate in possible
-            if candidate is not None and candidate.excess > 0.0
-            and candidate.joints()[0] not in self._unexplained_joints and candidate.significant()
-        ]  # fmt: skip
+        found = list(find_candidates(window, test, self._onsets(window), self._cause_limits))
+        passing = self._plausible(found, window, 0.0)
         if not passing:
             self._pending = None
             return
@@ -311,20 +304,18 @@ class Monitor:
             return
         # Samples before the onset, taken for some with a cause, speak for one of another shape.
         onset = first.onset(window)
-        causes = {candidate.hypothesis.key: candidate for candidate in passing}
-        begun = (candidate.refit_from(onset, window) for candidate in causes.values())
-        likely = [
-            candidate for candidate in begun if candidate is not None and candidate.excess > 0.0
-        ]
-        if not likely:
+        close = self._plausible(found, window, first.excess - self._margin(first))
+        causes = {candidate.hypothesis.key: candidate for candidate in close}
+        begun = [candidate.refit_from(onset, window) for candidate in causes.values()]
+        likely = [candidate for candidate in begun if candidate is not None]
+        if not likely or likeliest(likely).excess <= 0.0:
             return
         best = likeliest(likely)
-        margin = max(
-            settings.margin * best.typical_gain, settings.margin_fraction * best.evidence.gain
-        )
-        close = best.excess - margin
+        least_excess = best.excess - self._margin(best)
         rivals = [
-            candidate for candidate in likely if candidate is not best and candidate.excess > close
+            candidate
+            for candidate in likely
+            if candidate is not best and candidate.excess > least_excess
         ]
         # Which link carries a load, a motion may never show.
         others = [each for each in rivals if not each.differs_by_link(best)]
@@ -362,6 +353,26 @@ class Monitor:
             best.reported(window), "perhaps" if rivals or ambiguous else "certain",
             tuple(each.alternative() for each in rivals),
         )  # fmt: skip
+
+    def _plausible(
+        self, found: Iterable[ChangeCandidate], window: Window, excess: float
+    ) -> list[ChangeCandidate]:
+        """Return plausible fits with more excess, whose size differs significantly from none."""
+        fits = (candidate.plausible_fit(window) for candidate in found if candidate.excess > excess)
+        return [
+            candidate
+            for candidate in fits
+            if candidate is not None and candidate.excess > excess
+            and candidate.joints()[0] not in self._unexplained_joints and candidate.significant()
+        ]  # fmt: skip
+
+    def _margin(self, candidate: ChangeCandidate) -> float:
+        """Return by how much gain a cause must excel others."""
+        settings = self.settings
+        return max(
+            settings.margin * candidate.typical_gain,
+            settings.margin_fraction * candidate.evidence.gain,
+        )
 
     def _outlasts(self, push: _Push, cause: Hypothesis | None = None) -> bool:
         """Return whether what seems a push is a change: some cause shows without it as well."""
