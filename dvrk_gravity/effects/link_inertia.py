@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm, is_mtm, rigid_body
+from dvrk_gravity.arms import Arm, build_tree, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, Column, ColumnTable
@@ -25,7 +25,7 @@ from dvrk_gravity.effects.base.links import (
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
-from dvrk_gravity.effects.base.term import PlantPart, Term
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.gravity import Gravity
 from dvrk_gravity.effects.link_weight import LinkWeight, weight_of
 from dvrk_gravity.errors import ShapeError
@@ -98,6 +98,14 @@ class LinkInertia(LinearTerm):
             return np.zeros(state.q.shape)
         motion = (state.q, state.qd, state.qdd)
         return rigid_body.torque(self.arm, self.theta, *motion, _WEIGHTLESS)
+
+    def prepare(self) -> Evaluator:
+        tree, theta, still = build_tree(self.arm, {}, _WEIGHTLESS), self.theta, np.zeros(self.arm.n)
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            return np.zeros(len(q)) if qd is None else tree.regressor(q, qd, still).dot(theta)
+
+        return evaluate
 
     def momentum(self, q: Array, qd: Array) -> tuple[Array, Array]:
         return rigid_body.momentum(self.arm, self.theta, q, qd)

@@ -113,6 +113,8 @@ class LinkWeight(LinearTerm):
         """Return (…, n) torques that hold the links up, N·m or N."""
         if not self.enabled:
             return np.zeros(state.q.shape)
+        if state.q.ndim == 1:
+            return self.prepare()(state.q, None)
         links = np.pad(self.links, ((0, 0), (0, rigid_body.PER_LINK - OF_WEIGHT)))
         return rigid_body.torque(self.arm, links.ravel(), state.q, None, None, self.vector)
 

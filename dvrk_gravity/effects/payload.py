@@ -141,7 +141,7 @@ class Payload(Term):
         """Inertia of the point mass, in the link's frame."""
         return pin.Inertia(self.mass, self.first_moment / self.mass, np.zeros((3, 3)))
 
-    @property
+    @cached_property
     def weight(self) -> Tree:
         """Tree whose gravity torques are the payload's."""
         gravity = self.vector if self.weighs else _WEIGHTLESS
@@ -160,8 +160,11 @@ class Payload(Term):
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""
-        gravity = self.vector if self.weighs else _WEIGHTLESS
         motion = (state.q, state.qd, state.qdd)
+        if state.q.ndim == 1:
+            q, qd, qdd = (np.zeros(self.arm.n) if each is None else each for each in motion)
+            return self.weight.inverse_dynamics(q, qd, qdd)
+        gravity = self.vector if self.weighs else _WEIGHTLESS
         return rigid_body.torque(self.arm, self._links, *motion, gravity)
 
     @classmethod

@@ -24,7 +24,7 @@ from dvrk_gravity.effects.base.friction import columns_at_sites, friction_sites,
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.term import PlantPart
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -130,6 +130,21 @@ class StribeckFriction(DryFriction):
 
     def columns(self, state: State, memory: Array) -> Array:
         return columns_at_sites(self.arm, *self._per_level(state, memory))
+
+    def prepare(self) -> Evaluator:
+        # Joints and motors side by side.
+        motion = np.vstack([np.eye(self.arm.n), self.arm.joint_to_actuator])
+        ramp = np.tile(self._slope, 2)[:, None] * motion
+        fall = np.concatenate(self._inverse)[:, None] * motion
+        spread = np.concatenate([self.joint, self.motor])[:, None] * motion
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            if qd is None:
+                return np.zeros(len(q))
+            ways, ratio = np.minimum(np.maximum(ramp.dot(qd), -1.0), 1.0), fall.dot(qd)
+            return (ways * np.exp(-ratio * ratio)).dot(spread)
+
+        return evaluate
 
     def plant(self) -> PlantPart:
         """The levels, and the fraction that a velocity leaves of them."""

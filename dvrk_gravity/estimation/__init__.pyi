@@ -10,7 +10,7 @@ from .covariance import squared_distance as squared_distance
 from .evidence import FEWEST_BLOCKS as FEWEST_BLOCKS
 from .evidence import bonferroni as bonferroni
 from .evidence import likelihood_ratio as likelihood_ratio
-from .evidence import paired as paired
+from .evidence import student as student
 from .fold_fits import HeldOutSums as HeldOutSums
 from .fold_fits import SeenSums as SeenSums
 from .fold_fits import SignedFits as SignedFits

@@ -107,30 +107,40 @@ def variance_ratio(gain: float, parameters: int, dof: float, trials: float = 1.0
 @cache
 def _ratios(dof: float) -> tuple[Array, Array]:
     """Return ratios of an estimated variance to the true one, and their probabilities."""
-    from scipy import stats
+    from scipy.special import chdtr
 
     edges = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 400), [np.inf]])
-    weight = np.diff(stats.chi2.cdf(dof * edges, dof))
+    weight = np.diff(chdtr(dof, dof * edges))
     middle = np.sqrt(edges[1:-2] * edges[2:-1])
     return np.concatenate([edges[:1], middle, edges[-2:-1]]), weight
 
 
-def paired(gains: Array) -> list[float]:
-    """Return one-sided p-values of (k,) gains over independent blocks: Student's and Wilcoxon's.
+def student(gains: Array) -> float | None:
+    """Return Student's one-sided p-value of (k,) gains over independent blocks.
 
-    Only the latter is clear if a few blocks dominate. Blocks of gain zero do not count; none are
-    returned for fewer than ``FEWEST_BLOCKS``.
+    Blocks of gain zero do not count; ``None`` for fewer than ``FEWEST_BLOCKS``.
     """
     from scipy.special import stdtr
-    from scipy.stats import wilcoxon
 
     gains = gains[gains != 0.0]
     if len(gains) < FEWEST_BLOCKS or np.std(gains) == 0.0:
-        return []
+        return None
     dof = len(gains) - 1
     # As `ttest_1samp`, which takes half a millisecond to check its input, hundreds of times.
-    student = stdtr(dof, -np.mean(gains) * np.sqrt(dof) / np.std(gains))
-    return [float(student), float(wilcoxon(gains, alternative="greater").pvalue)]
+    return float(stdtr(dof, -np.mean(gains) * np.sqrt(dof) / np.std(gains)))
+
+
+def paired(gains: Array) -> list[float]:
+    """Return the p-values of :func:`student` and of Wilcoxon's test; none of few blocks.
+
+    Only the latter is clear if a few blocks dominate.
+    """
+    by_mean = student(gains)
+    if by_mean is None:
+        return []
+    from scipy.stats import wilcoxon  # slow to load
+
+    return [by_mean, float(wilcoxon(gains[gains != 0.0], alternative="greater").pvalue)]
 
 
 def of_gain(gains: Array, likelihood: float, parameters: int) -> float:

@@ -62,7 +62,7 @@ def expected_errors(
         cutoff: Of the low-pass behind which errors are compared, Hz; ``None`` of poses.
         seconds: Duration of the recording; poses count as independent.
     """
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     known, n = model.uncertainty, model.arm.n
     if known is None or model.of_file or not _same_band(known.band, cutoff):
@@ -89,7 +89,8 @@ def expected_errors(
         relative = 1.0 / max(independent[joint], 1.0) + 1.0 / _DOF
         variance = 2.0 * spread + 2.0 * square**2 * relative
         dof = 2.0 * mean**2 / variance
-        low, high = np.sqrt(mean / dof * chi2.ppf([0.025, 0.975], dof)).tolist()
+        chi_square = 2.0 * gammaincinv(0.5 * dof, [0.025, 0.975])
+        low, high = np.sqrt(mean / dof * chi_square).tolist()
         found.append(ExpectedError(float(np.sqrt(mean)), low, high))
     return tuple(found)
 

@@ -17,7 +17,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.model_error import model_columns
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import Estimate, Reading, readings
-from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.estimation import NORMAL_95, likelihood_ratio
 
 ALPHA = 0.001  # of a wrong correction: a tenth of that of effects, which rest on it. Chosen
 _LEAST_REMOVED = 0.3  # of a joint's error. Chosen: a wrong sign or order leaves little right
@@ -92,8 +92,6 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
 
     None where joints are missing, nor of two recordings of one motion, which were read equally.
     """
-    from scipy import stats
-
     if motion.measured_twice or not motion.present.all():
         return []
     rows = np.linspace(0, len(motion.q) - 1, min(_SAMPLES, len(motion.q))).astype(int)
@@ -141,12 +139,14 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
             pull = read.torque_at(read.q, replace(read.model, terms=pulling))
             if _driving((effort - pull) * read.qd, block):
                 continue
+            from scipy.stats import wilcoxon  # slow to load, and rarely needed
+
             better = np.bincount(block, (np.log(before + 0.1 * scale)
                                          - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
             # Held or unloaded joints do not show their sign in ranks, but in the likelihood.
             p_value = 2.0 * min(
-                float(stats.wilcoxon(better, alternative="greater").pvalue),
-                float(stats.chi2.sf(2.0 * _BLOCKS * gain, 1)),
+                float(wilcoxon(better, alternative="greater").pvalue),
+                likelihood_ratio(_BLOCKS * gain, 1),
             )
             scores.append(
                 ReadingScore(
