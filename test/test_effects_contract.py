@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -180,6 +180,14 @@ def test_its_evaluator_of_one_sample_is_its_torque(cases):
             same(case, evaluate(q, None), case.term.torque(State(q)))
             if rubs:  # of others a compensator asks for no more than what holds them at rest
                 same(case, evaluate(q, qd), case.term.torque(State(q, qd)))
+
+
+def test_friction_does_not_depend_on_where_joints_are_unless_it_says_so(cases):
+    elsewhere = [case for case in cases if not case.term.OF_POSITION]
+    assert elsewhere
+    for case in elsewhere:
+        moved = replace(case.state, q=case.state.q + 0.3)
+        same(case, case.term.torque(moved), case.term.torque(case.state), 1e-9)
 
 
 def test_one_pose_gives_what_many_give(cases):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -410,11 +410,19 @@ class TorqueModel:
         Raises:
             EffectError: A term whose torque is of another shape.
         """
+        return self._sum(state, self.terms)
+
+    def positional_torque(self, state: State) -> Array:
+        """Return the part of :meth:`torque_at` that depends on where the joints are."""
+        return self._sum(state, [term for term in self.terms if term.OF_POSITION])
+
+    def _sum(self, state: State, terms: Iterable[Term]) -> Array:
+        """Return (…, n) torques of some of the terms."""
         if self.joint_offset.any():
             state = replace(state, q=state.q - self.joint_offset)
         found: dict[int, Array] = {}
         # What depends on other terms' torque comes after them.
-        for term in sorted(self.terms, key=lambda term: term.OF_OTHERS):
+        for term in sorted(terms, key=lambda term: term.OF_OTHERS):
             torque = term.torque_given(state, found)
             if torque.shape != state.q.shape:
                 raise EffectError(

@@ -146,7 +146,9 @@ class MeasuredMotion(Observation):
         """(N, n, n) change of the modelled torque [:, joint, by position of], N·m/rad."""
         slopes = []
         for shift in _SHIFT * np.diag(self.arm.scale):
-            there, back = self.torque_at(self.q + shift), self.torque_at(self.q - shift)
+            there, back = (
+                self.model.positional_torque(self._state(self.q + way)) for way in (shift, -shift)
+            )
             slopes.append((there - back) / (2.0 * shift.sum()))
         return np.stack(slopes, axis=2)
 

@@ -37,6 +37,7 @@ class Friction(LinearTerm):
     """
 
     FRICTION = True
+    OF_POSITION = False
     SITES = (Kind.JOINT, Kind.MOTOR)
     LEVELS: ClassVar[tuple[str, ...]] = ("joint", "motor")
 

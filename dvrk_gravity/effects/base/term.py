@@ -97,6 +97,7 @@ class Term(Effect):
         WEIGHT_OF_ARM: The arm's own weight, without which nothing is compensated.
         OF_LINKS: How many of each link's ten inertial parameters, in Pinocchio's order, its
             coefficients are; 0: they are something else.
+        OF_POSITION: It depends on where the joints are, and not only on how they move.
         OF_OTHERS: It depends on the torque of the model's other terms (:meth:`with_terms`): a fit
             tries it once it has these.
         NOT_FITTED: Why trajectories are not fitted with it, for whoever asks for that.
@@ -108,6 +109,7 @@ class Term(Effect):
     AT_POSES: ClassVar[bool] = False
     WEIGHT_OF_ARM: ClassVar[bool] = False
     OF_LINKS: ClassVar[int] = 0
+    OF_POSITION: ClassVar[bool] = True
     OF_OTHERS: ClassVar[bool] = False
     NOT_FITTED: ClassVar[str] = ""
 
