@@ -36,6 +36,9 @@ from dvrk_gravity.monitoring.window import Band, Sampling, Window
 from dvrk_gravity.monitoring.wrench import Tip
 
 _MOVES = 0.01  # rad (Arm.scale), in a second or two, of an arm that moves. Chosen
+# Of the mean square of errors as they are known, that counts at least where causes are compared:
+# small errors, too, may look like one of them. Chosen.
+_LIKE_CAUSE = 1.0 / 3.0
 _ASIDE = 0.3  # s, before a push seems to begin, that may have something of it. Chosen
 
 
@@ -304,10 +307,12 @@ class Monitor:
             return
         # Samples before the onset, taken for some with a cause, speak for one of another shape.
         onset = first.onset(window)
-        close = self._plausible(found, window, first.excess - self._margin(first))
-        causes = {candidate.hypothesis.key: candidate for candidate in close}
+        near = self._plausible(found, window, min(0.0, first.excess - self._margin(first)))
+        causes = {candidate.hypothesis.key: candidate for candidate in near}
         begun = [candidate.refit_from(onset, window) for candidate in causes.values()]
-        likely = [candidate for candidate in begun if candidate is not None]
+        likely = [
+            candidate for candidate in begun if candidate is not None and candidate.significant()
+        ]
         if not likely or likeliest(likely).excess <= 0.0:
             return
         best = likeliest(likely)
@@ -370,7 +375,7 @@ class Monitor:
         """Return by how much gain a cause must excel others."""
         settings = self.settings
         return max(
-            settings.margin * candidate.typical_gain,
+            settings.margin * max(candidate.typical_gain, _LIKE_CAUSE),
             settings.margin_fraction * candidate.evidence.gain,
         )
 
