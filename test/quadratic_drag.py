@@ -109,4 +109,4 @@ class DragHypothesis(Hypothesis):
         return {"coefficient": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        return added(self.arm, values, self.effect, self.site.index, float(theta[0]))
+        return added(self.arm, values, self.effect, self.site.index, float(theta[0]), lower=0.0)

@@ -102,10 +102,13 @@ class Case:
 
 @pytest.fixture(scope="module")
 def cases(tmp_path_factory) -> list[Case]:
-    """Every term that there is."""
-    assert set(PARAMETERS) == {effect.NAME for effect in effects.terms()}, "add an entry above"
+    """Every term that there is and that has parameters above."""
     chain = made_up_arm(tmp_path_factory.mktemp("arm"))
-    return [case_of(effect, chain) for effect in effects.terms()]
+    return [case_of(effect, chain) for effect in effects.terms() if effect.NAME in PARAMETERS]
+
+
+def test_every_term_has_an_entry_in_the_table_of_parameters_above():
+    assert set(PARAMETERS) == {effect.NAME for effect in effects.terms()}
 
 
 def case_of(effect: type[Term], chain: Arm) -> Case:

@@ -33,18 +33,37 @@ Columns = Mapping[str, str] | str | Path
 EXPECTED = "time, direction or <joint>.position/velocity/effort/direction"
 WAY_OUT = "; or --columns 'NAME=time,NAME=<joint>.position,…'"
 OF_READINGS: tuple[Quantity, ...] = ("position", "velocity", "effort", "direction")
-_WORDS: dict[Quantity, str] = {
-    "position": "position positions pos q angle angles jpos joint_pos joint_position "
-    "joint_positions jointposition actual_q actual_position measured_q q_measured state_q",
-    "velocity": "velocity velocities vel qd dq qdot q_dot jvel joint_vel joint_velocity "
-    "joint_velocities jointvelocity speed actual_qd actual_velocity measured_dq state_dq",
-    "effort": "effort efforts eff torque torques tau tau_j jointtorque joint_torque joint_torques "
-    "joint_effort jointeffort moment actual_moment current currents actual_current state_tau_j",
-    "name": "name",
-}
+# One maker's spelling a line: of position, velocity and effort; "": as another line has it.
+_SPELLINGS: tuple[tuple[str, str, str], ...] = (
+    ("position", "velocity", "effort"),
+    ("positions", "velocities", "efforts"),
+    ("pos", "vel", "eff"),
+    ("q", "qd", "tau"),
+    ("angle", "speed", "torque"),
+    ("angles", "", "torques"),
+    ("", "dq", "tau_j"),
+    ("", "qdot", "current"),
+    ("", "q_dot", "currents"),
+    ("", "", "moment"),
+    ("jpos", "jvel", ""),
+    ("joint_pos", "joint_vel", ""),
+    ("joint_position", "joint_velocity", "joint_torque"),
+    ("joint_positions", "joint_velocities", "joint_torques"),
+    ("", "", "joint_effort"),
+    ("jointposition", "jointvelocity", "jointtorque"),
+    ("", "", "jointeffort"),
+    ("actual_q", "actual_qd", "actual_current"),
+    ("actual_position", "actual_velocity", "actual_moment"),
+    ("measured_q", "measured_dq", ""),
+    ("q_measured", "", ""),
+    ("state_q", "state_dq", "state_tau_j"),
+)
+_SPELLED: tuple[Quantity, ...] = ("position", "velocity", "effort")
 _QUANTITY: dict[str, Quantity] = {
-    word: quantity for quantity, words in _WORDS.items() for word in words.split()
-}
+    "name": "name",
+    **{word: quantity for line in _SPELLINGS
+       for quantity, word in zip(_SPELLED, line, strict=True) if word},
+}  # fmt: skip
 # The best first: where a file has several, the first of these is its time.
 TIMES = ("time", "__time", "%time", "timestamp", "time_stamp", "stamp", "rosbagtimestamp",
          "receive time", "elapsed time", "elapsed", "duration", "seconds", "t")  # fmt: skip

@@ -248,7 +248,7 @@ class HeldOut:
     ) -> str:
         """Return that one acts in no held-out block, if so, else ``""``; judged by some joints."""
         blocks, _ = self._active(chosen, candidate, joints)
-        return "" if len(blocks) else "it acts in no held-out block that could confirm it"
+        return "" if len(blocks) else "it hardly acts in the held-out blocks that could confirm it"
 
     def _shows(self, chosen: Sequence[Candidate], candidate: Candidate) -> bool:
         """Return whether the part of a claim of one parameter shows that must."""

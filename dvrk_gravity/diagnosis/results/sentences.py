@@ -292,7 +292,7 @@ def rejected(unconfirmed: Unconfirmed) -> str:
     """Return why an effect that explains the data best is no finding."""
     joint, gain = unconfirmed.joint, unconfirmed.gain
     if gain is None:
-        why = "it acts in no held-out block that could confirm it"
+        why = "it hardly acts in the held-out blocks that could confirm it"
     elif unconfirmed.partial:
         why = "part of what it implies is absent"
     else:
