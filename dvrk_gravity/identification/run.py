@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State, from_other_packages, terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError, RecordingError
 from dvrk_gravity.identification.evaluation import errors_of, evaluate
+from dvrk_gravity.identification.file_forms import FORMS, ForFile, require_form
 from dvrk_gravity.identification.quality.constant import (
     constants,
     recorded_range,
@@ -23,11 +24,6 @@ from dvrk_gravity.identification.quality.verdict import POOR, judge, of_misread,
 from dvrk_gravity.identification.quality.weights import by_weight, held_weights
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.trajectories.fit import fit_dynamic
-from dvrk_gravity.identification.trajectories.problem import (
-    FORMS,
-    ForFile,
-    require_form,
-)
 from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
 from dvrk_gravity.model import Columns, TorqueModel, fitted_effects
 from dvrk_gravity.observation import (
