@@ -309,17 +309,16 @@ class Monitor:
         onset = first.onset(window)
         near = self._plausible(found, window, min(0.0, first.excess - self._margin(first)))
         causes = {candidate.hypothesis.key: candidate for candidate in near}
-        begun = [candidate.refit_from(onset, window) for candidate in causes.values()]
-        likely = [
-            candidate for candidate in begun if candidate is not None and candidate.significant()
-        ]
+        fits = (candidate.refit_from(onset, window) for candidate in causes.values())
+        begun = [candidate for candidate in fits if candidate is not None]
+        likely = [candidate for candidate in begun if candidate.significant()]
         if not likely or likeliest(likely).excess <= 0.0:
             return
         best = likeliest(likely)
         least_excess = best.excess - self._margin(best)
         rivals = [
             candidate
-            for candidate in likely
+            for candidate in begun
             if candidate is not best and candidate.excess > least_excess
         ]
         # Which link carries a load, a motion may never show.
