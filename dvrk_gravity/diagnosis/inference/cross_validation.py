@@ -15,8 +15,6 @@ from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.inference.regression import (
     ChoiceSamples,
-    CoherentError,
-    OwnParameters,
     WeightedSamples,
     block_fit,
 )
@@ -402,17 +400,13 @@ class CrossValidation:
 
         See :func:`block_fit`; blocks are joined over four correlation times of the errors.
         """
-        coherent = CoherentError(
-            self.significance.settings.coherent * self.known_error * self.weight,
-            np.array(
-                [each.hypothesis.COHERENT_ERRORS for each in candidates for _ in range(each.size)],
-                dtype=bool,
-            ),
-        )
+        adds = [each.hypothesis.COHERENT_ERRORS for each in candidates for _ in range(each.size)]
         return block_fit(
             self.regression(candidates), self._weighted.target,
-            np.repeat(self.choice.block // self._clustered, self.joints),
-            OwnParameters(self.model_size, self._prior_weight), coherent, self.choice.counts,
+            np.repeat(self.choice.block // self._clustered, self.joints), self.choice.counts,
+            own=self.model_size, prior=self._prior_weight,
+            coherent=self.significance.settings.coherent * self.known_error * self.weight,
+            adds=np.array(adds, dtype=bool),
         )  # fmt: skip
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:

@@ -21,35 +21,9 @@ _DRAWS = 400  # of parameters, for intervals of what is derived from them: ten l
 _WIDEST = 100.0  # times a positive setting: as wide an interval says that nothing is known. Chosen
 
 
-@dataclass(frozen=True)
-class OwnParameters:
-    """The model's own parameters, which come first and are not free.
-
-    Attributes:
-        count: How many there are.
-        prior: Variance of noise, in units of the weights, for which the ridge is their prior.
-    """
-
-    count: int
-    prior: float
-
-
-@dataclass(frozen=True)
-class CoherentError:
-    """The part of a model's known error that may look like a cause in all of a motion.
-
-    Attributes:
-        rms: (n,) at each joint, in units of the weights.
-        adds: (k,) parameters that it looks like at all joints in the same sense.
-    """
-
-    rms: Array
-    adds: NDArray[np.bool_]
-
-
 def block_fit(
-    regression: Regression, target: Array, block: NDArray[np.int64],
-    own_parameters: OwnParameters, coherent: CoherentError, counts: Array,
+    regression: Regression, target: Array, block: NDArray[np.int64], counts: Array, *,
+    own: int, prior: float, coherent: Array, adds: NDArray[np.bool_],
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return parameters (k,) but for the model's own, and their covariance (k, k).
 
@@ -62,9 +36,12 @@ def block_fit(
         regression: Of (N n, d + k) columns of n joints in turn, the d of the model first.
         target: (N n,).
         block: (N n,) number of the block.
-        own_parameters: The model's own parameters.
-        coherent: Error that may look like a cause.
         counts: (n,) samples that count.
+        own: Number d of the model's own parameters.
+        prior: Variance of noise, in units of the weights, for which the ridge is their prior.
+        coherent: (n,) RMS of the part of the known error that may look like a cause in all of a
+            motion, at each joint, in units of the weights.
+        adds: (k,) parameters that it looks like at all joints in the same sense.
     """
     from scipy.special import ndtr, stdtrit
 
@@ -76,37 +53,30 @@ def block_fit(
         [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces],
         regression.ridge, regression.trace,
     )  # fmt: skip
-    first = own_parameters.count
-    inverse = regression.inverse[first:]
-    coupling = inverse[:, :first]
-    held = own_parameters.prior * coupling @ regression.ridge[:first, :first] @ coupling.T
-    held += _of_known_error(design, inverse, first, coherent, counts)
+    inverse = regression.inverse[own:]
+    coupling = inverse[:, :own]
+    held = prior * coupling @ regression.ridge[:own, :own] @ coupling.T
+    held += _of_known_error(design, inverse, own, coherent, adds, counts)
     wider = stdtrit(max(len(pieces) - 1, 1), ndtr(NORMAL_95)) / NORMAL_95
-    return theta[first:], wider**2 * (covariance[first:, first:] + held)
+    return theta[own:], wider**2 * (covariance[own:, own:] + held)
 
 
 def _of_known_error(
-    design: Array, inverse: Array, first: int, coherent: CoherentError, counts: Array
+    design: Array, inverse: Array, own: int, rms: Array, adds: NDArray[np.bool_], counts: Array
 ) -> Array:
     """Return the (k, k) covariance of what a known error that looks like a cause adds.
 
     Of each joint an error of that RMS, in the shape of each of its columns; the joints' are
-    independent, or add.
-
-    Args:
-        design: (N n, d + k) weighted columns, the model's own first.
-        inverse: (k, d + k) rows of the inverse of the normal equations' matrix.
-        first: d.
-        coherent: The error.
-        counts: (n,) samples that count.
+    independent, or add. See :func:`block_fit`; ``inverse`` are (k, d + k) rows of the inverse of
+    the normal equations' matrix.
     """
-    columns = design.reshape(-1, len(coherent.rms), design.shape[1]).transpose(1, 2, 0)
+    columns = design.reshape(-1, len(rms), design.shape[1]).transpose(1, 2, 0)
     # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
-    products = np.matmul(columns, columns[:, first:].transpose(0, 2, 1))
-    square = np.einsum("jkk->jk", products[:, first:]) / counts[:, None]
+    products = np.matmul(columns, columns[:, own:].transpose(0, 2, 1))
+    square = np.einsum("jkk->jk", products[:, own:]) / counts[:, None]
     per_rms = np.where(square > 0.0, 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0)), 0.0)
-    scaled = products * (coherent.rms[:, None] * per_rms)[:, None]
-    apart, adding = scaled[:, :, ~coherent.adds], scaled[:, :, coherent.adds].sum(axis=0)
+    scaled = products * (rms[:, None] * per_rms)[:, None]
+    apart, adding = scaled[:, :, ~adds], scaled[:, :, adds].sum(axis=0)
     # A square: of columns that are all but the same it stays one to the last digit.
     root = inverse @ np.hstack([*apart, adding])
     return np.asarray(root @ root.T)
