@@ -36,7 +36,6 @@ from .inference.nonlinear import relinearised as relinearised
 from .inference.nonlinear import tangents as tangents
 from .inference.recurring_misfit import AtCalibration as AtCalibration
 from .inference.recurring_misfit import RecurringMisfit as RecurringMisfit
-from .inference.regression import estimates as estimates
 from .inference.selection import Selection as Selection
 from .inference.selection import SelectionSettings as SelectionSettings
 from .inference.significance import Multiplicity as Multiplicity
@@ -66,6 +65,7 @@ from .results.findings import Picture as Picture
 from .results.findings import ordered as ordered
 from .results.fitted_hypothesis import UNREADABLE_CAUSE as UNREADABLE_CAUSE
 from .results.fitted_hypothesis import FittedHypothesis as FittedHypothesis
+from .results.fitted_hypothesis import estimates as estimates
 from .results.other_findings import unexplained_error as unexplained_error
 from .results.sentences import FLOORS as FLOORS
 from .results.sentences import effect_found as effect_found

@@ -1,9 +1,8 @@
-"""Weighted least squares of columns, and parameters with their covariance from blocks."""
+"""The samples that a choice may see, and parameters with their covariance from blocks."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -14,11 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.effects import Estimate, Hypothesis
 from dvrk_gravity.estimation import NORMAL_95, NormalEquations, Regression, block_jackknife
-
-_DRAWS = 400  # of parameters, for intervals of what is derived from them: ten lie beyond either end
-_WIDEST = 100.0  # times a positive setting: as wide an interval says that nothing is known. Chosen
 
 
 def block_fit(
@@ -122,6 +117,12 @@ class ChoiceSamples:
         return np.asarray(np.maximum(self.usable.sum(axis=0), 1))
 
     @cached_property
+    def values(self) -> list[slice]:
+        """Which of R n values, those of n joints in turn, are each fold's."""
+        n = self.usable.shape[1]
+        return [slice(rows.start * n, rows.stop * n) for rows in self.folds]
+
+    @cached_property
     def of_model(self) -> list[NormalEquations]:
         """Sums of the model's columns over each fold, joint by joint."""
         usable = self.usable.astype(float)
@@ -130,107 +131,19 @@ class ChoiceSamples:
             for rows in self.folds
         ]
 
-
-@dataclass(frozen=True, eq=False)
-class WeightedSamples:
-    """The same with a weight for each joint.
-
-    Attributes:
-        samples: The samples.
-        weight: (n,) 1/(N·m); zero where nothing can be said.
-        ridge: (d, d) what is known of the model's parameters before any data.
-        trace: See :func:`normal_equations.solve`.
-    """
-
-    samples: ChoiceSamples
-    weight: Array
-    ridge: Array
-    trace: float
-
-    @cached_property
-    def weights(self) -> Array:
-        """(R, n) 1/(N·m); zero where nothing can be said."""
-        return np.asarray(self.samples.usable * self.weight)
-
-    @cached_property
-    def folds(self) -> list[slice]:
-        """Which of the R n values are each fold's."""
-        n = len(self.weight)
-        return [slice(rows.start * n, rows.stop * n) for rows in self.samples.folds]
-
-    @cached_property
-    def target(self) -> Array:
-        """(R n,) weighted residuals."""
-        return (self.samples.residual * self.weights).reshape(-1)
-
-    @cached_property
-    def of_model(self) -> Regression:
-        """The least squares of the model's own parameters alone."""
-        design = self.samples.model.reshape(self.weights.size, -1) * self.weights.reshape(-1, 1)
-        products = NormalEquations.total(self._folds_of_model).gram[0]
-        return Regression(design, self.ridge, self.trace, products)
-
-    @cached_property
-    def _folds_of_model(self) -> list[NormalEquations]:
-        square, zero = self.weight**2, np.zeros(1)
-        sums = (fold.combined(square) for fold in self.samples.of_model)
+    def weighted_sums(self, weight: Array) -> list[NormalEquations]:
+        """Return the sums of the model's columns over each fold, with (n,) weights."""
+        square, zero = weight**2, np.zeros(1)
+        sums = (fold.combined(square) for fold in self.of_model)
         return [NormalEquations(gram[None], cross[None], zero, zero) for gram, cross in sums]
 
-    def design(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (R n, k) weighted columns of candidates."""
+    def design(self, candidates: Sequence[Candidate], weights: Array) -> Array:
+        """Return (R n, k) columns of candidates with (R, n) weights."""
         width = sum(candidate.size for candidate in candidates)
-        columns, first = np.zeros((*self.weights.shape, width)), 0
+        columns, first = np.zeros((*weights.shape, width)), 0
         for candidate in candidates:
             own = slice(first, first + candidate.size)
-            weight = self.weights[:, candidate.joints, None]
-            columns[:, candidate.joints, own] = candidate.values[self.samples.rows] * weight
+            weight = weights[:, candidate.joints, None]
+            columns[:, candidate.joints, own] = candidate.values[self.rows] * weight
             first = own.stop
-        return columns.reshape(self.weights.size, width)
-
-    def by_fold(self, columns: Array) -> list[NormalEquations]:
-        """Return the sums of the model's columns and then (R n, k) others over each fold."""
-        design, target = self.of_model.design[:, None], self.target[:, None]
-        return [
-            fold.extended(design[rows], columns[rows, None], target[rows])
-            for rows, fold in zip(self.folds, self._folds_of_model, strict=True)
-        ]
-
-
-def estimates(
-    hypothesis: Hypothesis, theta: Array, covariance: Array, spread: Mapping[str, float]
-) -> dict[str, Estimate]:
-    """Return the named parameters with 95 % intervals.
-
-    Args:
-        hypothesis: The hypothesis.
-        theta: (k,) linear parameters.
-        covariance: (k, k) of them.
-        spread: Standard deviations of the settings that were searched for.
-    """
-    random = np.random.default_rng(0)
-    drawn = random.multivariate_normal(theta, covariance, _DRAWS, method="eigh")
-    middle = hypothesis.parameters(theta)
-    draws = [hypothesis.parameters(draw) for draw in drawn]
-    result = {}
-    for name, value in middle.items():
-        if not hypothesis.meaning(name).reported:
-            continue
-        if name in spread and name in hypothesis.refine:
-            low, high = _interval(value, spread[name], hypothesis.meaning(name).positive)
-        else:
-            low, high = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
-        unit = hypothesis.unit(name)
-        result[name] = Estimate(value, float(min(low, value)), float(max(high, value)), unit)
-    return result
-
-
-def _interval(value: float, spread: float, positive: bool) -> tuple[float, float]:
-    """Return the 95 % interval of a setting with a standard deviation.
-
-    That of a positive one is even in its logarithm (Meeker and Escobar 1998, Statistical Methods
-    for Reliability Data, chapter 7): no time constant is below zero.
-    """
-    if positive and value > 0.0:
-        factor = math.exp(min(NORMAL_95 * spread / value, math.log(_WIDEST)))
-        return value / factor, value * factor
-    return value - NORMAL_95 * spread, value + NORMAL_95 * spread
+        return columns.reshape(weights.size, width)

@@ -19,7 +19,6 @@ from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
 from dvrk_gravity.diagnosis.inference.infer import Posterior
 from dvrk_gravity.diagnosis.inference.load_posterior import Fitted, LoadPosterior
 from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
-from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.remaining import proven_error
 from dvrk_gravity.diagnosis.readings.correction import (
     WrongReading,
@@ -36,6 +35,7 @@ from dvrk_gravity.diagnosis.results.effect_findings import (
 )
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import estimates
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,

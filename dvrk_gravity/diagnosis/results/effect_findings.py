@@ -15,7 +15,6 @@ from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
-from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (
@@ -24,7 +23,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Finding,
     Picture,
 )
-from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis, estimates
 from dvrk_gravity.diagnosis.results.identifiability import separation
 from dvrk_gravity.effects import Estimate, Hypothesis, Kind, is_friction
 from dvrk_gravity.estimation import squared_distance

@@ -15,7 +15,6 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext, part_of_friction, variation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
-from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.remaining import ABOVE, expected_error, proven_error
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.diagnosis.readings.correction import WrongReading, reading_gain
@@ -31,6 +30,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Known,
     PayloadCheck,
 )
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import estimates
 from dvrk_gravity.effects import Estimate, Kind, is_friction, remedy_text, unexplained
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import VERDICTS
