@@ -103,16 +103,14 @@ def diagnose(
     say = progress or silent
     say("reading")
     problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
-    read = correct_readings(problem.motion, say)
-    if contradiction(read.hypotheses.motion.warnings) and not read.wrong:
-        as_stated, elsewhere = empty_posterior(read.hypotheses), None
+    wrong, hypotheses = correct_readings(problem.motion, say)
+    if contradiction(hypotheses.motion.warnings) and not wrong:
+        as_stated, elsewhere = empty_posterior(hypotheses), None
     else:
-        as_stated = infer(read.hypotheses, say)
+        as_stated = infer(hypotheses, say)
         elsewhere = with_load_elsewhere(as_stated, say)
     say("measuring gains on held-out blocks")
-    diagnosis = report(
-        elsewhere or as_stated, problem.faults, read.wrong, known_payload, problem.errors
-    )
+    diagnosis = report(elsewhere or as_stated, problem.faults, wrong, known_payload, problem.errors)
     if elsewhere is not None:
         diagnosis = replace(diagnosis, misplaced=str(payload_at))
     return diagnosis

@@ -44,21 +44,10 @@ class WrongReading:
     alternatives: tuple[ReadingScore, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class CorrectedReading:
-    """A recording as it is to be read.
-
-    Attributes:
-        wrong: Wrong readings, in the order in which they were corrected.
-        hypotheses: About the motion, as it is to be read.
-    """
-
-    wrong: tuple[WrongReading, ...]
-    hypotheses: Hypotheses
-
-
-def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> CorrectedReading:
-    """Return the motion as it is to be read.
+def correct_readings(
+    motion: MeasuredMotion, say: Callable[[str], None]
+) -> tuple[list[WrongReading], Hypotheses]:
+    """Return wrong readings, in the order of correction, and hypotheses about the motion as read.
 
     A better reading must gain about as much as the best effect does.
     """
@@ -70,7 +59,7 @@ def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> Corr
         about = Hypotheses.of(context)
         selection = Selection(context.validation, about.pool, say)
         if found is None or found.score.gain <= _SHARE * _best_gain(selection, context):
-            return CorrectedReading(tuple(wrong), about)
+            return wrong, about
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
         motion.release()
