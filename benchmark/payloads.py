@@ -21,7 +21,6 @@ from dvrk_gravity.diagnosis import (
     CrossValidation,
     DiagnosisProblem,
     FilteredData,
-    Fitted,
     LoadPosterior,
     build,
     refined,
@@ -111,8 +110,9 @@ def _mass(problem: DiagnosisProblem) -> Estimate:
     loads = [refined(validation, each, []) for each in validation.data.candidates(found)]
     load = min(loads, key=lambda each: validation.misfit([each]))
     validation, (load,) = relinearised(validation.weighted([load]), [load])
-    fitted = Fitted(load, validation.parameters([load]), np.zeros((load.size, load.size)))
-    return LoadPosterior.of(validation, [load], fitted).estimates(load.hypothesis)["mass"]
+    theta, spread = validation.parameters([load]), np.zeros((load.size, load.size))
+    posterior = LoadPosterior.of(validation, [load], load, theta, spread)
+    return posterior.estimates(load.hypothesis)["mass"]
 
 
 def _rows(found: Sequence[Weighed]) -> Iterator[str]:

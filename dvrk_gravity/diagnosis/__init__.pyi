@@ -28,7 +28,6 @@ from .inference.hypotheses import Hypotheses as Hypotheses
 from .inference.hypotheses import hypotheses as hypotheses
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer
-from .inference.load_posterior import Fitted as Fitted
 from .inference.load_posterior import LoadLikelihood as LoadLikelihood
 from .inference.load_posterior import LoadPosterior as LoadPosterior
 from .inference.nonlinear import refined as refined

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -251,23 +251,12 @@ def beyond_range(motion: MeasuredMotion, hypothesis: Hypothesis, theta: Array) -
     return f"it acts outside {span}, where the model was not identified"
 
 
-@dataclass(frozen=True)
-class Difference:
-    """What each recording shows of a cause about which they differ.
-
-    Attributes:
-        sentence: In words.
-        shown: Whether any of them shows it by itself.
-    """
-
-    sentence: str
-    shown: bool
-
-
 def difference(
     validation: CrossValidation, named: Sequence[Candidate], i: int, sources: Sequence[str]
-) -> Difference | None:
-    """Return what each recording shows of a cause, or ``None`` where they agree about it.
+) -> tuple[str, bool] | None:
+    """Return what each recording shows of a cause, and whether any shows it by itself.
+
+    ``None`` where they agree about it.
 
     They differ where separate parameters explain it significantly better (Wald's test of
     homogeneity), and common ones miss, at some joint, more than a fifth of the torque that a
@@ -320,7 +309,7 @@ def difference(
         found = estimates(cause.hypothesis, values, spread, {})
         claims[number] = "" if absent else cause.hypothesis.claim(found)
     sentence = sentences.difference(cause.hypothesis.subject, claims, sources)
-    return Difference(sentence, any(claims.values()))
+    return sentence, any(claims.values())
 
 
 def _divided(cause: Candidate, recordings: Sequence[Mask]) -> Candidate:
