@@ -19,9 +19,9 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis import (
     CrossValidation,
-    DiagnosisProblem,
     FilteredData,
     LoadPosterior,
+    MeasuredMotion,
     build,
     refined,
     relinearised,
@@ -91,8 +91,8 @@ def weighed(name: str, seed: int) -> list[Weighed]:
                     ),
                 }  # fmt: skip
                 known = "unknown" if where is None else "stated"
-                for what, problem in beside.items():
-                    result.append(Weighed((what, speed, known), mass, _mass(problem)))
+                for what, (motion, *_) in beside.items():
+                    result.append(Weighed((what, speed, known), mass, _mass(motion)))
     return result
 
 
@@ -101,9 +101,8 @@ def _with(truth: Truth, link: str, mass: float, place: Array) -> Truth:
     return replace(truth, effort=truth.effort + load.torque(State(*truth.motion)))
 
 
-def _mass(problem: DiagnosisProblem) -> Estimate:
+def _mass(motion: MeasuredMotion) -> Estimate:
     """Return the mass of a payload that is all that is off."""
-    motion = problem.motion
     validation = CrossValidation.of(FilteredData.of(motion))
     stated = motion.payload_at is not None
     found = [each for each in Payload.hypotheses(motion) if stated or each.form in _LIKELY]

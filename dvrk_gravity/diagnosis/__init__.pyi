@@ -70,7 +70,6 @@ from .results.sentences import FLOORS as FLOORS
 from .results.sentences import effect_found as effect_found
 from .results.sentences import parameter_text as parameter_text
 from .results.sentences import remaining_error as remaining_error
-from .run import DiagnosisProblem as DiagnosisProblem
 from .run import arm_for as arm_for
 from .run import build as build
 from .run import diagnose as diagnose
