@@ -25,7 +25,7 @@ from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
 from .inference.hypotheses import Hypotheses as Hypotheses
-from .inference.hypotheses import hypotheses as hypotheses
+from .inference.hypotheses import every_hypothesis as every_hypothesis
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer
 from .inference.load_posterior import LoadLikelihood as LoadLikelihood
