@@ -28,7 +28,7 @@ from dvrk_gravity.estimation import (
 # that columns that repeat others share their coefficient.
 _TRACE = 1e-9
 # Part of the most active block's energy from which on a candidate acts in a block. Chosen.
-_ACTIVE = 0.03
+ACTIVE = 0.03
 _LEAST_USABLE = 0.05  # of the samples, that a joint must have to be judged at all. Chosen
 _SCREENED = 32  # columns screened at a time, on which no result depends: faster than one by one
 # Correlation times of the model's known error in a block of the jackknife: of an exponential
@@ -275,7 +275,7 @@ class CrossValidation:
         weight = self.weight[candidate.joints] ** 2
         square = (candidate.values[self.choice.rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self.choice.block, square, minlength=self.data.count)
-        return np.asarray(energy > _ACTIVE * energy.max())
+        return np.asarray(energy > ACTIVE * energy.max())
 
     def _lasts(self, candidate: Candidate) -> float:
         """Return which part of the samples of choice a candidate is there for.

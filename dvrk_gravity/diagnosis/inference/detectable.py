@@ -20,8 +20,8 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
-from dvrk_gravity.diagnosis.inference.held_out import HeldOut, JudgementSettings
-from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
+from dvrk_gravity.diagnosis.inference.held_out import JUDGEMENT, HeldOut
+from dvrk_gravity.diagnosis.inference.selection import SELECTION
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
 
 POWER = 0.95
@@ -135,7 +135,7 @@ class _SizeSearch:
             left: (R, n) what of their torque is not made up for, N·m.
             moved: (d,) by how much that moves the model's parameters, in standard deviations.
         """
-        validation, settings, rest = self.context.validation, SelectionSettings(), self.context
+        validation, rest = self.context.validation, self.context
         rms = validation.size(candidate, theta)
         judged = (validation.weight > 0.0) & (rms > 0.0)
         if not judged.any():
@@ -147,13 +147,13 @@ class _SizeSearch:
         counted = np.array([samples, self._held_out * samples])
         comparisons = self.multiplicity.n_comparisons(candidate)
         among, alone = (self._needed(candidate.size, n) for n in (comparisons, 1))
-        least = settings.least(validation, rest.friction.uncertain)
+        least = SELECTION.least(validation, rest.friction.uncertain)
         significance = validation.significance
 
         def is_significant(size: float) -> bool:
             with_it = known + size**2 * added
             removed = 1.0 - np.sqrt(known / np.maximum(with_it, 1e-300))
-            if not np.any(removed[judged] > JudgementSettings().least_removed):
+            if not np.any(removed[judged] > JUDGEMENT.least_removed):
                 return False
             gain, confirmed = significance.gain(with_it, known, counted).sum(axis=1).tolist()
             enough = gain + significance.of_model(size**2 * cost) >= among and confirmed >= alone
@@ -184,10 +184,10 @@ class _SizeSearch:
 
         key = parameters, comparisons
         if key not in self.needed:
-            significance, alpha = self.context.validation.significance, SelectionSettings().alpha
+            significance = self.context.validation.significance
 
             def passes(gain: float) -> bool:
-                return significance.p_value(np.zeros(0), gain, *key) < alpha
+                return significance.p_value(np.zeros(0), gain, *key) < SELECTION.alpha
 
             limit = _least(passes, 1.0)
             self.needed[key] = 0.5 * float(chndtrinc(2.0 * limit, parameters, 1.0 - POWER))

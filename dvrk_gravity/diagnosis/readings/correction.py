@@ -11,7 +11,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
-from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
+from dvrk_gravity.diagnosis.inference.held_out import JUDGEMENT, Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, ordinary_effects
 from dvrk_gravity.diagnosis.inference.selection import Selection
 from dvrk_gravity.diagnosis.readings.search import (
@@ -100,7 +100,7 @@ def _better_reading(present: FitContext) -> WrongReading | None:
         before = error_as_read(motion, read.validation.data, held_out)
         after = held_out.as_read()
     _, gained = reading_gain(scores[0], before, after, held_out)
-    certain = gained.low > 0.0 and gained.relative > held_out.settings.least_removed
+    certain = gained.low > 0.0 and gained.relative > JUDGEMENT.least_removed
     old, new = present.score, read.score
     inflation = read.validation.inflation(new.error, old.error - new.error)
     p_value = likelihood_ratio(read.validation.gain(old, new, inflation), 1)

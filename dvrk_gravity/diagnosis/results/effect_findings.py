@@ -15,7 +15,7 @@ from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
-from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import SELECTION, EffectTrial
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (
     NOT_AS_FOUND,
@@ -289,7 +289,7 @@ def difference(
     if chdtrc(len(change), apart) > _ALPHA:
         return None
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
-    known_error = SelectionSettings().least(validation)
+    known_error = SELECTION.least(validation)
     least = np.maximum(known_error, validation.score(candidates).rms)
     of_recording = [np.kron(unit, np.ones(size)) for unit in np.eye(count)]
     part = np.array([[own[number].sum() / seen.sum()] for number in shown])
