@@ -27,7 +27,7 @@ from dvrk_gravity.diagnosis import (
     CrossValidation,
     FilteredData,
     RecurringMisfit,
-    hypotheses,
+    every_hypothesis,
     load,
 )
 from testing.clean_motions import clean_motions, of_each_arm
@@ -55,7 +55,7 @@ def regions(name: str, seed: int) -> list[Held]:
 def _sample(validation: CrossValidation, random: np.random.Generator) -> Iterator[Candidate]:
     """Yield a few hypotheses of every effect, those of one link or joint only."""
     by_effect: dict[str, list[Candidate]] = {}
-    for candidate in validation.data.candidates(hypotheses(validation.data.motion)):
+    for candidate in validation.data.candidates(every_hypothesis(validation.data.motion)):
         # What acts only where nothing may be learned has no estimate.
         felt = validation.size(candidate, np.ones(candidate.size)).any()
         if np.isfinite(candidate.values).all() and felt and not candidate.hypothesis.refits_model:

@@ -19,10 +19,9 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis import (
     CrossValidation,
-    DiagnosisProblem,
     FilteredData,
-    Fitted,
     LoadPosterior,
+    MeasuredMotion,
     build,
     refined,
     relinearised,
@@ -92,8 +91,8 @@ def weighed(name: str, seed: int) -> list[Weighed]:
                     ),
                 }  # fmt: skip
                 known = "unknown" if where is None else "stated"
-                for what, problem in beside.items():
-                    result.append(Weighed((what, speed, known), mass, _mass(problem)))
+                for what, (motion, *_) in beside.items():
+                    result.append(Weighed((what, speed, known), mass, _mass(motion)))
     return result
 
 
@@ -102,17 +101,17 @@ def _with(truth: Truth, link: str, mass: float, place: Array) -> Truth:
     return replace(truth, effort=truth.effort + load.torque(State(*truth.motion)))
 
 
-def _mass(problem: DiagnosisProblem) -> Estimate:
+def _mass(motion: MeasuredMotion) -> Estimate:
     """Return the mass of a payload that is all that is off."""
-    motion = problem.motion
     validation = CrossValidation.of(FilteredData.of(motion))
     stated = motion.payload_at is not None
     found = [each for each in Payload.hypotheses(motion) if stated or each.form in _LIKELY]
     loads = [refined(validation, each, []) for each in validation.data.candidates(found)]
     load = min(loads, key=lambda each: validation.misfit([each]))
     validation, (load,) = relinearised(validation.weighted([load]), [load])
-    fitted = Fitted(load, validation.parameters([load]), np.zeros((load.size, load.size)))
-    return LoadPosterior.of(validation, [load], fitted).estimates(load.hypothesis)["mass"]
+    theta, spread = validation.parameters([load]), np.zeros((load.size, load.size))
+    posterior = LoadPosterior.of(validation, [load], load, theta, spread)
+    return posterior.estimates(load.hypothesis)["mass"]
 
 
 def _rows(found: Sequence[Weighed]) -> Iterator[str]:

@@ -14,7 +14,6 @@ from dvrk_gravity.diagnosis import (
     Candidate,
     CrossValidation,
     HeldOut,
-    JudgementSettings,
     Multiplicity,
     RecurringMisfit,
     Selection,
@@ -187,10 +186,6 @@ def test_the_best_of_many_must_be_as_much_better():
     )
     assert 0.0 < alone < 1e-3
     assert best == pytest.approx(min(1.0, 100 * alone))
-
-
-def test_choice_and_confirmation_have_one_level():
-    assert JudgementSettings().alpha == SelectionSettings().alpha
 
 
 def test_of_causes_with_as_few_parameters_the_best_is_told_or_a_commoner_one_hardly_worse():

@@ -17,8 +17,8 @@ from dvrk_gravity.diagnosis import (
     NOT_AS_FOUND,
     FittedHypothesis,
     MeasuredMotion,
+    every_hypothesis,
     extended,
-    hypotheses,
     load,
 )
 from dvrk_gravity.effects import (
@@ -79,7 +79,7 @@ def supposed() -> tuple[Hypothesis, ...]:
     setting = {"start": 2.0, "end": 4.0}
     push = PushHypothesis(arm=motion().arm, site=Site.joint(3), joints=(3,), setting=setting)
     searched = (ripple(2, 25.0), wall(1.0, 0.2), wall(-1.0, 0.1), push)
-    return (*hypotheses(motion()), *searched)
+    return (*every_hypothesis(motion()), *searched)
 
 
 def ripple(motor: int, cycles: float) -> Hypothesis:
@@ -317,7 +317,7 @@ def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
     shifted = replace(motion(), model=replace(motion().model, joint_offset=np.full(7, 0.8)))
     (zero,) = [
         hypothesis
-        for hypothesis in hypotheses(shifted)
+        for hypothesis in every_hypothesis(shifted)
         if hypothesis.effect == "joint_offset"
         and hypothesis.joints == (1,)
         and hypothesis.site.kind is Kind.JOINT
@@ -341,7 +341,7 @@ def test_a_cable_found_beyond_a_constants_range_is_carried_as_it_was_found():
     for theta in ([0.0, 0.03], [0.0, 0.01, 0.02]):
         cable = next(
             hypothesis
-            for hypothesis in hypotheses(narrowed)
+            for hypothesis in every_hypothesis(narrowed)
             if (hypothesis.effect, hypothesis.joints) == ("elastic_cable", (joint,))
             and hypothesis.place == f"degree {len(theta) - 1}"
         )

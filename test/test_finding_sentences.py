@@ -15,7 +15,7 @@ from dvrk_gravity.diagnosis import (
     FilteredData,
     Gain,
     effect_found,
-    hypotheses,
+    every_hypothesis,
     load,
     ordered,
     parameter_text,
@@ -88,7 +88,7 @@ def every() -> list[Case]:
     noise = np.random.default_rng(0).normal(size=data.residual.shape)
     residual = Residual(data, noise, np.ones_like(noise), np.ones(len(noise), dtype=bool))
     found = [
-        *hypotheses(motion),
+        *every_hypothesis(motion),
         *(
             hypothesis
             for effect in effects.effects()

@@ -10,7 +10,7 @@ import pytest
 from claims import N, claim, data, pool, problem
 from diagnosed import ARM, INSERTION, PITCH, YAW
 
-from dvrk_gravity.diagnosis import AtCalibration, CrossValidation, hypotheses, refined
+from dvrk_gravity.diagnosis import AtCalibration, CrossValidation, every_hypothesis, refined
 from dvrk_gravity.effects import PushHypothesis, Site, WallHypothesis
 
 SIGMA = 0.1  # N·m: what a standard deviation of the model's parameter makes of its torque
@@ -122,7 +122,7 @@ def test_a_search_ends_at_the_setting_that_is_there(effect, beside):
     """Wherever it begins, and beside another cause; a load that was held far away is released."""
     theta, setting, starts = SEARCHED[effect]
     cause = next(
-        each for each in (WALL, PUSH, *hypotheses(data().motion))
+        each for each in (WALL, PUSH, *every_hypothesis(data().motion))
         if effect in (each.effect, each.form) and each.site in (Site.joint(PITCH), Site.link(N - 1))
     )  # fmt: skip
     there = data().candidate(replace(cause, setting=setting))

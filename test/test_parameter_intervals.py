@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis import (
     CrossValidation,
     FilteredData,
     estimates,
-    hypotheses,
+    every_hypothesis,
     load,
 )
 from dvrk_gravity.estimation import NORMAL_95
@@ -42,7 +42,7 @@ def first(effect: str, joint: int) -> Candidate:
     data = CrossValidation.of(exact()).data
     return next(
         candidate
-        for candidate in data.candidates(hypotheses(data.motion))
+        for candidate in data.candidates(every_hypothesis(data.motion))
         if candidate.hypothesis.effect == effect and candidate.acts[joint]
     )
 

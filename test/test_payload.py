@@ -159,15 +159,17 @@ def test_a_load_beside_what_else_may_be_is_that_of_one_ridge_regression():
     load_ = data.candidate(payload)
     noise = claims.problem({0: 0.2}).data.residual
     validation = CrossValidation.of(replace(data, residual=load_.columns() @ theta + noise))
-    fit = load_posterior.Fitted(load_, theta, np.diag([1e-2, 1e-5, 1e-5, 1e-5]))
-    problem = load_posterior._Problem.of(validation, [load_, other], fit, changed=False)
+    spread = np.diag([1e-2, 1e-5, 1e-5, 1e-5])
+    problem = load_posterior._Problem.of(
+        validation, [load_, other], load_, theta, spread, changed=False
+    )
 
     form = problem.form(body)
     terms = place_terms(np.array([list(place.values())]))[0]
     scale = (validation.weight * validation.choice.usable).ravel() * problem.weight
     rows = validation.choice.rows
     columns = (load_.columns(rows) @ theta / 0.3, other.columns(rows)[..., 0],
-               *np.moveaxis(load_.columns(rows) @ np.sqrt(fit.spread), 2, 0))  # fmt: skip
+               *np.moveaxis(load_.columns(rows) @ np.sqrt(spread), 2, 0))  # fmt: skip
     design = np.stack([each.ravel() * scale for each in columns], axis=1)
     target = validation.data.residual[rows].ravel() * scale
     gram = design.T @ design + np.diag([0.0, *other.ridge, *np.ones(4)])
@@ -179,8 +181,9 @@ def test_a_load_beside_what_else_may_be_is_that_of_one_ridge_regression():
     assert (problem.weight < 1.0).all(), "samples that are correlated count less"
     for against, mass, sign in ((True, 1.0, 1.0), (True, -1.0, -1.0), (False, -1.0, 1.0)):
         other_load = replace(load_, hypothesis=replace(payload, against_reference=against))
-        fit = replace(fit, load=other_load, theta=mass * theta)
-        of = load_posterior._Problem.of(validation, [other_load, other], fit, changed=False)
+        of = load_posterior._Problem.of(
+            validation, [other_load, other], other_load, mass * theta, spread, changed=False
+        )
         assert of.sign == sign, "a mass may be taken off since a reference alone"
 
 

@@ -28,8 +28,8 @@ from dvrk_gravity.diagnosis import (
     Finding,
     MeasuredMotion,
     diagnose,
+    every_hypothesis,
     extended,
-    hypotheses,
     load,
     track,
 )
@@ -106,7 +106,7 @@ class Twin:
                 place = {"sum": "difference", "difference": "sum"}[place]
             return effect, joints, place
 
-        return [(each, motion) for each in sorted(hypotheses(motion), key=order)]
+        return [(each, motion) for each in sorted(every_hypothesis(motion), key=order)]
 
     def times(self, unit: str) -> float:
         """Return its sizes in a unit over those of the small arm: the power of mass it has."""

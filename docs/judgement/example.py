@@ -73,9 +73,9 @@ def found() -> Example:
     effort[:, joint] += STIFFNESS * (truth.q[:, joint] - MIDDLE)
     recording = world.record(replace(truth, effort=effort), NOISE)
 
-    problem = build(recording, model)
-    posterior = infer(Hypotheses.about(problem.motion))
-    diagnosis = report(posterior, problem.faults)
+    measured, faults, _ = build(recording, model)
+    posterior = infer(Hypotheses.about(measured))
+    diagnosis = report(posterior, faults)
     before = FilteredData.of(load([calibration], model))
     return Example(joint, before, posterior, diagnosis)
 

@@ -25,10 +25,9 @@ from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
 from .inference.hypotheses import Hypotheses as Hypotheses
-from .inference.hypotheses import hypotheses as hypotheses
+from .inference.hypotheses import every_hypothesis as every_hypothesis
 from .inference.infer import Posterior as Posterior
 from .inference.infer import infer as infer
-from .inference.load_posterior import Fitted as Fitted
 from .inference.load_posterior import LoadLikelihood as LoadLikelihood
 from .inference.load_posterior import LoadPosterior as LoadPosterior
 from .inference.nonlinear import refined as refined
@@ -36,7 +35,6 @@ from .inference.nonlinear import relinearised as relinearised
 from .inference.nonlinear import tangents as tangents
 from .inference.recurring_misfit import AtCalibration as AtCalibration
 from .inference.recurring_misfit import RecurringMisfit as RecurringMisfit
-from .inference.regression import estimates as estimates
 from .inference.selection import Selection as Selection
 from .inference.selection import SelectionSettings as SelectionSettings
 from .inference.significance import Multiplicity as Multiplicity
@@ -66,12 +64,12 @@ from .results.findings import Picture as Picture
 from .results.findings import ordered as ordered
 from .results.fitted_hypothesis import UNREADABLE_CAUSE as UNREADABLE_CAUSE
 from .results.fitted_hypothesis import FittedHypothesis as FittedHypothesis
+from .results.fitted_hypothesis import estimates as estimates
 from .results.other_findings import unexplained_error as unexplained_error
 from .results.sentences import FLOORS as FLOORS
 from .results.sentences import effect_found as effect_found
 from .results.sentences import parameter_text as parameter_text
 from .results.sentences import remaining_error as remaining_error
-from .run import DiagnosisProblem as DiagnosisProblem
 from .run import arm_for as arm_for
 from .run import build as build
 from .run import diagnose as diagnose

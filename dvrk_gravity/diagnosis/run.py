@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
@@ -44,21 +44,6 @@ from dvrk_gravity.recording import (
     known_coordinates,
     opened,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class DiagnosisProblem:
-    """What is to be explained.
-
-    Attributes:
-        motion: Beside the model or the reference.
-        faults: Of the recordings themselves, which were corrected.
-        errors: Errors of readings that the model knows, and those faults.
-    """
-
-    motion: MeasuredMotion
-    faults: tuple[Fault, ...]
-    errors: ReadingErrors
 
 
 def diagnose(
@@ -102,17 +87,17 @@ def diagnose(
         check_mass(known_payload)
     say = progress or silent
     say("reading")
-    problem = build(recordings, model, still, coordinates, reference, arm, payload_at)
-    read = correct_readings(problem.motion, say)
-    if contradiction(read.hypotheses.motion.warnings) and not read.wrong:
-        as_stated, elsewhere = empty_posterior(read.hypotheses), None
+    motion, faults, errors = build(
+        recordings, model, still, coordinates, reference, arm, payload_at
+    )
+    wrong, hypotheses = correct_readings(motion, say)
+    if contradiction(hypotheses.motion.warnings) and not wrong:
+        as_stated, elsewhere = empty_posterior(hypotheses), None
     else:
-        as_stated = infer(read.hypotheses, say)
+        as_stated = infer(hypotheses, say)
         elsewhere = with_load_elsewhere(as_stated, say)
     say("measuring gains on held-out blocks")
-    diagnosis = report(
-        elsewhere or as_stated, problem.faults, read.wrong, known_payload, problem.errors
-    )
+    diagnosis = report(elsewhere or as_stated, faults, wrong, known_payload, errors)
     if elsewhere is not None:
         diagnosis = replace(diagnosis, misplaced=str(payload_at))
     return diagnosis
@@ -126,8 +111,13 @@ def build(
     reference: Given | None = None,
     arm: Arm | str | Path | None = None,
     payload_at: str | None = None,
-) -> DiagnosisProblem:
-    """Return recordings without their own faults, beside a model or a reference; see `diagnose`."""
+) -> tuple[MeasuredMotion, tuple[Fault, ...], ReadingErrors]:
+    """Return what is to be explained; for the arguments see `diagnose`.
+
+    Returns:
+        The motion beside the model or the reference; faults of the recordings themselves, which
+        were corrected; errors of readings that the model knows, and those faults.
+    """
     model = None if model is None else TorqueModel.of(model)
     arm = arm_for(model, None if arm is None else Arm.of(arm), reference is not None)
     place = None if payload_at is None else place_of(arm, payload_at)
@@ -177,7 +167,7 @@ def build(
         motion = replace(motion, payload_at=place)
         require_visible_load(motion, str(payload_at))
     joints = [arm.joint_names.index(name) for name in motion.arm.joint_names]
-    return DiagnosisProblem(motion, read.faults, errors.after(read.errors).at(joints))
+    return motion, read.faults, errors.after(read.errors).at(joints)
 
 
 def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:

@@ -67,7 +67,7 @@ def track(
         RecordingError: As of ``diagnose``.
         ConfigError: As of ``diagnose``.
     """
-    motion = build(recordings, model, still, coordinates).motion
+    motion, *_ = build(recordings, model, still, coordinates)
     data = FilteredData.of(motion)
     validation = CrossValidation.of(data).weighted([])
     friction = np.sqrt(np.mean(validation.of_choice(data.expectation.friction) ** 2, axis=0))

@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.inference.regression import (
-    ChoiceSamples,
-    CoherentError,
-    OwnParameters,
-    WeightedSamples,
-    block_fit,
-)
+from dvrk_gravity.diagnosis.inference.regression import ChoiceSamples, block_fit
 from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,
@@ -34,7 +28,7 @@ from dvrk_gravity.estimation import (
 # that columns that repeat others share their coefficient.
 _TRACE = 1e-9
 # Part of the most active block's energy from which on a candidate acts in a block. Chosen.
-_ACTIVE = 0.03
+ACTIVE = 0.03
 _LEAST_USABLE = 0.05  # of the samples, that a joint must have to be judged at all. Chosen
 _SCREENED = 32  # columns screened at a time, on which no result depends: faster than one by one
 # Correlation times of the model's known error in a block of the jackknife: of an exponential
@@ -105,9 +99,26 @@ class CrossValidation:
         return replace(self, weight=weight, intraclass=np.zeros(self.joints))
 
     @cached_property
-    def _weighted(self) -> WeightedSamples:
-        ridge = self._ridge([], self.model_size)
-        return WeightedSamples(self.choice, self.weight, ridge, _TRACE)
+    def _weights(self) -> Array:
+        """(R, n) 1/(N·m); zero where nothing can be said."""
+        return np.asarray(self.choice.usable * self.weight)
+
+    @cached_property
+    def _target(self) -> Array:
+        """(R n,) weighted residuals."""
+        return (self.choice.residual * self._weights).reshape(-1)
+
+    @cached_property
+    def _model_by_fold(self) -> list[NormalEquations]:
+        """Weighted sums of the model's columns over each fold."""
+        return self.choice.weighted_sums(self.weight)
+
+    @cached_property
+    def _of_model(self) -> Regression:
+        """The least squares of the model's own parameters alone."""
+        design = self.choice.model.reshape(len(self._target), -1) * self._weights.reshape(-1, 1)
+        products = NormalEquations.total(self._model_by_fold).gram[0]
+        return Regression(design, self._ridge([], self.model_size), _TRACE, products)
 
     @property
     def joints(self) -> int:
@@ -151,7 +162,7 @@ class CrossValidation:
 
     def design(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R n, k) weighted columns of candidates."""
-        return self._weighted.design(candidates)
+        return self.choice.design(candidates, self._weights)
 
     def _unweighted(self, error: Array) -> Array:
         """Return (R, n) errors, N·m, of (R n,) weighted ones."""
@@ -177,8 +188,7 @@ class CrossValidation:
 
     def regression(self, candidates: Sequence[Candidate]) -> Regression:
         """Return the least squares of the model's own parameters and then those of candidates."""
-        of_model = self._weighted.of_model
-        return of_model.extended(self.design(candidates), self._ridge(candidates))
+        return self._of_model.extended(self.design(candidates), self._ridge(candidates))
 
     def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R, n) errors of the choice's samples, each from a fit that left its fold out."""
@@ -186,15 +196,18 @@ class CrossValidation:
 
     def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
         """Return :meth:`out_of_fold` and minus the log prior of the model's parameters."""
-        model, columns = self._weighted.of_model, self.design(candidates)
-        error = self._weighted.target.copy()
-        folds = self._weighted.by_fold(columns)
+        model, columns = self._of_model.design, self.design(candidates)
+        target, error = self._target[:, None], self._target.copy()
+        folds = [
+            fold.extended(model[rows, None], columns[rows, None], target[rows])
+            for rows, fold in zip(self.choice.values, self._model_by_fold, strict=True)
+        ]
         whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
-        for rows, fold in zip(self._weighted.folds, folds, strict=True):
+        for rows, fold in zip(self.choice.values, folds, strict=True):
             rest = whole - fold
             theta = solve(rest.gram[0] + ridge, rest.cross[0], _TRACE)
             own, further = np.split(theta, [self.model_size])
-            error[rows] -= model.design[rows] @ own + columns[rows] @ further
+            error[rows] -= model[rows] @ own + columns[rows] @ further
         theta = solve(whole.gram[0] + ridge, whole.cross[0], _TRACE)
         return self._unweighted(error), self._negative_log_prior(theta)
 
@@ -211,7 +224,7 @@ class CrossValidation:
         mean = self._mean_square(error)
         likelihood = float(self._log_likelihood(mean).sum())
         likelihood -= negative_log_prior + sum(candidate.cost for candidate in candidates)
-        square = ((error * self._weighted.weights) ** 2).sum(axis=1)
+        square = ((error * self._weights) ** 2).sum(axis=1)
         loss = np.bincount(self.choice.block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood, negative_log_prior)
 
@@ -262,7 +275,7 @@ class CrossValidation:
         weight = self.weight[candidate.joints] ** 2
         square = (candidate.values[self.choice.rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self.choice.block, square, minlength=self.data.count)
-        return np.asarray(energy > _ACTIVE * energy.max())
+        return np.asarray(energy > ACTIVE * energy.max())
 
     def _lasts(self, candidate: Candidate) -> float:
         """Return which part of the samples of choice a candidate is there for.
@@ -326,8 +339,8 @@ class CrossValidation:
                 however well it fits, takes no place from what could.
         """
         base = self.regression(selected)
-        theta = base.coefficients(self._weighted.target)
-        target = self._weighted.target - base.design @ theta
+        theta = base.coefficients(self._target)
+        target = self._target - base.design @ theta
         before = self._likelihood_of(target)
         found = []
         for batch in in_batches(pool, lambda candidate: candidate.size, _SCREENED):
@@ -364,19 +377,19 @@ class CrossValidation:
                 stay; by default these.
         """
         together = candidates if fitted_with is None else fitted_with
-        theta = self.regression(together).coefficients(self._weighted.target)
+        theta = self.regression(together).coefficients(self._target)
         if fitted_with is not None:
             own_parameters = theta[: self.model_size]
-            model = self._weighted.of_model.design @ own_parameters
+            model = self._of_model.design @ own_parameters
             found = Regression(self.design(candidates), self._ridge(candidates), _TRACE)
-            rest = found.coefficients(self._weighted.target - model)
+            rest = found.coefficients(self._target - model)
             theta = np.concatenate([own_parameters, rest])
         columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
         return self.data.residual - np.concatenate(columns, axis=2) @ theta
 
     def solution(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return the model's own parameters (d,) and those (k,) of candidates, fitted together."""
-        theta = self.regression(candidates).coefficients(self._weighted.target)
+        theta = self.regression(candidates).coefficients(self._target)
         return theta[: self.model_size], theta[self.model_size :]
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
@@ -390,7 +403,7 @@ class CrossValidation:
         leaves.
         """
         regression = self.regression(candidates)
-        theta = regression.coefficients(self._weighted.target)
+        theta = regression.coefficients(self._target)
         error = self.out_of_fold(candidates)
         longer = float(
             np.max(self.significance.correlation(np.where(self.choice.usable, error, 0.0)))
@@ -402,24 +415,20 @@ class CrossValidation:
 
         See :func:`block_fit`; blocks are joined over four correlation times of the errors.
         """
-        coherent = CoherentError(
-            self.significance.settings.coherent * self.known_error * self.weight,
-            np.array(
-                [each.hypothesis.COHERENT_ERRORS for each in candidates for _ in range(each.size)],
-                dtype=bool,
-            ),
-        )
+        adds = [each.hypothesis.COHERENT_ERRORS for each in candidates for _ in range(each.size)]
         return block_fit(
-            self.regression(candidates), self._weighted.target,
-            np.repeat(self.choice.block // self._clustered, self.joints),
-            OwnParameters(self.model_size, self._prior_weight), coherent, self.choice.counts,
+            self.regression(candidates), self._target,
+            np.repeat(self.choice.block // self._clustered, self.joints), self.choice.counts,
+            own=self.model_size, prior=self._prior_weight,
+            coherent=self.significance.settings.coherent * self.known_error * self.weight,
+            adds=np.array(adds, dtype=bool),
         )  # fmt: skip
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:
         """Return minus the log-likelihood of a fit to all the samples of choice."""
         regression = self.regression(candidates)
-        theta = regression.coefficients(self._weighted.target)
-        error = self._weighted.target - regression.design @ theta
+        theta = regression.coefficients(self._target)
+        error = self._target - regression.design @ theta
         return self._negative_log_prior(theta) - self._likelihood_of(error)
 
     def of_choice(self, values: Array) -> Array:

@@ -10,8 +10,8 @@ evidence a non-central chi-square, leaves less than the threshold in one of twen
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cache, partial
 from itertools import groupby
 
 import numpy as np
@@ -20,9 +20,9 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
-from dvrk_gravity.diagnosis.inference.held_out import HeldOut, JudgementSettings
-from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
-from dvrk_gravity.diagnosis.inference.significance import Multiplicity
+from dvrk_gravity.diagnosis.inference.held_out import JUDGEMENT, HeldOut
+from dvrk_gravity.diagnosis.inference.selection import SELECTION
+from dvrk_gravity.diagnosis.inference.significance import Multiplicity, Significance
 
 POWER = 0.95
 """Part of the recordings in which a change of that size is found. A convention."""
@@ -61,20 +61,23 @@ def detectable(
         pool: Hypotheses whose columns are there already.
         multiplicity: Of how many torques one had to be the best.
     """
-    data = context.validation.data
+    validation = context.validation
     there = {(each.hypothesis.key, each.size): each for each in pool}
     asked = list[tuple[Candidate, Array]]()
     for effect in effects.effects():
-        for hypothesis, theta in effect.unit_changes(data.motion):
+        for hypothesis, theta in effect.unit_changes(validation.data.motion):
             candidate = there.get((hypothesis.key, len(theta)))
             if candidate is None or candidate.hypothesis.setting != hypothesis.setting:
-                candidate = data.candidate(hypothesis)
+                candidate = validation.data.candidate(hypothesis)
             asked.append((candidate, theta))
-    search, found = _SizeSearch(context, multiplicity), dict[tuple[str, str], Detectable]()
+    held_out = HeldOut(validation).samples / max(len(validation.choice.rows), 1)
+    needed = cache(partial(_needed, validation.significance))
+    found = dict[tuple[str, str], Detectable]()
     for (candidate, theta), (left, moved) in zip(asked, _seen(context, asked), strict=True):
         hypothesis = candidate.hypothesis
         key = hypothesis.effect, hypothesis.names[0] if hypothesis.of_joint else ""
-        size = search.smallest(candidate, theta, left, moved)
+        gains = (needed(candidate.size, n) for n in (multiplicity.n_comparisons(candidate), 1))
+        size = _smallest(context, candidate, theta, left, moved, held_out, *gains)
         if key not in found or size > found[key].size:  # the direction that shows least
             parameter = next(iter(hypothesis.parameters(theta)))
             found[key] = Detectable(*key, parameter, size, hypothesis.unit(parameter))
@@ -106,92 +109,73 @@ def _seen(
         yield from ((left[:, :, i], moved[:, i]) for i in range(torque.shape[2]))
 
 
-@dataclass(frozen=True, eq=False)
-class _SizeSearch:
-    """Looks for the smallest changes beside some effects.
+def _smallest(
+    context: FitContext, candidate: Candidate, theta: Array, left: Array, moved: Array,
+    held_out: float, among: float, alone: float,
+) -> float:  # fmt: skip
+    """Return the least multiple of (k,) parameters that is found; infinite: none is.
 
-    Attributes:
-        context: These effects, with the samples.
-        multiplicity: Of how many torques one had to be the best.
-        needed: Gains that are needed, as soon as one was; see :meth:`_needed`.
+    Args:
+        context: The effects beside it, with the samples.
+        candidate: The hypothesis.
+        theta: The parameters.
+        left: (R, n) what of their torque is not made up for, N·m.
+        moved: (d,) by how much that moves the model's parameters, in standard deviations.
+        held_out: Samples that are held out, over those of the choice.
+        among: Gain that selection needs, see :func:`_needed`.
+        alone: ... and that confirmation needs.
     """
+    validation = context.validation
+    rms = validation.size(candidate, theta)
+    judged = (validation.weight > 0.0) & (rms > 0.0)
+    if not judged.any():
+        return np.inf
+    added, cost = np.mean(left**2, axis=0), 0.5 * float(moved @ moved)
+    known = context.score.rms**2
+    samples = validation.samples / validation.inflation(context.score.error, left * judged)
+    samples = np.where(validation.weight > 0.0, samples, 0.0)
+    counted = np.array([samples, held_out * samples])
+    least = SELECTION.least(validation, context.friction.uncertain)
+    significance = validation.significance
 
-    context: FitContext
-    multiplicity: Multiplicity
-    needed: dict[tuple[int, int], float] = field(default_factory=dict)
+    def is_significant(size: float) -> bool:
+        with_it = known + size**2 * added
+        removed = 1.0 - np.sqrt(known / np.maximum(with_it, 1e-300))
+        if not np.any(removed[judged] > JUDGEMENT.least_removed):
+            return False
+        gain, confirmed = significance.gain(with_it, known, counted).sum(axis=1).tolist()
+        enough = gain + significance.of_model(size**2 * cost) >= among and confirmed >= alone
+        return enough and bool(np.any((size - scatter) * rms[judged] >= least[judged]))
 
-    @cached_property
-    def _held_out(self) -> float:
-        """Samples that are held out, over those of the choice."""
-        validation = self.context.validation
-        return HeldOut(validation).samples / max(len(validation.choice.rows), 1)
+    def is_found(size: float) -> bool:
+        torque = (size - scatter) * validation.torque(candidate, theta)
+        expected = context.friction.explains(candidate.hypothesis.effect, torque)
+        matters = judged & ((size - scatter) * rms >= least)
+        unexpected = not expected.any() or bool(np.any(matters & ~expected))
+        return unexpected and is_significant(size)
 
-    def smallest(self, candidate: Candidate, theta: Array, left: Array, moved: Array) -> float:
-        """Return the least multiple of (k,) parameters that is found; infinite: none is.
+    variance = np.maximum(np.maximum(known, validation.known_error**2), 1e-300)
+    scatter = _BELOW / np.sqrt(max(float(samples @ (added / variance)) + 2.0 * cost, 1e-300))
+    size = _least(is_significant, scatter)
+    if np.isfinite(size) and not is_found(size):  # as friction changes from day to day
+        size = _least(is_found, size)
+    possible = np.isfinite(size) and candidate.hypothesis.plausible(size * theta)
+    return size if possible else np.inf
 
-        Args:
-            candidate: The hypothesis.
-            theta: The parameters.
-            left: (R, n) what of their torque is not made up for, N·m.
-            moved: (d,) by how much that moves the model's parameters, in standard deviations.
-        """
-        validation, settings, rest = self.context.validation, SelectionSettings(), self.context
-        rms = validation.size(candidate, theta)
-        judged = (validation.weight > 0.0) & (rms > 0.0)
-        if not judged.any():
-            return np.inf
-        added, cost = np.mean(left**2, axis=0), 0.5 * float(moved @ moved)
-        known = rest.score.rms**2
-        samples = validation.samples / validation.inflation(rest.score.error, left * judged)
-        samples = np.where(validation.weight > 0.0, samples, 0.0)
-        counted = np.array([samples, self._held_out * samples])
-        comparisons = self.multiplicity.n_comparisons(candidate)
-        among, alone = (self._needed(candidate.size, n) for n in (comparisons, 1))
-        least = settings.least(validation, rest.friction.uncertain)
-        significance = validation.significance
 
-        def is_significant(size: float) -> bool:
-            with_it = known + size**2 * added
-            removed = 1.0 - np.sqrt(known / np.maximum(with_it, 1e-300))
-            if not np.any(removed[judged] > JudgementSettings().least_removed):
-                return False
-            gain, confirmed = significance.gain(with_it, known, counted).sum(axis=1).tolist()
-            enough = gain + significance.of_model(size**2 * cost) >= among and confirmed >= alone
-            return enough and bool(np.any((size - scatter) * rms[judged] >= least[judged]))
+def _needed(significance: Significance, parameters: int, comparisons: int) -> float:
+    """Return the gain by some parameters of which noise leaves enough.
 
-        def is_found(size: float) -> bool:
-            torque = (size - scatter) * validation.torque(candidate, theta)
-            expected = rest.friction.explains(candidate.hypothesis.effect, torque)
-            matters = judged & ((size - scatter) * rms >= least)
-            unexpected = not expected.any() or bool(np.any(matters & ~expected))
-            return unexpected and is_significant(size)
+    Twice a gain that is exactly significant is the 5 % point of the chi-square whose
+    non-centrality is twice this one.
+    """
+    from scipy.special import chndtrinc
 
-        variance = np.maximum(np.maximum(known, validation.known_error**2), 1e-300)
-        scatter = _BELOW / np.sqrt(max(float(samples @ (added / variance)) + 2.0 * cost, 1e-300))
-        size = _least(is_significant, scatter)
-        if np.isfinite(size) and not is_found(size):  # as friction changes from day to day
-            size = _least(is_found, size)
-        possible = np.isfinite(size) and candidate.hypothesis.plausible(size * theta)
-        return size if possible else np.inf
+    def passes(gain: float) -> bool:
+        p_value = significance.p_value(np.zeros(0), gain, parameters, comparisons)
+        return p_value < SELECTION.alpha
 
-    def _needed(self, parameters: int, comparisons: int) -> float:
-        """Return the gain by some parameters of which noise leaves enough.
-
-        Twice a gain that is exactly significant is the 5 % point of the chi-square whose
-        non-centrality is twice this one.
-        """
-        from scipy.special import chndtrinc
-
-        key = parameters, comparisons
-        if key not in self.needed:
-            significance, alpha = self.context.validation.significance, SelectionSettings().alpha
-
-            def passes(gain: float) -> bool:
-                return significance.p_value(np.zeros(0), gain, *key) < alpha
-
-            limit = _least(passes, 1.0)
-            self.needed[key] = 0.5 * float(chndtrinc(2.0 * limit, parameters, 1.0 - POWER))
-        return self.needed[key]
+    return 0.5 * float(chndtrinc(2.0 * _least(passes, 1.0), parameters, 1.0 - POWER))
 
 
 def _least(passes: Callable[[float], bool], start: float) -> float:

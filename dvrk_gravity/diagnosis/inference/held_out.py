@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.cross_validation import ACTIVE, CrossValidation
+from dvrk_gravity.diagnosis.inference.selection import SELECTION
 from dvrk_gravity.effects import AbsorbedByModel, Hypothesis, RequiresParts
 from dvrk_gravity.estimation import NORMAL_95, evidence
 
 # Part by which a joint's error may grow, RMS. Chosen: parameters that fit noise add their number
 # over that of independent samples to the mean square, a few per cent.
 _GROWN = 0.05
-# Times the model's known error, that what is added must be, RMS: less does not matter
-# (``SelectionSettings``). Less than the noise may be chance: seen of true causes, up to .45 of it
-# (test_diagnose_hidden.py).
-_KNOWN = 1.36
 
 
 @dataclass(frozen=True)
@@ -29,9 +26,6 @@ class JudgementSettings:
     """What counts on held-out blocks.
 
     Attributes:
-        alpha: Chance that any of the effects which are named is none: as strict as the choice, see
-            ``SelectionSettings``. Corrected for their number (Holm 1979), no more, for what is
-            tested here was chosen elsewhere.
         least_removed: Part of a joint's held-out error, below which nothing is worth a finding.
             Half of what the choice asks for: so far a gain may fall by chance.
         whole_block: Part of a block's samples that must be usable. Chosen; see `make sensitivity`.
@@ -40,11 +34,13 @@ class JudgementSettings:
         notable: Part of what is removed at the joint that gains most. Chosen.
     """
 
-    alpha: float = 0.01
     least_removed: float = 0.03
     whole_block: float = 0.8
-    active: float = 0.03
+    active: float = ACTIVE
     notable: float = 0.5
+
+
+JUDGEMENT = JudgementSettings()
 
 
 @dataclass(frozen=True)
@@ -86,14 +82,10 @@ class HeldOut:
 
     Attributes:
         rows: (H,) held-out samples.
-        settings: What counts.
     """
 
-    def __init__(
-        self, validation: CrossValidation, settings: JudgementSettings | None = None
-    ) -> None:
+    def __init__(self, validation: CrossValidation) -> None:
         """Take the held-out samples."""
-        self.settings = settings or JudgementSettings()
         data = validation.data
         self._validation = validation
         self._held = data.held_out
@@ -170,7 +162,7 @@ class HeldOut:
         known = np.where(self._usable, error, 0.0)
         for sums, values in ((count, self._usable), (total, known), (square, known**2)):
             np.add.at(sums, self._block, values)
-        whole = count > self.settings.whole_block * size
+        whole = count > JUDGEMENT.whole_block * size
         part = np.where(whole, total**2 / np.maximum(count, 1), 0.0).sum(axis=0)
         return np.asarray(part / np.maximum(np.where(whole, square, 0.0).sum(axis=0), 1e-300))
 
@@ -188,7 +180,10 @@ class HeldOut:
         """
         after = self.rmse(self.error(chosen))
         least = np.fmax(self.rmse(before), self.rmse(self.error([])))
-        harm = np.maximum(_KNOWN * self.known_error, np.where(np.isnan(noise), least, noise))
+        # Less does not matter, and less than the noise may be chance: seen of true causes, up to
+        # .45 of it (test_diagnose_hidden.py).
+        known = SELECTION.consequence * self.known_error
+        harm = np.maximum(known, np.where(np.isnan(noise), least, noise))
         added = np.sqrt(np.maximum(after**2 - least**2, 0.0))
         grown = after > (1.0 + _GROWN) * least
         return np.flatnonzero(grown & (added > harm)).tolist()
@@ -201,7 +196,7 @@ class HeldOut:
         joints = [j for j in candidate.hypothesis.judged_at if j in acts] or acts
         if np.max(removed[joints]) <= 0.0:
             joints = acts  # a motor's friction, say, is felt by other joints
-        least = max(self.settings.notable * float(np.max(removed[joints])), 0.0)
+        least = max(JUDGEMENT.notable * float(np.max(removed[joints])), 0.0)
         better = [j for j in joints if removed[j] > least] or joints
         return sorted(better, key=lambda j: -float(removed[j]))
 
@@ -228,13 +223,14 @@ class HeldOut:
             for candidate in (chosen if tested is None else tested)
         ]
         gains = [found.gain for found, _ in trials if found.gain is not None]
+        # Corrected for their number (Holm 1979), no more: what is tested here was chosen elsewhere.
         corrected = iter(evidence.holm([gain.p_value for gain in gains]))
-        settings = self.settings
 
         def fails(gain: Gain | None, candidate: Candidate) -> bool:
             if gain is None:
                 return not significant(candidate)
-            return next(corrected) >= settings.alpha or gain.relative <= settings.least_removed
+            chance = next(corrected)
+            return chance >= SELECTION.alpha or gain.relative <= JUDGEMENT.least_removed
 
         failed = [(found, candidate) for found, candidate in trials if fails(found.gain, candidate)]
         return failed or [
@@ -297,7 +293,7 @@ class HeldOut:
         for edge in (settings[name] for name in candidate.hypothesis.edges):
             near |= np.abs(self._time - edge) < data.blocks.settings.duration
         power = np.where(near, 0.0, square[self._held])
-        least = self.settings.active * most
+        least = JUDGEMENT.active * most
         return np.flatnonzero(np.bincount(self._block, power) > least), near
 
     def gain(

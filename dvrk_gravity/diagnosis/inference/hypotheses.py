@@ -41,11 +41,11 @@ class Hypotheses:
     def of(cls, context: FitContext) -> Hypotheses:
         """Return those of the motion of a context."""
         validation = context.validation
-        pool = _acting(validation, hypotheses(validation.data.motion))
+        pool = _acting(validation, every_hypothesis(validation.data.motion))
         return cls(context, [begun(validation, each, context.candidates) for each in pool])
 
 
-def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
+def every_hypothesis(motion: MeasuredMotion) -> Iterable[Hypothesis]:
     """Yield every hypothesis that needs no search in the residual."""
     for effect in effects.effects():
         yield from effect.hypotheses(motion)
@@ -64,7 +64,7 @@ def ordinary_effects(motion: MeasuredMotion) -> FitContext:
     """
     validation = CrossValidation.of(FilteredData.of(motion))
     names = {term.NAME for term in effects.terms() if term.EVERYWHERE} & poorly_stated(motion)
-    claims = (each for each in hypotheses(motion) if each.STATED or each.effect in names)
+    claims = (each for each in every_hypothesis(motion) if each.STATED or each.effect in names)
     found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
     for candidate in _acting(validation, claims):
         hypothesis = candidate.hypothesis

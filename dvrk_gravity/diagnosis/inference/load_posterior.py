@@ -47,22 +47,6 @@ _EXPLAINED = 0.5  # of what the best body explains, that another must that may c
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """The best fit of a load at one place.
-
-    Attributes:
-        load: The payload.
-        theta: (k,) its parameters.
-        spread: (k, k) covariance that noise does not show: of what recurs with the motion, and of
-            drive gains.
-    """
-
-    load: Candidate
-    theta: Array
-    spread: Array
-
-
-@dataclass(frozen=True, eq=False)
 class LoadPosterior:
     """Equally probable draws of a load on each body of an arm, or at the place that was stated.
 
@@ -80,22 +64,34 @@ class LoadPosterior:
 
     @classmethod
     def of(
-        cls, validation: CrossValidation, chosen: Sequence[Candidate], fitted: Fitted
-    ) -> LoadPosterior:
+        cls, validation: CrossValidation, chosen: Sequence[Candidate], load: Candidate,
+        theta: Array, spread: Array,
+    ) -> LoadPosterior:  # fmt: skip
         """Return the posterior of a load in the place of a payload that was found.
 
         Args:
             validation: The samples.
             chosen: All causes that were found.
-            fitted: The payload among them.
+            load: The payload among them.
+            theta: (k,) its parameters by the best fit at one place.
+            spread: (k, k) covariance that noise does not show: of what recurs with the motion, and
+                of drive gains.
         """
-        arm = fitted.load.hypothesis.arm
-        problem = _Problem.of(validation, chosen, fitted, changed=True)
+        arm = load.hypothesis.arm
+        problem = _Problem.of(validation, chosen, load, theta, spread, changed=True)
         stated = validation.data.motion.payload_at
         if stated is not None:
-            random = np.random.default_rng(0)
-            return cls._at(validation, chosen, fitted, problem, *stated, random)
-        best = fitted.load.hypothesis.parameters(fitted.theta)
+            # A constant or a spring at a joint looks like the load there.
+            kept = [
+                each
+                for each in chosen
+                if each is load
+                or each.hypothesis.variable != "position"
+                or not each.hypothesis.joints
+            ]
+            alone = _Problem.of(validation, kept, load, theta, spread, changed=False)
+            return cls._at(load.hypothesis, (alone, problem), *stated)
+        best = load.hypothesis.parameters(theta)
         return cls.drawn(map(problem.form, range(len(arm.bodies))), arm, best, problem.sign)
 
     @classmethod
@@ -130,28 +126,16 @@ class LoadPosterior:
 
     @classmethod
     def _at(
-        cls, validation: CrossValidation, chosen: Sequence[Candidate], fitted: Fitted,
-        problem: _Problem, body: int, place: Array, random: np.random.Generator,
-    ) -> LoadPosterior:  # fmt: skip
+        cls, hypothesis: Hypothesis, problems: Sequence[_Problem], body: int, place: Array
+    ) -> LoadPosterior:
         """Return the posterior of the mass at a place that is known.
 
-        A constant or a spring at a joint looks like the load there. That the load is there is
-        known: the mass that is reported leaves them nothing that the load explains, and the
-        interval holds both.
+        That the load is there is known: the mass that is reported is that of the first problem,
+        which leaves nothing that the load explains to other causes; the interval holds both.
         """
-        kept = [
-            each
-            for each in chosen
-            if each is fitted.load
-            or each.hypothesis.variable != "position"
-            or not each.hypothesis.joints
-        ]
-        places = np.tile(place, (_DRAWS, 1))
-        alone, beside = (
-            each.sign * each.form(body).draw(places, random)
-            for each in (_Problem.of(validation, kept, fitted, changed=False), problem)
-        )
-        best = fitted.load.hypothesis.parameters(np.array([np.median(alone)]))
+        places, random = np.tile(place, (_DRAWS, 1)), np.random.default_rng(0)
+        alone, beside = (each.sign * each.form(body).draw(places, random) for each in problems)
+        best = hypothesis.parameters(np.array([np.median(alone)]))
         mass = np.concatenate([alone, beside])
         return cls(mass[None], np.tile(place, (1, 2 * _DRAWS, 1)), np.ones(1), best)
 
@@ -219,11 +203,11 @@ class _Problem:
 
     @classmethod
     def of(
-        cls, validation: CrossValidation, chosen: Sequence[Candidate], fitted: Fitted,
-        changed: bool,
+        cls, validation: CrossValidation, chosen: Sequence[Candidate], load: Candidate,
+        theta: Array, spread: Array, changed: bool,
     ) -> _Problem:  # fmt: skip
         """Return it; ``changed``: springs, constants and friction may have changed."""
-        data, load, theta = validation.data, fitted.load, fitted.theta
+        data = validation.data
         rest = [other for other in chosen if other is not load]
         before, after = (validation.out_of_fold(causes) for causes in (rest, chosen))
         independent = validation.inflation(after, before - after) * validation.redundancy
@@ -235,7 +219,7 @@ class _Problem:
             base, size = np.hstack([base, validation.design([columns])]), columns.size
         # Errors that look like the load that was found, as large as its parameters' spread.
         size += len(theta)
-        base = np.hstack([base, validation.design([load]) @ _root(fitted.spread)])
+        base = np.hstack([base, validation.design([load]) @ _root(spread)])
         ridges = [np.ones(validation.model_size), *(other.ridge for other in rest), np.ones(size)]
         base = base * weight[:, None]
         target = (validation.of_choice(data.residual) * validation.weight).ravel() * weight

@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
-from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import SELECTION, EffectTrial, Selection
 from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.effects import unexplained_hypotheses
 
@@ -243,13 +243,13 @@ def minor_effects(
     validation = replace(validation, significance=significance)
     chosen = [effect.trial.candidate for effect in selected]
     chosen += [trial.candidate for trial in unknown]
-    settings = replace(SelectionSettings(), consequence=0.0, day_to_day=0.0, share=0.0)
+    settings = replace(SELECTION, consequence=0.0, day_to_day=0.0, share=0.0)
     selection = Selection(
         validation, pool, lambda line: None, settings=settings, at_calibration=at_calibration
     )
     context = selection.at(chosen)
     # What is more was a finding, had held-out blocks confirmed it.
-    most = SelectionSettings().least(validation)
+    most = SELECTION.least(validation)
     minor: list[EffectTrial] = []
     trials = selection.best(context)
     for_all = [trial for trial in trials if _is_minor(trial, most)][:1]

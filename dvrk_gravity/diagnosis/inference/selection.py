@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +32,8 @@ class SelectionSettings:
 
     Attributes:
         alpha: Chance that a step selects anything where nothing is, corrected for the number of
-            hypotheses. A convention; a tenth of it would need longer recordings.
+            hypotheses; and that any effect which held-out blocks confirm is none. A convention; a
+            tenth of it would need longer recordings.
         unseen: ... where it acts in no held-out block that could confirm it: as unlikely as to
             pass the test of the choice and theirs.
         most_effects: Selected at most, times the joints: a bound on time. Chosen: a model without
@@ -76,6 +77,9 @@ class SelectionSettings:
         share = np.where(known > 0.0, self.share * validation.data.torque_rms, 0.0)
         least = np.hypot(self.consequence * known, self.day_to_day * np.asarray(changed))
         return np.maximum(least, share)
+
+
+SELECTION = SelectionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +152,7 @@ class Selection:
     always: Sequence[Candidate] = ()
     ordinary: Sequence[Candidate] = ()
     at_calibration: AtCalibration | None = None
-    settings: SelectionSettings = field(default_factory=SelectionSettings)
+    settings: SelectionSettings = SELECTION
     excluded: Collection[tuple[object, ...]] = ()
 
     def excluding(self, hypotheses: Iterable[Hypothesis]) -> Selection:

@@ -11,7 +11,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
-from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
+from dvrk_gravity.diagnosis.inference.held_out import JUDGEMENT, Gain, HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, ordinary_effects
 from dvrk_gravity.diagnosis.inference.selection import Selection
 from dvrk_gravity.diagnosis.readings.search import (
@@ -44,21 +44,10 @@ class WrongReading:
     alternatives: tuple[ReadingScore, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class CorrectedReading:
-    """A recording as it is to be read.
-
-    Attributes:
-        wrong: Wrong readings, in the order in which they were corrected.
-        hypotheses: About the motion, as it is to be read.
-    """
-
-    wrong: tuple[WrongReading, ...]
-    hypotheses: Hypotheses
-
-
-def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> CorrectedReading:
-    """Return the motion as it is to be read.
+def correct_readings(
+    motion: MeasuredMotion, say: Callable[[str], None]
+) -> tuple[list[WrongReading], Hypotheses]:
+    """Return wrong readings, in the order of correction, and hypotheses about the motion as read.
 
     A better reading must gain about as much as the best effect does.
     """
@@ -70,7 +59,7 @@ def correct_readings(motion: MeasuredMotion, say: Callable[[str], None]) -> Corr
         about = Hypotheses.of(context)
         selection = Selection(context.validation, about.pool, say)
         if found is None or found.score.gain <= _SHARE * _best_gain(selection, context):
-            return CorrectedReading(tuple(wrong), about)
+            return wrong, about
         say(f"wrong reading: {found.score.reading.words}")
         wrong.append(found)
         motion.release()
@@ -111,7 +100,7 @@ def _better_reading(present: FitContext) -> WrongReading | None:
         before = error_as_read(motion, read.validation.data, held_out)
         after = held_out.as_read()
     _, gained = reading_gain(scores[0], before, after, held_out)
-    certain = gained.low > 0.0 and gained.relative > held_out.settings.least_removed
+    certain = gained.low > 0.0 and gained.relative > JUDGEMENT.least_removed
     old, new = present.score, read.score
     inflation = read.validation.inflation(new.error, old.error - new.error)
     p_value = likelihood_ratio(read.validation.gain(old, new, inflation), 1)

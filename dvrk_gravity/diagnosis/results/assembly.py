@@ -17,9 +17,8 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
 from dvrk_gravity.diagnosis.inference.infer import Posterior
-from dvrk_gravity.diagnosis.inference.load_posterior import Fitted, LoadPosterior
+from dvrk_gravity.diagnosis.inference.load_posterior import LoadPosterior
 from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
-from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.remaining import proven_error
 from dvrk_gravity.diagnosis.readings.correction import (
     WrongReading,
@@ -30,12 +29,12 @@ from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.results.effect_findings import (
     LEAVES,
-    Difference,
     difference,
     effect_finding,
 )
 from dvrk_gravity.diagnosis.results.extended_model import contradicted, extended, updated
 from dvrk_gravity.diagnosis.results.findings import NOT_AS_FOUND, Finding, Known, ordered
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import estimates
 from dvrk_gravity.diagnosis.results.identifiability import ambiguities
 from dvrk_gravity.diagnosis.results.other_findings import (
     check_payload,
@@ -78,7 +77,7 @@ def report(
     held_out, data, names = HeldOut(validation), validation.data, motion.arm.joint_names
     named = [effect.trial.candidate for effect in posterior.selected]
     theta, covariance, spreads = _fit(validation, named)
-    differences = _differences(validation, named, motion.sources)
+    differences = [difference(validation, named, i, motion.sources) for i in range(len(named))]
     model, left_out, conflicts = _extended(posterior, wrong, held_out, named, theta, differences)
     if errors is not None:
         model = replace(model, reading_errors=errors.after(model.reading_errors))
@@ -103,7 +102,7 @@ def report(
             likely,
         )  # fmt: skip
         if (differs := differences[i]) is not None:
-            sentence = f"{differs.sentence}; on average {finding.sentence}"
+            sentence = f"{differs[0]}; on average {finding.sentence}"
             finding = replace(finding, sentence=sentence, remedy=sentences.DIAGNOSE_ALONE)
         effect_findings.append(finding)
     findings += ordered(effect_findings, poorly_stated(motion))
@@ -193,8 +192,8 @@ def _parameters(
         for name, deviation in deviations.items():
             of_settings[name] = np.hypot(of_settings.get(name, 0.0), deviation)
     if isinstance(hypothesis, PayloadHypothesis):
-        fitted = Fitted(named[i], theta, beyond)
-        return LoadPosterior.of(posterior.validation, named, fitted).estimates(hypothesis)
+        load = LoadPosterior.of(posterior.validation, named, named[i], theta, beyond)
+        return load.estimates(hypothesis)
     if isinstance(hypothesis, AbsorbedByModel):
         beyond += hypothesis.absorbed_variance(motion) * np.eye(len(theta))
     return estimates(hypothesis, theta, covariance + beyond, of_settings)
@@ -212,19 +211,13 @@ def _not_significant(posterior: Posterior, named: Sequence[Candidate], stated: C
     return Known(hypothesis.effect, hypothesis.names, parameters, sentence, stated=True)
 
 
-def _differences(
-    validation: CrossValidation, named: Sequence[Candidate], sources: Sequence[str]
-) -> list[Difference | None]:
-    return [difference(validation, named, i, sources) for i in range(len(named))]
-
-
-def _averaged(differences: Sequence[Difference | None]) -> list[bool]:
+def _averaged(differences: Sequence[tuple[str, bool] | None]) -> list[bool]:
     """Return which effects only compensate an average of recordings that differ.
 
     No recording shows them by itself.
     """
-    shown = any(each and each.shown for each in differences)
-    return [any(differences) and (not each or shown > each.shown) for each in differences]
+    shown = any(each and each[1] for each in differences)
+    return [any(differences) and (not each or shown > each[1]) for each in differences]
 
 
 def _extended(
@@ -233,7 +226,7 @@ def _extended(
     held_out: HeldOut,
     named: Sequence[Candidate],
     theta: Array,
-    differences: Sequence[Difference | None],
+    differences: Sequence[tuple[str, bool] | None],
 ) -> tuple[TorqueModel, tuple[str, ...], dict[int, str]]:
     """Return the extended model, why it lacks each effect (``""`` if not), and which conflict."""
     motion, data = posterior.motion, posterior.validation.data

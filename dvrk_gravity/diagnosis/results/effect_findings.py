@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
-from dvrk_gravity.diagnosis.inference.regression import estimates
-from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import SELECTION, EffectTrial
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (
     NOT_AS_FOUND,
@@ -24,7 +23,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Finding,
     Picture,
 )
-from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis, estimates
 from dvrk_gravity.diagnosis.results.identifiability import separation
 from dvrk_gravity.effects import Estimate, Hypothesis, Kind, is_friction
 from dvrk_gravity.estimation import squared_distance
@@ -252,23 +251,12 @@ def beyond_range(motion: MeasuredMotion, hypothesis: Hypothesis, theta: Array) -
     return f"it acts outside {span}, where the model was not identified"
 
 
-@dataclass(frozen=True)
-class Difference:
-    """What each recording shows of a cause about which they differ.
-
-    Attributes:
-        sentence: In words.
-        shown: Whether any of them shows it by itself.
-    """
-
-    sentence: str
-    shown: bool
-
-
 def difference(
     validation: CrossValidation, named: Sequence[Candidate], i: int, sources: Sequence[str]
-) -> Difference | None:
-    """Return what each recording shows of a cause, or ``None`` where they agree about it.
+) -> tuple[str, bool] | None:
+    """Return what each recording shows of a cause, and whether any shows it by itself.
+
+    ``None`` where they agree about it.
 
     They differ where separate parameters explain it significantly better (Wald's test of
     homogeneity), and common ones miss, at some joint, more than a fifth of the torque that a
@@ -301,7 +289,7 @@ def difference(
     if chdtrc(len(change), apart) > _ALPHA:
         return None
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
-    known_error = SelectionSettings().least(validation)
+    known_error = SELECTION.least(validation)
     least = np.maximum(known_error, validation.score(candidates).rms)
     of_recording = [np.kron(unit, np.ones(size)) for unit in np.eye(count)]
     part = np.array([[own[number].sum() / seen.sum()] for number in shown])
@@ -321,7 +309,7 @@ def difference(
         found = estimates(cause.hypothesis, values, spread, {})
         claims[number] = "" if absent else cause.hypothesis.claim(found)
     sentence = sentences.difference(cause.hypothesis.subject, claims, sources)
-    return Difference(sentence, any(claims.values()))
+    return sentence, any(claims.values())
 
 
 def _divided(cause: Candidate, recordings: Sequence[Mask]) -> Candidate:

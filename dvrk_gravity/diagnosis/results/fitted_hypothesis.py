@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from typing import Any
@@ -13,9 +14,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
-from dvrk_gravity.effects import Hypothesis, Kind, Motion, Site
+from dvrk_gravity.effects import Estimate, Hypothesis, Kind, Motion, Site
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.estimation import NORMAL_95
 
+_DRAWS = 400  # of parameters, for intervals of what is derived from them: ten lie beyond either end
+_WIDEST = 100.0  # times a positive setting: as wide an interval says that nothing is known. Chosen
 UNREADABLE_CAUSE = "a cause as `diagnose` of this version writes it"
 
 
@@ -197,3 +201,43 @@ def _kind_of(effect: str, name: str) -> type[Hypothesis]:
         if kind.__name__ == name and getattr(kind, "EFFECT", None) is of:
             return kind
     raise ValueError(f"{name} of {effect}")
+
+
+def estimates(
+    hypothesis: Hypothesis, theta: Array, covariance: Array, spread: Mapping[str, float]
+) -> dict[str, Estimate]:
+    """Return the named parameters with 95 % intervals.
+
+    Args:
+        hypothesis: The hypothesis.
+        theta: (k,) linear parameters.
+        covariance: (k, k) of them.
+        spread: Standard deviations of the settings that were searched for.
+    """
+    random = np.random.default_rng(0)
+    drawn = random.multivariate_normal(theta, covariance, _DRAWS, method="eigh")
+    middle = hypothesis.parameters(theta)
+    draws = [hypothesis.parameters(draw) for draw in drawn]
+    result = {}
+    for name, value in middle.items():
+        if not hypothesis.meaning(name).reported:
+            continue
+        if name in spread and name in hypothesis.refine:
+            low, high = _interval(value, spread[name], hypothesis.meaning(name).positive)
+        else:
+            low, high = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
+        unit = hypothesis.unit(name)
+        result[name] = Estimate(value, float(min(low, value)), float(max(high, value)), unit)
+    return result
+
+
+def _interval(value: float, spread: float, positive: bool) -> tuple[float, float]:
+    """Return the 95 % interval of a setting with a standard deviation.
+
+    That of a positive one is even in its logarithm (Meeker and Escobar 1998, Statistical Methods
+    for Reliability Data, chapter 7): no time constant is below zero.
+    """
+    if positive and value > 0.0:
+        factor = math.exp(min(NORMAL_95 * spread / value, math.log(_WIDEST)))
+        return value / factor, value * factor
+    return value - NORMAL_95 * spread, value + NORMAL_95 * spread

@@ -14,11 +14,10 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import reproduced
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
-from dvrk_gravity.diagnosis.inference.regression import estimates
-from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import SELECTION
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Contender
-from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import FittedHypothesis, estimates
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.units import pose, quantity
 
@@ -91,7 +90,7 @@ def _ambiguity(
         contenders.append(
             Contender(
                 candidate.hypothesis.effect, candidate.hypothesis.names, alone, together, gain,
-                bool(gain > SelectionSettings().equal_least * largest),
+                bool(gain > SELECTION.equal_least * largest),
                 validation.data.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip

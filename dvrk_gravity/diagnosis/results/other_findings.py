@@ -15,9 +15,8 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext, part_of_friction, variation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut
-from dvrk_gravity.diagnosis.inference.regression import estimates
 from dvrk_gravity.diagnosis.inference.remaining import ABOVE, expected_error, proven_error
-from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
+from dvrk_gravity.diagnosis.inference.selection import SELECTION, EffectTrial
 from dvrk_gravity.diagnosis.readings.correction import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.effect_findings import picture_of
@@ -31,6 +30,7 @@ from dvrk_gravity.diagnosis.results.findings import (
     Known,
     PayloadCheck,
 )
+from dvrk_gravity.diagnosis.results.fitted_hypothesis import estimates
 from dvrk_gravity.effects import Estimate, Kind, is_friction, remedy_text, unexplained
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import VERDICTS
@@ -239,7 +239,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
     claim, of_friction = hypothesis.claim(parameters), is_friction(hypothesis.effect)
-    negligible = np.any(trial.size > SelectionSettings().consequence * validation.known_error)
+    negligible = np.any(trial.size > SELECTION.consequence * validation.known_error)
     friction = "" if of_friction else _like_friction(validation, candidate, theta)
     of_all = trial.day_to_day and hypothesis.common_cause and of_friction
     return Known(
