@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import Estimate, Hypothesis
+from dvrk_gravity.effects import Estimate, Hypothesis, is_friction
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.calibration import calibration_limits
@@ -63,7 +63,7 @@ class MonitorSettings:
             which it is minor.
         margin: Twice the log-likelihood by which a cause must excel others: e^5 to one; and
         margin_fraction: of its own, since a cause's torque is known to some per cent.
-        patience: s for which a cause that does not excel them is waited for.
+        patience: s since its onset for which a cause that does not excel them is waited for.
         give_up: s, after which something that no cause explains is reported.
         level_delay: s, after which the size of errors counts as the arm's own, and not as a
             change's.
@@ -83,7 +83,7 @@ class MonitorSettings:
     min_relative_size: float = 1.0
     margin: float = 10.0
     margin_fraction: float = 0.1
-    patience: float = 2.0
+    patience: float = 7.0
     give_up: float = 10.0
     level_delay: float = 12.0
     longest_push: float = 5.0
@@ -321,9 +321,15 @@ class Monitor:
             for candidate in begun
             if candidate is not best and candidate.excess > least_excess
         ]
+        # Friction changes from day to day, and warms up: the commonest of causes as likely.
+        commonest = [each for each in (best, *rivals) if is_friction(each.hypothesis.effect)]
+        if commonest := [each for each in commonest if each in likely]:
+            named = likeliest(commonest)
+            rivals = [each for each in (best, *rivals) if each is not named]
+            best = named
         # Which link carries a load, a motion may never show.
         others = [each for each in rivals if not each.differs_by_link(best)]
-        if others and now - self._pending < settings.patience:
+        if others and now - onset < settings.patience:
             return
         explains = best.remaining_error(window.usable) < settings.misfit_limit
         if not explains and now - self._pending < settings.give_up:
@@ -407,7 +413,7 @@ class Monitor:
         """Yield pushes that are over, and are no change."""
         now = float(window.time[-1])
         for push in self._ended_pushes:
-            if self._pending is not None and now - push.end <= self.settings.patience:
+            if self._pending is not None and now - push.end <= self.settings.min_duration:
                 continue  # it may be a change
             self._ended_pushes = tuple(other for other in self._ended_pushes if other is not push)
             if self._pending is None or not self._outlasts(push):
