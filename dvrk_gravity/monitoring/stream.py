@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -293,7 +293,7 @@ class Monitor:
         """Yield the change that the last seconds show, if it has lasted and has a cause."""
         settings, now = self.settings, float(window.time[-1])
         found = list(find_candidates(window, test, self._onsets(window), self._cause_limits))
-        passing = self._plausible(found, window, 0.0)
+        passing = [each for each in self._plausible(found, window, 0.0) if each.significant()]
         if not passing:
             self._pending = None
             return
@@ -307,26 +307,10 @@ class Monitor:
             return
         # Samples before the onset, taken for some with a cause, speak for one of another shape.
         onset = first.onset(window)
-        near = self._plausible(found, window, min(0.0, first.excess - self._margin(first)))
-        causes = {candidate.hypothesis.key: candidate for candidate in near}
-        fits = (candidate.refit_from(onset, window) for candidate in causes.values())
-        begun = [candidate for candidate in fits if candidate is not None]
-        likely = [candidate for candidate in begun if candidate.significant()]
-        if not likely or likeliest(likely).excess <= 0.0:
+        choice = self._choose(found, window, first, onset)
+        if choice is None:
             return
-        best = likeliest(likely)
-        least_excess = best.excess - self._margin(best)
-        rivals = [
-            candidate
-            for candidate in begun
-            if candidate is not best and candidate.excess > least_excess
-        ]
-        # Friction changes from day to day, and warms up: the commonest of causes as likely.
-        commonest = [each for each in (best, *rivals) if is_friction(each.hypothesis.effect)]
-        if commonest := [each for each in commonest if each in likely]:
-            named = likeliest(commonest)
-            rivals = [each for each in (best, *rivals) if each is not named]
-            best = named
+        best, rivals = choice
         # Which link carries a load, a motion may never show.
         others = [each for each in rivals if not each.differs_by_link(best)]
         if others and now - onset < settings.patience:
@@ -364,16 +348,43 @@ class Monitor:
             tuple(each.alternative() for each in rivals),
         )  # fmt: skip
 
+    def _choose(
+        self, found: Sequence[ChangeCandidate], window: Window, first: ChangeCandidate, onset: float
+    ) -> tuple[ChangeCandidate, list[ChangeCandidate]] | None:
+        """Return the cause to be named, as it begins at an onset, and what is as likely.
+
+        ``None``: there is none of significant size that passes.
+        """
+        near = self._plausible(found, window, min(0.0, first.excess - self._margin(first)))
+        causes = {candidate.hypothesis.key: candidate for candidate in near}
+        fits = (candidate.refit_from(onset, window) for candidate in causes.values())
+        begun = [candidate for candidate in fits if candidate is not None]
+        likely = [candidate for candidate in begun if candidate.significant()]
+        if not likely or likeliest(likely).excess <= 0.0:
+            return None
+        best = likeliest(likely)
+        least = best.excess - self._margin(best)
+        equal = [candidate for candidate in begun if candidate is best or candidate.excess > least]
+        # Friction changes from day to day, and warms up: the commonest of causes as likely.
+        friction = [
+            candidate
+            for candidate in likely
+            if candidate in equal and candidate.excess > 0.0
+            and is_friction(candidate.hypothesis.effect)
+        ]  # fmt: skip
+        named = likeliest(friction or [best])
+        return named, [candidate for candidate in equal if candidate is not named]
+
     def _plausible(
         self, found: Iterable[ChangeCandidate], window: Window, excess: float
     ) -> list[ChangeCandidate]:
-        """Return plausible fits with more excess, whose size differs significantly from none."""
+        """Return plausible fits with more excess, where not all is unexplained anyway."""
         fits = (candidate.plausible_fit(window) for candidate in found if candidate.excess > excess)
         return [
             candidate
             for candidate in fits
             if candidate is not None and candidate.excess > excess
-            and candidate.joints()[0] not in self._unexplained_joints and candidate.significant()
+            and candidate.joints()[0] not in self._unexplained_joints
         ]  # fmt: skip
 
     def _margin(self, candidate: ChangeCandidate) -> float:
