@@ -315,6 +315,9 @@ class Monitor:
         others = [each for each in rivals if not each.differs_by_link(best)]
         if others and now - onset < settings.patience:
             return
+        # What a named change leaves at first, some seconds of motion explain.
+        if self.changes and now - self._pending < settings.min_duration:
+            return
         explains = best.remaining_error(window.usable) < settings.misfit_limit
         if not explains and now - self._pending < settings.give_up:
             return
