@@ -23,10 +23,11 @@ from dvrk_gravity.monitoring import (
     Sums,
     Tip,
     Window,
-    change_candidates,
     gain_for,
+    limits,
     local_noise,
     monitor,
+    transients,
     whiten,
 )
 from dvrk_gravity.monitoring import window as windows
@@ -196,7 +197,7 @@ def test_gains_of_moments_are_chi_squared_of_one_and_of_a_force_s_three():
         nothing = np.zeros_like(window.uncertain_torque)
         window = replace(window, torque=noise[: len(window.time)], uncertain_torque=nothing)
         known = ChangeTest(window.uncertain, window.residual)
-        gain = change_candidates.transient_torques(window, known, 0, Tip(ecm.ARM)).gain
+        gain = transients.transient_torques(window, known, 0, Tip(ecm.ARM)).gain
         heard_whole = gain[(gain > 0.0).all(axis=1)]
         alone.append(heard_whole[:, :-1].mean())
         force.append(heard_whole[:, -1].mean())
@@ -265,14 +266,14 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
 def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, level):
     gain = smaller * np.random.default_rng(8).chisquare([1.0, 1.0, 3.0], (12000, 3))
     last = np.tile([4, 8, 16, 25], 3000)
-    found = change_candidates.TransientTorques(np.zeros(12000, dtype=int), last, gain, gain[:, :2])
-    usual = change_candidates.TypicalGains.begin(2).updated(found, np.full(3, 1e3), 1.0)
+    found = transients.TransientTorques(np.zeros(12000, dtype=int), last, gain, gain[:, :2])
+    usual = transients.TypicalGains.begin(2).updated(found, np.full(3, 1e3), 1.0)
     np.testing.assert_allclose(usual.level, level, rtol=0.1)
-    limits = change_candidates.Limits(1e-6, level=np.array([usual.level[0], 1.0]))
+    limit = limits.Limits(1e-6, level=np.array([usual.level[0], 1.0]))
     columns = np.array([[[1.0], [0.0]]])
-    assert limits.typical_gain(columns) == pytest.approx(usual.level[0])
+    assert limit.typical_gain(columns) == pytest.approx(usual.level[0])
     columns[:, 1] = 1.0  # of another joint whose errors are as known
-    assert limits.typical_gain(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
+    assert limit.typical_gain(columns) == pytest.approx(0.5 * (1.0 + usual.level[0]))
 
 
 @pytest.mark.parametrize(("times", "heard_of"), [(2.0, 1.0), (3.0, 0.0)])

@@ -16,8 +16,8 @@ from .offline import MonitorResult as MonitorResult
 from .offline import monitor as monitor
 from .rows import RowMaker as RowMaker
 from .rows import Rows as Rows
+from .settings import MonitorSettings as MonitorSettings
 from .stream import Monitor as Monitor
-from .stream import MonitorSettings as MonitorSettings
 from .stream import MonitorUpdate as MonitorUpdate
 from .window import Band as Band
 from .window import Sampling as Sampling

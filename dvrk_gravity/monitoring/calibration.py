@@ -5,15 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.monitoring.change_candidates import (
-    Key,
-    Limits,
-    find_candidates,
-    transient_torques,
-)
+from dvrk_gravity.monitoring.change_candidates import find_candidates
 from dvrk_gravity.monitoring.change_test import ChangeTest
+from dvrk_gravity.monitoring.limits import Key, Limits
 from dvrk_gravity.monitoring.observer import MomentumObserver
 from dvrk_gravity.monitoring.rows import Rows
+from dvrk_gravity.monitoring.transients import transient_torques
 from dvrk_gravity.monitoring.window import Band, Sampling, Window
 from dvrk_gravity.monitoring.wrench import Tip
 
@@ -59,7 +56,7 @@ def calibration_limits(
             for candidate in find_candidates(window, test, firsts, limits):
                 key = candidate.hypothesis.key
                 if candidate.evidence.gain > of_causes.get(key, 0.0):
-                    possible = candidate.plausible_fit(window)
+                    possible = candidate.plausible_fit
                     if possible is not None:
                         of_causes[key] = max(of_causes.get(key, 0.0), possible.evidence.gain)
             found = transient_torques(window.with_rests(), test, 0, tip)

@@ -23,7 +23,8 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.events import Event
 from dvrk_gravity.monitoring.observer import ObserverOutput
 from dvrk_gravity.monitoring.rows import RowMaker, Rows
-from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings, MonitorUpdate
+from dvrk_gravity.monitoring.settings import MonitorSettings
+from dvrk_gravity.monitoring.stream import Monitor, MonitorUpdate
 from dvrk_gravity.monitoring.window import breakaway_torque
 from dvrk_gravity.monitoring.wrench import Tip, Wrench
 from dvrk_gravity.parameters import DEAD_BAND

@@ -14,7 +14,8 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.events import Event
 from dvrk_gravity.monitoring.rows import Rows
-from dvrk_gravity.monitoring.stream import Monitor, MonitorSettings
+from dvrk_gravity.monitoring.settings import MonitorSettings
+from dvrk_gravity.monitoring.stream import Monitor
 from dvrk_gravity.observation import Bands, observe, stated_coordinates, without_known_errors
 from dvrk_gravity.recording import Coordinates, Given, opened
 

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import Estimate, Hypothesis, is_friction
+from dvrk_gravity.effects import Estimate, Hypothesis
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.monitoring.calibration import calibration_limits
-from dvrk_gravity.monitoring.change_candidates import (
-    LONGEST_TRANSIENT,
-    ChangeCandidate,
-    Limits,
-    TypicalGains,
-    find_candidates,
-    likeliest,
-    transient_torques,
-)
+from dvrk_gravity.monitoring.change_candidates import find_candidates
+from dvrk_gravity.monitoring.change_choice import Choice, PlausibleChanges
 from dvrk_gravity.monitoring.change_test import ChangeTest, Sums
 from dvrk_gravity.monitoring.drift import RestPeriod
 from dvrk_gravity.monitoring.events import Event
+from dvrk_gravity.monitoring.limits import Limits
 from dvrk_gravity.monitoring.observer import (
     FASTEST,
     MomentumObserver,
@@ -31,63 +25,13 @@ from dvrk_gravity.monitoring.observer import (
     gain_for,
     white_noise,
 )
+from dvrk_gravity.monitoring.pushes import Push, PushDetector
 from dvrk_gravity.monitoring.rows import Rows
-from dvrk_gravity.monitoring.window import Band, Sampling, Window
+from dvrk_gravity.monitoring.settings import MonitorSettings
+from dvrk_gravity.monitoring.window import Band, Window
 from dvrk_gravity.monitoring.wrench import Tip
 
 _MOVES = 0.01  # rad (Arm.scale), in a second or two, of an arm that moves. Chosen
-# Of the mean square of errors as they are known, that counts at least where causes are compared:
-# small errors, too, may look like one of them. Chosen.
-_LIKE_CAUSE = 1.0 / 3.0
-_ASIDE = 0.3  # s, before a push seems to begin, that may have something of it. Chosen
-
-
-@dataclass(frozen=True)
-class MonitorSettings:
-    """When a monitor reports something.
-
-    Attributes:
-        sampling: Of the observer and of the tests.
-        false_alarms: An hour, of changes and of pushes, were the errors as the model knows them.
-        spans: s, of last seconds with which something may have begun, the longest first: friction
-            of twice the noise takes ten to twenty to show.
-        window: s, of the rows that are kept: the longest span, and what serves to know the
-            uncertain directions before it.
-        min_history: s, of rows from which on they serve so.
-        min_duration: s that a cause has lasted when it is named: in less, others look like it.
-            Chosen.
-        forgetting_time: s, after which a part 1/e of what is known of the directions is left:
-            friction warms up in minutes.
-        warm_up: s of motion, before which the directions are not known, and nothing is reported.
-        min_relative_size: Torque of a change, in RMS of what the model is known to be off by, below
-            which it is minor.
-        margin: Twice the log-likelihood by which a cause must excel others: e^5 to one; and
-        margin_fraction: of its own, since a cause's torque is known to some per cent.
-        patience: s since its onset for which a cause that does not excel them is waited for.
-        give_up: s, after which something that no cause explains is reported.
-        level_delay: s, after which the size of errors counts as the arm's own, and not as a
-            change's.
-        longest_push: s, which the longest push lasts.
-        misfit_limit: Mean square of whitened residuals beside a cause, from which on it does not
-            explain them: 1.5 squared.
-    """
-
-    sampling: Sampling = field(default_factory=Sampling)
-    false_alarms: float = 0.1
-    spans: tuple[float, ...] = (24.0, 20.0, 16.0, *map(float, range(12, 1, -1)))
-    window: float = 36.0
-    min_history: float = 20.0
-    min_duration: float = 4.0
-    forgetting_time: float = 600.0
-    warm_up: float = 10.0
-    min_relative_size: float = 1.0
-    margin: float = 10.0
-    margin_fraction: float = 0.1
-    patience: float = 7.0
-    give_up: float = 10.0
-    level_delay: float = 12.0
-    longest_push: float = 5.0
-    misfit_limit: float = 2.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,28 +67,6 @@ class Change:
     joint: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Push:
-    """A push that goes on, or is over and not yet reported, since it may be a change.
-
-    Attributes:
-        begin: s.
-        peak: (n,) largest torque, N·m.
-        end: s, so far.
-        impulse: Integral of the torque's norm, N·m·s.
-    """
-
-    begin: float
-    peak: Array
-    end: float
-    impulse: float = 0.0
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """From when to when it may act, s."""
-        return self.begin - 0.5, self.end + 0.5
-
-
 class Monitor:
     """Listens to an arm, second by second.
 
@@ -170,14 +92,8 @@ class Monitor:
         self._limits = Limits(self.settings.false_alarms / 3600.0)
         self._baseline: Sums | None = None  # of what has left the window since the last change
         self._pending: float | None = None  # since when a cause has passed
-        self._typical_gains = TypicalGains.begin(n)
-        self._levels: tuple[tuple[float, Array], ...] = ()  # at the last looks
-        self._push: _Push | None = None
-        self._ended_pushes: tuple[_Push, ...] = ()
-        self._excluded_spans: tuple[tuple[float, float], ...] = ()
-        self._unexplained_joints: frozenset[str] = (
-            frozenset()
-        )  # joints at which something has no name
+        self._pushes = PushDetector(model.arm, self.settings, self._tip)
+        self._unexplained_joints = frozenset[str]()  # at which something has no name
 
     @property
     def gain(self) -> Array:
@@ -235,9 +151,7 @@ class Monitor:
     @property
     def _cause_limits(self) -> Limits:
         """Limits of causes, by the errors before what may have changed of late."""
-        if not self._levels:
-            return self._limits
-        return replace(self._limits, level=self._levels[0][1])
+        return replace(self._limits, level=self._pushes.level)
 
     @property
     def ready(self) -> bool:
@@ -256,8 +170,10 @@ class Monitor:
             self._limits = calibration_limits(
                 self.model, self._band, sampling, self.settings.window, self._limits, self._tip
             )
-        window = self._window(self._excluded_spans)
-        self._look_for_push(window, new)
+        window = self._window(self._pushes.excluded_spans)
+        names = self.model.arm.joint_names
+        blind = [names.index(joint) for joint in self._unexplained_joints]
+        self._pushes.look(window, new, self._baseline, self._limits, blind)
         window = window.without_spikes()
         test = ChangeTest(window.uncertain, window.residual, self._baseline)
         events = list(self._find_change(window, test)) if self.ready else []
@@ -293,120 +209,65 @@ class Monitor:
         """Yield the change that the last seconds show, if it has lasted and has a cause."""
         settings, now = self.settings, float(window.time[-1])
         found = list(find_candidates(window, test, self._onsets(window), self._cause_limits))
-        passing = [each for each in self._plausible(found, window, 0.0) if each.significant()]
-        if not passing:
+        plausible = PlausibleChanges(found, settings, self._unexplained_joints)
+        if not plausible.passing:
             self._pending = None
             return
         if self._pending is None:
             self._pending = now
-        first = likeliest(passing)
-        if not first.is_persistent() or first.size(window) < settings.min_relative_size:
-            return
-        least = settings.longest_push + 1.0 if first.resembles_push() else settings.min_duration
-        if now - first.since < least:
-            return
-        # Samples before the onset, taken for some with a cause, speak for one of another shape.
-        onset = first.onset(window)
-        choice = self._choose(found, window, first, onset)
+        choice = plausible.choose(now)
         if choice is None:
-            return
-        best, rivals = choice
-        # Which link carries a load, a motion may never show.
-        others = [each for each in rivals if not each.differs_by_link(best)]
-        if others and now - onset < settings.patience:
             return
         # What a named change leaves at first, some seconds of motion explain.
         if self.changes and now - self._pending < settings.min_duration:
             return
-        explains = best.remaining_error(window.usable) < settings.misfit_limit
-        if not explains and now - self._pending < settings.give_up:
+        if not choice.explains and now - self._pending < settings.give_up:
             return
-        since_onset = [push for push in self._ended_pushes if push.begin >= onset - 1.0]
-        if not all(self._outlasts(push, best.hypothesis) for push in since_onset):
+        named = choice.named
+        since_onset = [push for push in self._pushes.ended if push.begin >= named.since - 1.0]
+        if not all(self._outlasts(push, named.hypothesis) for push in since_onset):
             return
-        self._pending, self._push = None, None
-        self._ended_pushes = tuple(push for push in self._ended_pushes if push not in since_onset)
-        joints = best.joints()
+        self._pending = None
+        self._pushes.drop(since_onset)
+        self._pushes.drop_acting()
+        yield from self._accept(choice, now)
+
+    def _accept(self, choice: Choice, now: float) -> Iterator[Event]:
+        """Yield the event of a cause, and take its torque off what follows."""
+        named, joints = choice.named, choice.named.joints()
         known = {change.hypothesis.key: change for change in self.changes}
-        again = known.get(best.hypothesis.key)
-        if explains and again is not None:
-            more = replace(again, theta=again.theta + best.evidence.theta)
+        again = known.get(named.hypothesis.key)
+        if choice.explains and again is not None:
+            more = replace(again, theta=again.theta + named.evidence.theta)
             self.changes = tuple(more if each is again else each for each in self.changes)
             return
-        if not explains or joints[0] in (change.joint for change in self.changes):
+        if not choice.explains or joints[0] in (change.joint for change in self.changes):
             # Two names at one joint are none: the cause is one that has no name here.
             self._unexplained_joints |= {joints[0]}
-            yield Event("unexplained", onset, now, joints)
+            yield Event("unexplained", named.since, now, joints)
             return
         # What begins with a change that was reported may be the error of that one's torque.
         ambiguous = bool(self.changes) and self._baseline is None
-        change = Change(best.hypothesis, best.evidence.theta, onset, joints[0])
+        change = Change(named.hypothesis, named.evidence.theta, named.since, joints[0])
         self.changes, self._baseline = (*self.changes, change), None
-        since = int(np.argmax(self._rows.time >= onset))
-        self._rows = self._rows.at(slice(since, None))
-        self._unexpected, self._momentum = self._unexpected[since:], self._momentum[since:]
+        kept = slice(int(np.argmax(self._rows.time >= named.since)), None)
+        self._rows = self._rows.at(kept)
+        self._unexpected, self._momentum = self._unexpected[kept], self._momentum[kept]
         yield Event(
-            "change", onset, now, joints, best.hypothesis.effect, best.hypothesis.where, None,
-            best.reported(window), "perhaps" if rivals or ambiguous else "certain",
-            tuple(each.alternative() for each in rivals),
+            "change", named.since, now, joints, named.hypothesis.effect, named.hypothesis.where,
+            None, named.reported(), "perhaps" if choice.rivals or ambiguous else "certain",
+            tuple(rival.alternative() for rival in choice.rivals),
         )  # fmt: skip
 
-    def _choose(
-        self, found: Sequence[ChangeCandidate], window: Window, first: ChangeCandidate, onset: float
-    ) -> tuple[ChangeCandidate, list[ChangeCandidate]] | None:
-        """Return the cause to be named, as it begins at an onset, and what is as likely.
-
-        ``None``: there is none of significant size that passes.
-        """
-        near = self._plausible(found, window, min(0.0, first.excess - self._margin(first)))
-        causes = {candidate.hypothesis.key: candidate for candidate in near}
-        fits = (candidate.refit_from(onset, window) for candidate in causes.values())
-        begun = [candidate for candidate in fits if candidate is not None]
-        likely = [candidate for candidate in begun if candidate.significant()]
-        if not likely or likeliest(likely).excess <= 0.0:
-            return None
-        best = likeliest(likely)
-        least = best.excess - self._margin(best)
-        equal = [candidate for candidate in begun if candidate is best or candidate.excess > least]
-        # Friction changes from day to day, and warms up: the commonest of causes as likely.
-        friction = [
-            candidate
-            for candidate in likely
-            if candidate in equal and candidate.excess > 0.0
-            and is_friction(candidate.hypothesis.effect)
-        ]  # fmt: skip
-        named = likeliest(friction or [best])
-        return named, [candidate for candidate in equal if candidate is not named]
-
-    def _plausible(
-        self, found: Iterable[ChangeCandidate], window: Window, excess: float
-    ) -> list[ChangeCandidate]:
-        """Return plausible fits with more excess, where not all is unexplained anyway."""
-        fits = (candidate.plausible_fit(window) for candidate in found if candidate.excess > excess)
-        return [
-            candidate
-            for candidate in fits
-            if candidate is not None and candidate.excess > excess
-            and candidate.joints()[0] not in self._unexplained_joints
-        ]  # fmt: skip
-
-    def _margin(self, candidate: ChangeCandidate) -> float:
-        """Return by how much gain a cause must excel others."""
-        settings = self.settings
-        return max(
-            settings.margin * max(candidate.typical_gain, _LIKE_CAUSE),
-            settings.margin_fraction * candidate.evidence.gain,
-        )
-
-    def _outlasts(self, push: _Push, cause: Hypothesis | None = None) -> bool:
+    def _outlasts(self, push: Push, cause: Hypothesis | None = None) -> bool:
         """Return whether what seems a push is a change: some cause shows without it as well."""
-        window = self._window((*self._excluded_spans, push.span)).without_spikes()
+        window = self._window((*self._pushes.excluded_spans, push.span)).without_spikes()
         test = ChangeTest(window.uncertain, window.residual, self._baseline)
         first = int(np.searchsorted(window.time, push.begin))
         firsts = [first] if first else self._onsets(window)
         found = find_candidates(window, test, firsts, self._cause_limits)
         return any(
-            candidate.excess > 0.0 and candidate.plausible_fit(window) is not None
+            candidate.excess > 0.0 and candidate.plausible_fit is not None
             for candidate in found
             if cause is None or candidate.hypothesis.key == cause.key
         )
@@ -426,70 +287,11 @@ class Monitor:
     def _finished_pushes(self, window: Window) -> Iterator[Event]:
         """Yield pushes that are over, and are no change."""
         now = float(window.time[-1])
-        for push in self._ended_pushes:
+        for push in self._pushes.ended:
             if self._pending is not None and now - push.end <= self.settings.min_duration:
                 continue  # it may be a change
-            self._ended_pushes = tuple(other for other in self._ended_pushes if other is not push)
-            if self._pending is None or not self._outlasts(push):
-                self._excluded_spans = (*self._excluded_spans, push.span)
-                yield self._push_event(push, now)
-        self._excluded_spans = tuple(s for s in self._excluded_spans if s[1] > window.time[0] - 2.0)
-
-    def _look_for_push(self, window: Window, new: int) -> None:
-        """Begin a push, go on with it, or end it, by what the last rows show."""
-        settings, now = self.settings, float(window.time[-1])
-        rate = settings.sampling.row_rate
-        first_new = int(np.searchsorted(window.time, now - new / rate))
-        earliest = float(window.time[max(first_new - LONGEST_TRANSIENT, 0)])
-        # What a push adds must not pass for what is uncertain anyway.
-        pushes = self._ended_pushes if self._push is None else (*self._ended_pushes, self._push)
-        until = min([earliest, *(push.begin - _ASIDE for push in pushes)])
-        before = (window.time < until)[:, None]
-        uncertain = window.uncertain * before[:, :, None]
-        known = ChangeTest(uncertain, window.residual * before, self._baseline)
-        blind = [self.model.arm.joint_names.index(name) for name in self._unexplained_joints]
-        found = transient_torques(window.with_rests(), known, first_new, self._tip, blind)
-        limit = self._limits.push_limit(
-            found.gain, self._typical_gains.for_transients(found), self._typical_gains.largest
-        )
-        over = max((push.end for push in self._ended_pushes), default=-np.inf)
-        begins = window.time[found.begin]
-        excess = np.where(begins[:, None] > over, found.gain / limit, 0.0)
-        acts = excess > 1.0
-        goes_on = acts[begins > window.time[first_new] - _ASIDE].any()
-        forgotten = new / rate / settings.forgetting_time
-        self._typical_gains = self._typical_gains.updated(found, limit, float(np.exp(-forgotten)))
-        self._levels = (*self._levels, (now, self._typical_gains.level))
-        self._levels = tuple(each for each in self._levels if each[0] > now - settings.level_delay)
-        if acts.any():
-            clearest = int(excess.max(axis=1).argmax())
-            begin, end = float(begins[clearest]), found.end[clearest] - 1
-            felt = np.any(acts, axis=1, keepdims=True) & (found.gain[:, :-1] > NORMAL_95**2)
-            peak = np.max(np.abs(np.where(felt, found.torque, 0.0)), axis=0)
-            if not peak.any():  # a little at several
-                peak = np.abs(window.torque[found.begin[clearest] : end].mean(axis=0))
-            old = self._push or _Push(begin, peak, now)
-            inside = window.time >= max(begin, now - new / rate)
-            step = 1.0 / settings.sampling.sample_rate
-            torque = np.linalg.norm(window.torque[inside], axis=1)
-            self._push = replace(
-                old, peak=np.maximum(old.peak, peak), end=float(window.time[end]),
-                impulse=old.impulse + step * torque.sum(),
-            )  # fmt: skip
-        if self._push is not None and not goes_on:
-            if now - self._push.begin < settings.longest_push + 2.0:
-                self._ended_pushes = (*self._ended_pushes, self._push)
-            self._push = None
-
-    def _push_event(self, push: _Push, now: float) -> Event:
-        arm, order = self.model.arm, np.argsort(-push.peak)
-        names = arm.joint_names
-        joints = tuple(names[j] for j in order if push.peak[j] > 0.2 * push.peak.max())
-        values = {
-            names[j]: Estimate(float(push.peak[j]), np.nan, np.nan, arm.effort_units[j])
-            for j in order
-            if push.peak[j] > 0.0
-        }
-        return Event(
-            "push", push.begin, now, joints, end=push.end, values=values, impulse=push.impulse
-        )
+            if self._pending is not None and self._outlasts(push):
+                self._pushes.drop([push])
+            else:
+                yield self._pushes.report(push, now)
+        self._pushes.forget_before(float(window.time[0]) - 2.0)

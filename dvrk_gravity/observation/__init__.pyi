@@ -32,8 +32,8 @@ from .joint_space import in_joint_space as in_joint_space
 from .joint_space import require_measured as require_measured
 from .joint_space import stands as stands
 from .joint_space import without_standing as without_standing
-from .known_errors import stated_coordinates as stated_coordinates
-from .known_errors import without_known_errors as without_known_errors
+from .known_reading_errors import stated_coordinates as stated_coordinates
+from .known_reading_errors import without_known_errors as without_known_errors
 from .nominal import Mounting as Mounting
 from .nominal import NominalTorque as NominalTorque
 from .nominal import mounting as mounting
