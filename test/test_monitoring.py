@@ -216,15 +216,36 @@ def test_a_force_that_no_joint_shows_alone_is_a_push_and_a_larger_one_no_frictio
     assert found == [("push", 0)] * (joint is None)
 
 
-@pytest.mark.parametrize(("part", "kinds"), [(1.0, []), (8.0, ["push"])])
-def test_an_arm_at_rest_is_pushed_by_more_than_its_friction_holds(part, kinds):
+@pytest.mark.parametrize(
+    ("part", "lasts", "kinds"),
+    [(0.1, 1.0, []), (1.0, 1.0, ["push"]), (1.0, np.inf, []), (8.0, np.inf, ["push"])],
+)
+def test_at_rest_what_comes_and_goes_is_a_push_and_what_stays_friction_may_hold(part, lasts, kinds):
     def push(q, qd, qdd):
-        torque = np.zeros_like(q)
-        torque[2700:2800, ecm.PITCH] = -part * ecm.COULOMB[ecm.PITCH]
+        torque, time = np.zeros_like(q), 0.01 * np.arange(len(q))
+        acts = (time >= 27.0) & (time < 27.0 + lasts)
+        torque[acts, ecm.PITCH] = -part * ecm.COULOMB[ecm.PITCH]
         return torque
 
     pushed = ecm.recorded(2, 36.0, push, rest=24.0)
     assert [event.kind for event in monitor(pushed, ecm.model()).events] == kinds
+
+
+def test_a_resting_joint_that_friction_holds_while_another_moves_is_not_pushed():
+    model, resting = ecm.model(), ecm.recorded(2, 36.0, rest=24.0)
+    bump = np.clip((resting.time - 27.0) / 1.5, 0.0, 1.0)
+    q = resting.position.copy()
+    q[:, ecm.INSERTION] += 0.033 * np.sin(np.pi * bump) ** 2
+    qd = resting.velocity + np.gradient(q - resting.position, resting.time, axis=0)
+    qdd = np.gradient(qd, resting.time, axis=0)
+    needed = model.torque(q, qd, qdd) - model.torque(resting.position, resting.velocity)
+    held = needed[resting.time > 26.0, ecm.PITCH]
+    assert 4.0 * ecm.NOISE[ecm.PITCH] < np.abs(held).max() < ecm.COULOMB[ecm.PITCH]
+    effort = resting.effort.copy()
+    moves = (resting.time > 26.0)[:, None] & (np.arange(ecm.ARM.n) == ecm.INSERTION)
+    effort += np.where(moves, needed, 0.0)
+    moved = replace(resting, position=q, velocity=qd, effort=effort)
+    assert [event.kind for event in monitor(moved, model).events] == []
 
 
 def test_a_torque_that_grows_while_the_arm_rests_is_a_drift_and_noise_is_none():
@@ -262,7 +283,7 @@ def test_where_a_motor_creeps_friction_is_error_at_each_joint_that_it_moves():
     assert (deviation(moving)[1:3] < 1.05).all()
 
 
-@pytest.mark.parametrize(("smaller", "level"), [(0.5, 0.5), (0.05, 1.0 / 12.0), (4.0, 1.0)])
+@pytest.mark.parametrize(("smaller", "level"), [(0.5, 0.5**0.5), (0.05, 12.0**-0.5), (4.0, 1.0)])
 def test_errors_that_are_smaller_than_known_lower_the_limits_of_causes(smaller, level):
     gain = smaller * np.random.default_rng(8).chisquare([1.0, 1.0, 3.0], (12000, 3))
     last = np.tile([4, 8, 16, 25], 3000)

@@ -59,6 +59,6 @@ def calibration_limits(
                     possible = candidate.plausible_fit
                     if possible is not None:
                         of_causes[key] = max(of_causes.get(key, 0.0), possible.evidence.gain)
-            found = transient_torques(window.with_rests(), test, 0, tip)
+            found = transient_torques(window, test, 0, tip)
             of_pushes = np.maximum(of_pushes, found.gain.max(axis=0))
     return Limits(limits.false_alarms, of_causes, of_pushes)

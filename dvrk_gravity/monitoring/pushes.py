@@ -109,7 +109,7 @@ class PushDetector:
         before = (window.time < until)[:, None]
         uncertain = window.uncertain * before[:, :, None]
         known = ChangeTest(uncertain, window.residual * before, baseline)
-        found = transient_torques(window.with_rests(), known, first_new, self._tip, blind)
+        found = transient_torques(window, known, first_new, self._tip, blind)
         limit = limits.push_limit(
             found.gain, self._typical_gains.for_transients(found), self._typical_gains.largest
         )

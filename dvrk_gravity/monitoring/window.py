@@ -173,6 +173,11 @@ class Window:
             self, usable=self.available, error_factor=np.hypot(self.error_factor, at_rest)
         )
 
+    @cached_property
+    def measured_torque(self) -> Array:
+        """(m, n) low-passed measured torque, N·m."""
+        return self._filter(self.motion.effort)
+
     def without_spikes(self) -> Window:
         """Return the window without spikes of up to half a second: knocks, jumps of an encoder.
 
