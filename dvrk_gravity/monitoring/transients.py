@@ -197,7 +197,7 @@ def _gains_at_rest(moment: slice, window: Window) -> tuple[Array, Array]:
     if whole.start < 0 or whole.stop > m:
         return np.zeros(n), np.zeros(n)
     time, count = window.time[whole], whole.stop - whole.start
-    stands = (window.motion.stuck[whole] & window.available[whole]).all(axis=0)
+    stands = window.stands(whole)
     if not stands.any() or time[-1] - time[0] > count * window.step:
         return np.zeros(n), np.zeros(n)
     signals = np.stack([window.torque[whole], window.measured_torque[whole]])
