@@ -37,9 +37,6 @@ _CREEPS = 0.1
 # Likewise, below which it may stand, held by any friction up to its level, while others that share
 # a joint with it move. Chosen: a wrist's motor breaks away at that.
 _STANDS = 0.01
-# s at that speed, by which a joint that stands may yield to a push. Chosen: pushed ones of five
-# simulated arms moved by .0018 s at most, in one that turned round slowly friction did by .006 s.
-_YIELDS = 0.003
 SHAPE = 0.2  # of a cause's torque, that its columns may be off by. Chosen
 _OF_SHAPE = 0.05  # likewise, by no smooth function of position. Chosen
 _SPIKE = 15  # samples, less than half of which a spike lasts: half a second. Chosen
@@ -176,11 +173,10 @@ class Window:
             self, usable=self.available, error_factor=np.hypot(self.error_factor, at_rest)
         )
 
-    def stands(self, rows: slice) -> Mask:
-        """Return (n,) whether a joint stands in some samples, but for what it yields to a push."""
-        moved = np.ptp(self.motion.q[rows], axis=0)
-        still = moved < _YIELDS * _greatest_speed(self.motion)
-        return np.asarray(still & (self.motion.stuck & self.available)[rows].all(axis=0))
+    @cached_property
+    def greatest_speed(self) -> Array:
+        """(n,) at which the model was identified, else the motion's RMS, rad/s or m/s."""
+        return _greatest_speed(self.motion)
 
     @cached_property
     def measured_torque(self) -> Array:
