@@ -26,8 +26,8 @@ _BEFORE = 12.0  # moments of a length, of gain one, that count as known before a
 _FLAT = 1e-9  # of the largest information on a force, that is rounding: no joint feels that way
 _AT_REST = 8  # samples of the longest moment in which friction may hold a joint. Chosen
 _BESIDE = 4  # samples before and after a moment at rest: a third of a second. Chosen
-# s at the greatest identified speed, by which a joint that stands may yield to a push. Chosen: in five
-# simulated arms by .0018 s at most; one that turned round slowly moved by .006 s.
+# s at the greatest identified speed, by which a joint that stands may yield to a push. Chosen: in
+# five simulated arms by .0018 s at most; one that turned round slowly moved by .006 s.
 _YIELDS = 0.003
 _JITTER = 1e-4  # s likewise, of readings at rest. Chosen
 _SAYS = 0.75  # part of a moment's samples that has to say something. Chosen
