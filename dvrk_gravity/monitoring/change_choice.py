@@ -55,7 +55,7 @@ class PlausibleChanges:
     def choose(self, now: float) -> Choice | None:
         """Return the cause to be named now, s, with its rivals.
 
-        ``None``: nothing passes that lasts and counts, or it is too early to tell.
+        ``None``: nothing passes that lasts and counts, or it is too early to show.
         """
         settings = self._settings
         first = likeliest(self.passing)
