@@ -228,7 +228,22 @@ def test_at_rest_what_comes_and_goes_is_a_push_and_what_stays_friction_may_hold(
         return torque
 
     pushed = ecm.recorded(2, 36.0, push, rest=24.0)
-    assert [event.kind for event in monitor(pushed, ecm.model()).events] == kinds
+    yields = pushed.position - 1e-4 * push(pushed.position, None, None)  # 10 kN·m/rad
+    found = monitor(replace(pushed, position=yields), ecm.model()).events
+    assert [event.kind for event in found] == kinds
+
+
+def test_a_motor_that_presses_and_does_not_feel_its_joint_yield_is_not_pushed():
+    def press(q, qd, qdd):
+        torque = np.zeros_like(q)
+        torque[2700:2800, ecm.PITCH] = -ecm.COULOMB[ecm.PITCH]
+        return torque
+
+    for yields in (0.0, -1e-4):  # held by friction; or it gives way to its motor
+        rested = ecm.recorded(2, 36.0, press, rest=24.0)
+        position = rested.position - yields * press(rested.position, None, None)
+        found = monitor(replace(rested, position=position), ecm.model()).events
+        assert [event.kind for event in found] == []
 
 
 def test_a_resting_joint_that_friction_holds_while_another_moves_is_not_pushed():

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.monitoring.change_test import ChangeTest
 from dvrk_gravity.monitoring.limits import freedom
+from dvrk_gravity.monitoring.observer import white_noise
 from dvrk_gravity.monitoring.window import Window
 from dvrk_gravity.monitoring.wrench import Tip
 
@@ -26,10 +28,7 @@ _BEFORE = 12.0  # moments of a length, of gain one, that count as known before a
 _FLAT = 1e-9  # of the largest information on a force, that is rounding: no joint feels that way
 _AT_REST = 8  # samples of the longest moment in which friction may hold a joint. Chosen
 _BESIDE = 4  # samples before and after a moment at rest: a third of a second. Chosen
-# s at the greatest identified speed, by which a joint that stands may yield to a push. Chosen: in
-# five simulated arms by .0018 s at most; one that turned round slowly moved by .006 s.
-_YIELDS = 0.003
-_JITTER = 1e-4  # s likewise, of readings at rest. Chosen
+_ROUNDING = 1e-9  # rad (Arm.scale), by which a position that does not change may differ
 _SAYS = 0.75  # part of a moment's samples that has to say something. Chosen
 
 
@@ -194,25 +193,28 @@ def _gains_at_rest(moment: slice, window: Window) -> tuple[Array, Array]:
     """Return (n,) gains and torques of what is there for a moment while a joint stands still.
 
     Compared with the torque before and after, measured and unexpected torque both differ by it: of
-    a joint that friction holds, other joints' motion changes only one of these.
+    a joint that friction holds, other joints' motion changes only one of these. And the joint
+    yields against its motor: behind friction, a motor feels a push only by that. A torque that
+    changes while the position does not is the controller's, or an error of its reading, and a joint
+    that turns round slowly goes where its motor drives it.
     """
     m, n = window.usable.shape
     whole = slice(moment.start - _BESIDE, moment.stop + _BESIDE)
+    nothing = np.zeros(n), np.zeros(n)
     if whole.start < 0 or whole.stop > m:
-        return np.zeros(n), np.zeros(n)
+        return nothing
     time, count = window.time[whole], whole.stop - whole.start
-    place = window.motion.q[whole] / window.greatest_speed
     stands = (window.motion.stuck & window.available)[whole].all(axis=0)
-    stands &= np.ptp(place, axis=0) < _YIELDS
     if not stands.any() or time[-1] - time[0] > count * window.step:
-        return np.zeros(n), np.zeros(n)
-    signals = np.stack([window.torque[whole], window.measured_torque[whole], place])
+        return nothing
+    signals = np.stack([window.torque, window.measured_torque, window.motion.q])[:, whole]
     beside = np.stack([signals[:, :_BESIDE], signals[:, -_BESIDE:]]).mean(axis=2)
     more = signals[:, _BESIDE:-_BESIDE].mean(axis=1) - beside
-    torques, moved = more[:, :2].reshape(4, n), more[:, 2].mean(axis=0)
+    torques, moved = more[:, :2].reshape(4, n), more[:, 2]
     sign = np.sign(torques[0])
-    # A motor resists a push, and a joint that turns round goes where its motor drives it.
-    pushed = stands & (np.sign(torques) == sign).all(axis=0) & (sign * moved < _JITTER)
+    noise = white_noise(signals[2]) * np.sqrt(1.0 / _BESIDE + 1.0 / (count - 2 * _BESIDE))
+    pushed = stands & (np.sign(torques) == sign).all(axis=0)
+    pushed &= (-sign * moved > NORMAL_95 * noise + _ROUNDING * window.motion.arm.scale).all(axis=0)
     torque = np.where(pushed, np.abs(torques).min(axis=0), 0.0)
     pulse = np.zeros((count, n))
     pulse[_BESIDE:-_BESIDE] = 1.0

@@ -174,11 +174,6 @@ class Window:
         )
 
     @cached_property
-    def greatest_speed(self) -> Array:
-        """(n,) at which the model was identified, else the motion's RMS, rad/s or m/s."""
-        return _greatest_speed(self.motion)
-
-    @cached_property
     def measured_torque(self) -> Array:
         """(m, n) low-passed measured torque, N·m."""
         return self._filter(self.motion.effort)
