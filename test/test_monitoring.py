@@ -216,34 +216,37 @@ def test_a_force_that_no_joint_shows_alone_is_a_push_and_a_larger_one_no_frictio
     assert found == [("push", 0)] * (joint is None)
 
 
-@pytest.mark.parametrize(
-    ("part", "lasts", "kinds"),
-    [(0.1, 1.0, []), (1.0, 1.0, ["push"]), (1.0, np.inf, []), (8.0, np.inf, ["push"])],
-)
-def test_at_rest_what_comes_and_goes_is_a_push_and_what_stays_friction_may_hold(part, lasts, kinds):
-    def push(q, qd, qdd):
+def events_at_rest(part: float, lasts: float, yields: float) -> list[str]:
+    """Return the kinds of events when pitch's motor changes by a part of its Coulomb friction.
+
+    Args:
+        part: Of it, in the negative direction.
+        lasts: For how long, s.
+        yields: By how much pitch moves against that, rad/(N·m).
+    """
+
+    def changed(q, qd, qdd):
         torque, time = np.zeros_like(q), 0.01 * np.arange(len(q))
         acts = (time >= 27.0) & (time < 27.0 + lasts)
         torque[acts, ecm.PITCH] = -part * ecm.COULOMB[ecm.PITCH]
         return torque
 
-    pushed = ecm.recorded(2, 36.0, push, rest=24.0)
-    yields = pushed.position - 1e-4 * push(pushed.position, None, None)  # 10 kN·m/rad
-    found = monitor(replace(pushed, position=yields), ecm.model()).events
-    assert [event.kind for event in found] == kinds
+    rested = ecm.recorded(2, 36.0, changed, rest=24.0)
+    moved = rested.position - yields * changed(rested.position, None, None)
+    return [event.kind for event in monitor(replace(rested, position=moved), ecm.model()).events]
 
 
-def test_a_motor_that_presses_and_does_not_feel_its_joint_yield_is_not_pushed():
-    def press(q, qd, qdd):
-        torque = np.zeros_like(q)
-        torque[2700:2800, ecm.PITCH] = -ecm.COULOMB[ecm.PITCH]
-        return torque
+@pytest.mark.parametrize(
+    ("part", "lasts", "kinds"),
+    [(0.1, 1.0, []), (1.0, 1.0, ["push"]), (1.0, np.inf, []), (8.0, np.inf, ["push"])],
+)
+def test_at_rest_what_comes_and_goes_is_a_push_and_what_stays_friction_may_hold(part, lasts, kinds):
+    assert events_at_rest(part, lasts, 1e-4) == kinds
 
-    for yields in (0.0, -1e-4):  # held by friction; or it gives way to its motor
-        rested = ecm.recorded(2, 36.0, press, rest=24.0)
-        position = rested.position - yields * press(rested.position, None, None)
-        found = monitor(replace(rested, position=position), ecm.model()).events
-        assert [event.kind for event in found] == []
+
+@pytest.mark.parametrize("yields", [0.0, -1e-4])  # held by friction; or it gives way to its motor
+def test_a_motor_that_presses_and_does_not_feel_its_joint_yield_is_not_pushed(yields):
+    assert events_at_rest(1.0, 1.0, yields) == []
 
 
 def test_a_resting_joint_that_friction_holds_while_another_moves_is_not_pushed():

@@ -113,7 +113,7 @@ def transient_torques(
     """Return gains and torques of moments that end after a sample.
 
     At rest friction may hold a joint, and hides any torque up to its level; but what appears and is
-    gone while the joint stands still comes from outside.
+    gone while the joint stands, but for yielding to it, comes from outside.
 
     Args:
         window: The samples.
@@ -143,10 +143,10 @@ def transient_torques(
         if moment.stop > since:
             found = _gains_of(moment, resting, known, columns[moment], unexpected[moment])
             gain[index], torque[index] = found
-        alone, change = _gains_at_rest(moment, window)
-        clearer = (alone > gain[index, :n]) & (columns[0, :, 0] > 0.0)
-        gain[index, :n] = np.where(clearer, alone, gain[index, :n])
-        torque[index] = np.where(clearer, change, torque[index])
+    at_rest, change = _gains_at_rest(moments, window)
+    clearer = (at_rest > gain[:, :n]) & (columns[0, :, 0] > 0.0)
+    gain[:, :n] = np.where(clearer, at_rest, gain[:, :n])
+    torque = np.where(clearer, change, torque)
     begin, end = (np.array([getattr(moment, side) for moment in moments], dtype=np.int64)
                   for side in ("start", "stop"))  # fmt: skip
     return TransientTorques(begin, end, gain, torque)
@@ -189,8 +189,8 @@ def _gains_of(
     return gain, score / power
 
 
-def _gains_at_rest(moment: slice, window: Window) -> tuple[Array, Array]:
-    """Return (n,) gains and torques of what is there for a moment while a joint stands still.
+def _gains_at_rest(moments: Sequence[slice], window: Window) -> tuple[Array, Array]:
+    """Return (p, n) gains and torques of what is there for a moment while a joint stands still.
 
     Compared with the torque before and after, measured and unexpected torque both differ by it: of
     a joint that friction holds, other joints' motion changes only one of these. And the joint
@@ -199,24 +199,28 @@ def _gains_at_rest(moment: slice, window: Window) -> tuple[Array, Array]:
     that turns round slowly goes where its motor drives it.
     """
     m, n = window.usable.shape
-    whole = slice(moment.start - _BESIDE, moment.stop + _BESIDE)
-    nothing = np.zeros(n), np.zeros(n)
-    if whole.start < 0 or whole.stop > m:
-        return nothing
-    time, count = window.time[whole], whole.stop - whole.start
-    stands = (window.motion.stuck & window.available)[whole].all(axis=0)
-    if not stands.any() or time[-1] - time[0] > count * window.step:
-        return nothing
-    signals = np.stack([window.torque, window.measured_torque, window.motion.q])[:, whole]
-    beside = np.stack([signals[:, :_BESIDE], signals[:, -_BESIDE:]]).mean(axis=2)
-    more = signals[:, _BESIDE:-_BESIDE].mean(axis=1) - beside
-    torques, moved = more[:, :2].reshape(4, n), more[:, 2]
-    sign = np.sign(torques[0])
-    noise = white_noise(signals[2]) * np.sqrt(1.0 / _BESIDE + 1.0 / (count - 2 * _BESIDE))
-    pushed = stands & (np.sign(torques) == sign).all(axis=0)
-    pushed &= (-sign * moved > NORMAL_95 * noise + _ROUNDING * window.motion.arm.scale).all(axis=0)
-    torque = np.where(pushed, np.abs(torques).min(axis=0), 0.0)
-    pulse = np.zeros((count, n))
-    pulse[_BESIDE:-_BESIDE] = 1.0
+    gain, torque = np.zeros((2, len(moments), n))
     known = replace(window, usable=window.available, error_factor=np.ones((m, n)))
-    return torque**2 * np.sum(known.whiten(pulse, whole) ** 2, axis=0), sign * torque
+    signals = np.stack([window.torque, window.measured_torque, window.motion.q])
+    standing, rounding = window.motion.stuck & window.available, _ROUNDING * window.motion.arm.scale
+    for index, moment in enumerate(moments):
+        whole = slice(moment.start - _BESIDE, moment.stop + _BESIDE)
+        if whole.start < 0 or whole.stop > m:
+            continue
+        time, count = window.time[whole], whole.stop - whole.start
+        stands = standing[whole].all(axis=0)
+        if not stands.any() or time[-1] - time[0] > count * window.step:
+            continue
+        own = signals[:, whole]
+        beside = np.stack([own[:, :_BESIDE], own[:, -_BESIDE:]]).mean(axis=2)
+        more = own[:, _BESIDE:-_BESIDE].mean(axis=1) - beside
+        torques, moved = more[:, :2].reshape(4, n), more[:, 2]
+        sign = np.sign(torques[0])
+        noise = white_noise(own[2]) * np.sqrt(1.0 / _BESIDE + 1.0 / (count - 2 * _BESIDE))
+        pushed = stands & (np.sign(torques) == sign).all(axis=0)
+        pushed &= (-sign * moved > NORMAL_95 * noise + rounding).all(axis=0)
+        torque[index] = np.where(pushed, sign * np.abs(torques).min(axis=0), 0.0)
+        pulse = np.zeros((count, n))
+        pulse[_BESIDE:-_BESIDE] = 1.0
+        gain[index] = torque[index] ** 2 * np.sum(known.whiten(pulse, whole) ** 2, axis=0)
+    return gain, torque
