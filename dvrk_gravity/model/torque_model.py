@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -410,19 +410,10 @@ class TorqueModel:
         Raises:
             EffectError: A term whose torque is of another shape.
         """
-        return self._sum(state, self.terms)
-
-    def positional_torque(self, state: State) -> Array:
-        """Return the part of :meth:`torque_at` that depends on where the joints are."""
-        return self._sum(state, [term for term in self.terms if term.OF_POSITION])
-
-    def _sum(self, state: State, terms: Iterable[Term]) -> Array:
-        """Return (…, n) torques of some of the terms."""
         if self.joint_offset.any():
             state = replace(state, q=state.q - self.joint_offset)
         found: dict[int, Array] = {}
-        # What depends on other terms' torque comes after them.
-        for term in sorted(terms, key=lambda term: term.OF_OTHERS):
+        for term in self._in_order():
             torque = term.torque_given(state, found)
             if torque.shape != state.q.shape:
                 raise EffectError(
@@ -430,6 +421,39 @@ class TorqueModel:
                 )
             found[id(term)] = torque
         return sum(found.values(), np.zeros(state.q.shape))
+
+    def positional_torques(self, state: State, ways: Array) -> Array:
+        """Return the part of :meth:`torque_at` that depends on where the joints are, elsewhere.
+
+        Args:
+            state: (N, n) a motion.
+            ways: (K, n) from its positions, rad.
+
+        Returns:
+            (K, N, n) torques along the motion moved by each way, N·m.
+        """
+        q = (state.q + ways[:, None]) - self.joint_offset
+        rest = (state.qd, state.qdd, state.direction)
+        moved = State(
+            q, *(None if each is None else np.broadcast_to(each, q.shape) for each in rest)
+        )
+        found: dict[int, Array] = {}
+        for term in (each for each in self._in_order() if each.OF_POSITION):
+            if term.OF_OTHERS:  # and maybe on the motion before, which a stack does not show
+                each = [
+                    term.torque_given(
+                        replace(state, q=own), {other: torque[k] for other, torque in found.items()}
+                    )
+                    for k, own in enumerate(q)
+                ]
+                found[id(term)] = np.stack(each)
+            else:
+                found[id(term)] = term.torque(moved)
+        return sum(found.values(), np.zeros(q.shape))
+
+    def _in_order(self) -> list[Term]:
+        """Return the terms, those that depend on other terms' torque after these."""
+        return sorted(self.terms, key=lambda term: term.OF_OTHERS)
 
     def prediction(self, state: State) -> Array:
         """Return (N, n) torques as :meth:`torque_at`, N·m, to compare with measured ones.

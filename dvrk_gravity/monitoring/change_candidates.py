@@ -208,9 +208,9 @@ def find_candidates(
 ) -> Iterator[ChangeCandidate]:
     """Yield every cause as it may have begun with each of some samples, plausible or not."""
     causes = list(window.causes())
-    columns = [window.whiten(window.columns(cause)) for cause in causes]
     if not firsts or not causes:
         return
+    columns = window.white_columns(causes)
     priors = [
         prior_precision(cause, own.shape[2]) for cause, own in zip(causes, columns, strict=True)
     ]

@@ -274,6 +274,13 @@ class Window:
         """
         return self._filter_from(hypothesis.regressor(self.motion), since)
 
+    def white_columns(self, causes: Sequence[Hypothesis]) -> list[Array]:
+        """Return (m, n, k) whitened low-passed torque of each cause, per unit of its parameters."""
+        each = [cause.regressor(self.motion) for cause in causes]
+        together = self.whiten(self._filter(np.concatenate(each, axis=2)))
+        edges = np.cumsum([columns.shape[2] for columns in each])
+        return list(map(np.ascontiguousarray, np.split(together, edges[:-1], axis=2)))
+
     def load(self, body: int, since: float) -> Array:
         """Return (m, n, 10) whitened torque of a load by :func:`effects.place_terms`, per kg."""
         directions = point_mass_directions(self.motion.arm, body)
