@@ -16,7 +16,6 @@ from dvrk_gravity.effects.base.arrays import (
     as_array,
     as_value,
     joint_arrays,
-    number_array,
 )
 from dvrk_gravity.effects.base.column import Column
 from dvrk_gravity.effects.base.dahl import DahlElements, dahl_of_parts
@@ -349,8 +348,8 @@ def _displacement(motion: Motion, site: Site) -> float:
 def with_coulomb(arm: Arm, values: Values, where: Site, levels: Array) -> Values:
     """Return a model's parameters with more Coulomb friction, up and down, none below zero."""
     prefix, index = f"{CoulombFriction.NAME}.{where.kind.value}", where.index
-    up = number_array(arm, values, f"{prefix}_positive", f"{prefix}_negative")
-    down = number_array(arm, values, f"{prefix}_negative", f"{prefix}_positive")
+    had_up, had_down = (values.get(f"{prefix}_{way}") for way in ("positive", "negative"))
+    up, down = as_array(had_up or had_down, arm.n, 0.0), as_array(had_down or had_up, arm.n, 0.0)
     up[index] = max(0.0, up[index] + levels[0])
     down[index] = max(0.0, down[index] + levels[-1])
     return {**values, f"{prefix}_positive": as_value(up), f"{prefix}_negative": as_value(down)}

@@ -13,6 +13,8 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import (
     Range,
     Values,
+    as_array,
+    as_value,
     declare_coefficients,
     declare_range,
     diagonal_columns,
@@ -285,19 +287,19 @@ class CableHypothesis(Hypothesis):
         total = np.zeros(max(len(known), len(powers)))
         total[: len(known)] += known
         total[: len(powers)] += powers
-        result = {**values, name: tuple(total.tolist())}
+        result = {**values, name: as_value(total)}
         middle, half = motion.travel
         for edge, default, sign in (("valid_lower", -_FAR, -1.0), ("valid_upper", _FAR, 1.0)):
             field = f"{self.effect}.{edge}"
             if self.degree < 2 and not values.get(field):
                 continue
-            limits = np.array(values.get(field) or np.full(len(self.arm.joints), default))
+            limits = as_array(values.get(field), self.arm.n, default)
             free = not known[1:].any()  # a constant is the same wherever it is held
             if self.degree < 2:
                 limits[joint] = default if free else limits[joint]
             elif free or abs(limits[joint]) >= _FAR:
                 limits[joint] = middle[joint] + sign * half[joint] - offset
-            result[field] = tuple(limits.tolist())
+            result[field] = as_value(limits)
         return result
 
     def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:

@@ -124,7 +124,7 @@ def with_beta(values: Values, change: Array) -> Values | None:
     total = np.zeros(max(len(beta), needed))
     total[: len(beta)] += beta
     total += change[: len(total)]
-    return {**values, "beta": tuple(total.tolist())}
+    return {**values, "beta": as_value(total)}
 
 
 def link_beta(link: str, mass: float, moment: Array) -> Array:

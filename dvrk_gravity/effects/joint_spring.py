@@ -14,7 +14,6 @@ from dvrk_gravity.effects.base.arrays import (
     as_array,
     as_value,
     joint_array,
-    number_array,
     position_offset,
     read_rows,
     write_rows,
@@ -211,14 +210,14 @@ class SpringHypothesis(Hypothesis):
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """Add the spring, as a function of true positions."""
-        row = self._row
+        row, n = self._row, self.arm.n
         more = float(theta[0]) * np.outer(row, row)
         from_middle = position_offset(self.arm, values)
         from_middle[list(self.joints)] -= self.middle
         result = dict(values)
         for joint in self.joints:
             name = f"{self.effect}.{self.arm.joint_names[joint]}"
-            result[name] = as_value(number_array(self.arm, values, name) + more[joint])
+            result[name] = as_value(as_array(values.get(name), n, 0.0) + more[joint])
         name = f"{self.effect}.constant"
-        constant = number_array(self.arm, values, name) + more @ from_middle + float(theta[1]) * row
+        constant = as_array(values.get(name), n, 0.0) + more @ from_middle + float(theta[1]) * row
         return {**result, name: as_value(constant)}

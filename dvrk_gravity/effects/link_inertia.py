@@ -215,7 +215,7 @@ class AllInertiaHypothesis(Hypothesis):
 def _with_change(values: Values, body: str, change: Array) -> Values:
     name = f"{LinkInertia.NAME}.{body}"
     row = np.array(values.get(name) or np.zeros(rigid_body.PER_LINK)) + change
-    return {**values, name: tuple(row.tolist())}
+    return {**values, name: as_value(row)}
 
 
 def with_inertia(values: Values, body: str, change: Array) -> Values:

@@ -16,7 +16,6 @@ from dvrk_gravity.effects.base.arrays import (
     as_array,
     as_value,
     joint_arrays,
-    number_array,
 )
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
@@ -228,7 +227,9 @@ class StribeckHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """``None`` if the site has a level already."""
         name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
-        level, speed = (number_array(self.arm, values, key) for key in (name, f"{name}_velocity"))
+        level, speed = (
+            as_array(values.get(key), self.arm.n, 0.0) for key in (name, f"{name}_velocity")
+        )
         if level[index] > 0.0 or theta[0] < 0.0:
             return None
         level[index], speed[index] = theta[0], self.setting["velocity"]

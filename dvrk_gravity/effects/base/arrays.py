@@ -107,23 +107,18 @@ def write_rows(arm: Arm, name: str, rows: Array) -> dict[str, Value]:
     }
 
 
-def number_array(arm: Arm, values: Values, name: str, fallback: str = "") -> Array:
-    """Return an array with a number a joint, zeros where neither name is given."""
-    return np.array(values.get(name) or values.get(fallback) or np.zeros(arm.n), dtype=float)
-
-
 def added(
     arm: Arm, values: Values, name: str, index: int, change: float, lower: float = -np.inf
 ) -> dict[str, Any]:
     """Return a model's parameters with one entry of such an array changed, not below ``lower``."""
-    total = number_array(arm, values, name)
+    total = as_array(values.get(name), arm.n, 0.0)
     total[index] = max(lower, total[index] + change)
-    return {**values, name: tuple(total.tolist())}
+    return {**values, name: as_value(total)}
 
 
 def position_offset(arm: Arm, values: Values) -> Array:
     """Return (n,) measured minus true positions, as far as a model's parameters know."""
-    return number_array(arm, values, "joint_offset")
+    return as_array(values.get("joint_offset"), arm.n, 0.0)
 
 
 # Polynomials of a joint's own position, held at the edge of their range: a quartic fitted on

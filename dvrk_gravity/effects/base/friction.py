@@ -10,7 +10,13 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Range, Values, diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.arrays import (
+    Range,
+    Values,
+    as_value,
+    diagonal_columns,
+    motor_columns,
+)
 from dvrk_gravity.effects.base.column import ColumnTable, SearchMove
 from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
@@ -276,5 +282,5 @@ class AllFriction(Hypothesis):
                     total = np.array(values.get(name, nothing), dtype=float)
                     # Another finding, an element of presliding say, may have appended to it.
                     total[: len(more)] += more
-                    changed[name] = tuple(total.tolist())
+                    changed[name] = as_value(total)
         return changed
