@@ -10,13 +10,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    Values,
-    as_array,
-    as_value,
-    joint_arrays,
-)
+from dvrk_gravity.effects.base.arrays import Values, as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.column import Column
 from dvrk_gravity.effects.base.dahl import DahlElements, dahl_of_parts
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
@@ -32,6 +26,7 @@ from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value

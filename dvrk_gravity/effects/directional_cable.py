@@ -10,23 +10,21 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
+from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_arrays
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import (
+    Blend,
+    JointPolynomials,
     Range,
-    as_array,
-    as_value,
     declare_coefficients,
     declare_range,
-    diagonal_columns,
     evaluate,
-    joint_arrays,
     prepare_polynomials,
     prepare_powers,
     read_coefficients,
 )
-from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
-from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.motion import State
-from dvrk_gravity.effects.base.polynomials import Blend, JointPolynomials
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.errors import ConfigError

@@ -11,19 +11,11 @@ from numpy.polynomial import Chebyshev, Polynomial
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import (
-    Range,
     Values,
     as_array,
     as_value,
-    declare_coefficients,
-    declare_range,
     diagonal_columns,
-    evaluate,
-    legendre,
     position_offset,
-    prepare_polynomials,
-    prepare_powers,
-    read_coefficients,
     write_rows,
 )
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable, SearchMove, site_columns
@@ -32,7 +24,17 @@ from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.polynomials import JointPolynomials
+from dvrk_gravity.effects.base.polynomials import (
+    JointPolynomials,
+    Range,
+    declare_coefficients,
+    declare_range,
+    evaluate,
+    legendre,
+    prepare_polynomials,
+    prepare_powers,
+    read_coefficients,
+)
 from dvrk_gravity.effects.base.site import Kind, Site, effort_limits
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value

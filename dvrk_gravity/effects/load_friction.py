@@ -10,16 +10,11 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_array,
-)
+from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.base.dry_friction import TRANSITION
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.term import Evaluator, Term
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction
 from dvrk_gravity.effects.rotor_inertia import RotorInertia

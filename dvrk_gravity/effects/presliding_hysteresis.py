@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.effects.base.arrays import Range, Values, as_value, numbers, read_rows, write_rows
+from dvrk_gravity.effects.base.arrays import Values, as_value, numbers, read_rows, write_rows
 from dvrk_gravity.effects.base.column import (
     PRIOR_FRACTION,
     Column,
@@ -32,6 +32,7 @@ from dvrk_gravity.effects.base.friction import (
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import Site, effort_limits
 from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb

@@ -10,7 +10,6 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import (
-    Range,
     Values,
     added,
     as_array,
@@ -25,6 +24,7 @@ from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.links import separable_rotors
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import Kind, Site, unit_travel
 from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.parameters import Parameter, Value

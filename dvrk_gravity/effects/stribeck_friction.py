@@ -10,19 +10,14 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    Values,
-    as_array,
-    as_value,
-    joint_arrays,
-)
+from dvrk_gravity.effects.base.arrays import Values, as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import columns_at_sites, friction_sites, velocities
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value

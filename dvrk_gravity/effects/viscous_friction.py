@@ -10,13 +10,14 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Range, Values, added, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.arrays import Values, added, as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import Friction, columns_at_sites, friction_sites, removable
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import effort_limits, unit_travel
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value

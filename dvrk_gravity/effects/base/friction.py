@@ -10,18 +10,13 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    Values,
-    as_value,
-    diagonal_columns,
-    motor_columns,
-)
+from dvrk_gravity.effects.base.arrays import Values, as_value, diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.column import ColumnTable, SearchMove
 from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import Estimate, Words
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
 
 FACTOR = "factor"

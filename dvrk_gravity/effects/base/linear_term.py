@@ -11,9 +11,9 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Range
 from dvrk_gravity.effects.base.column import Column, ColumnTable, SearchMove, site_columns
 from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import EffectError
