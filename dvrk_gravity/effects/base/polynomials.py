@@ -15,6 +15,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays, numbers
+from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -80,6 +81,18 @@ class Blend:
     saturation_velocity: Array
     ratio: Array
     shape: str = "linear"
+
+    def of(self, state: State) -> Array | None:
+        """Return (…, n) from -1, moving down, to 1, moving up; ``None``: no motion is known."""
+        if state.direction is not None:
+            return state.direction
+        if state.qd is None:
+            return None
+        slope = 1.0 / (self.saturation_velocity - self.dead_band)
+        rise = np.minimum(np.maximum((np.abs(state.qd) - self.dead_band) * slope, 0.0), 1.0)
+        if self.shape == "sine":
+            rise = np.sin(0.5 * np.pi * rise)
+        return np.copysign(self.ratio * rise, state.qd)
 
 
 @dataclass(frozen=True, eq=False)
