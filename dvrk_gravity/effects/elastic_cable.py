@@ -176,7 +176,7 @@ class ElasticCable(LinearTerm):
         A cubic may help where neither a slope nor a parabola does.
         """
         for joint, name in enumerate(table.arm.joint_names):
-            powers = table.select(effect=cls.NAME, joint=joint)
+            powers = table.select(cls.NAME, Site.joint(joint))
             degree = max((k for k in range(DEGREE + 1) if powers[k] in inside), default=-1)
             for higher in range(degree + 1, min(degree + 4, DEGREE + 1)):
                 come = tuple(powers[degree + 1 : higher + 1])
@@ -190,7 +190,7 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def minimal_columns(cls, table: ColumnTable) -> list[int]:
-        return table.select(effect=cls.NAME, index=0)
+        return table.select(cls.NAME, index=0)
 
     @property
     def theta(self) -> Array:

@@ -227,12 +227,12 @@ def with_inertia(values: Values, body: str, change: Array) -> Values:
 
 def link_columns(table: ColumnTable) -> list[int]:
     """Return the indices of the links' columns."""
-    return table.select(effect=LinkInertia.NAME)
+    return table.select(LinkInertia.NAME)
 
 
 def spring_columns(table: ColumnTable) -> list[int]:
     """Return the indices of the columns of springs that balance links."""
-    return table.select(effect=Gravity.NAME)
+    return table.select(Gravity.NAME)
 
 
 class RigidColumns:

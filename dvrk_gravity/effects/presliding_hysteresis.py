@@ -25,7 +25,6 @@ from dvrk_gravity.effects.base.friction import (
     friction_sites,
     moves_between,
     site_text,
-    sites_of_columns,
     sites_with_friction,
     velocities,
 )
@@ -219,10 +218,10 @@ class PreslidingHysteresis(Friction):
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add, remove and exchange elements."""
-        for joint, kind in sites_of_columns(table.arm):
-            elements = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
+        for site in sites_with_friction(table.arm):
+            elements = table.select(cls.NAME, site)
             for element, length in zip(elements, DISPLACEMENTS, strict=True):
-                text = f"{cls.NAME} {site_text(table.arm, joint, kind)}, {length:g} rad"
+                text = f"{cls.NAME} {site_text(table.arm, site)}, {length:g} rad"
                 if element in inside:
                     yield SearchMove((), (element,), f"without {text}")
                     continue
@@ -235,11 +234,7 @@ class PreslidingHysteresis(Friction):
     @classmethod
     def joint_start(cls, table: ColumnTable) -> list[int]:
         """All elements at all sites."""
-        return [
-            index
-            for joint, kind in sites_of_columns(table.arm)
-            for index in table.select(effect=cls.NAME, site_kind=kind, joint=joint)
-        ]
+        return table.select(cls.NAME)
 
     @classmethod
     def coefficient_name(cls, arm: Arm, column: Column) -> str:

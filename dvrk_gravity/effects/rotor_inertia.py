@@ -88,7 +88,7 @@ class RotorInertia(LinearTerm):
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add rotors, and remove none: every motor has one."""
         for joint, name in enumerate(table.arm.joint_names):
-            rotor = table.select(effect=cls.NAME, joint=joint)[0]
+            (rotor,) = table.select(cls.NAME, Site.motor(joint))
             if rotor not in inside:
                 yield SearchMove((rotor,), (), f"{cls.NAME} {name}")
 
@@ -98,7 +98,7 @@ class RotorInertia(LinearTerm):
         return [
             index
             for motor in separable_rotors(table.arm)
-            for index in table.select(effect=cls.NAME, joint=motor)
+            for index in table.select(cls.NAME, Site.motor(motor))
         ]
 
     @property

@@ -18,7 +18,7 @@ from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.polynomials import Range
-from dvrk_gravity.effects.base.site import effort_limits, unit_travel
+from dvrk_gravity.effects.base.site import Site, effort_limits, unit_travel
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -112,7 +112,8 @@ class ViscousFriction(Friction):
         If it is too little to improve the cross-validated error, it would still bias the other
         parameters beyond their intervals.
         """
-        return len(inside & set(table.select(effect=cls.NAME, joint=joint))) > 1
+        sites = (Site(kind, joint) for kind in cls.SITES)
+        return sum(bool(inside.intersection(table.select(cls.NAME, site))) for site in sites) > 1
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

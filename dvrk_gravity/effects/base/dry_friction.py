@@ -25,7 +25,6 @@ from dvrk_gravity.effects.base.friction import (
     Friction,
     moves_between,
     site_text,
-    sites_of_columns,
     sites_with_friction,
     velocities,
 )
@@ -204,11 +203,11 @@ class DryFriction(Friction):
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add and remove a site's friction, take the next setting, exchange joint and motor."""
-        for joint, kind in sites_of_columns(table.arm):
-            here = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
+        for site in sites_with_friction(table.arm):
+            here = table.select(cls.NAME, site)
             chosen = tuple(index for index in here if index in inside)
-            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
-            if chosen and cls.may_be_absent(table, inside, joint):
+            text = f"{cls.NAME} {site_text(table.arm, site)}"
+            if chosen and cls.may_be_absent(table, inside, site.index):
                 yield SearchMove((), chosen, f"without {text}")
             for before, index, after in zip((-1, *here), here, (*here[1:], -1), strict=False):
                 if index not in inside and (not chosen or {before, after} & inside):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -64,12 +65,12 @@ class Friction(LinearTerm):
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add and remove each joint's friction, and exchange joint and motor."""
-        for joint, kind in sites_of_columns(table.arm):
-            here = tuple(table.select(effect=cls.NAME, site_kind=kind, joint=joint))
-            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
+        for site in sites_with_friction(table.arm):
+            here = tuple(table.select(cls.NAME, site))
+            text = f"{cls.NAME} {site_text(table.arm, site)}"
             if here[0] not in inside:
                 yield SearchMove(here, (), text)
-            elif cls.may_be_absent(table, inside, joint):
+            elif cls.may_be_absent(table, inside, site.index):
                 yield SearchMove((), here, f"without {text}")
         yield from moves_between(cls.NAME, table, inside)
 
@@ -84,10 +85,7 @@ class Friction(LinearTerm):
         return [
             index
             for joint in range(table.arm.n if cls.EVERYWHERE else 0)
-            if _site_kinds(table.arm, joint)
-            for index in table.select(
-                effect=cls.NAME, site_kind=_likely_kind(table.arm, joint), joint=joint, index=0
-            )
+            for index in table.select(cls.NAME, _likely_site(table.arm, joint), 0)
         ]
 
 
@@ -132,43 +130,41 @@ def removable(motion: Motion, where: Site, torque: Array) -> float:
     return max(float((motion.friction * motion.qd)[:, moved].sum()), 0.0) / unit
 
 
-def _site_kinds(arm: Arm, joint: int) -> tuple[str, ...]:
-    """Return where a joint's friction may be, ``joint`` or ``motor``; nowhere if it has none."""
-    at_joint = () if arm.joint_names[joint] in arm.frictionless else ("joint",)
-    return (*at_joint, "motor") if joint in mixed_motors(arm) else at_joint
+@lru_cache(maxsize=8)
+def sites_with_friction(arm: Arm) -> tuple[Site, ...]:
+    """Return where friction may be: joints, unless they have none, and motors that move several."""
+    mixed = mixed_motors(arm)
+    return tuple(
+        site
+        for joint, name in enumerate(arm.joint_names)
+        for site, has in (
+            (Site.joint(joint), name not in arm.frictionless),
+            (Site.motor(joint), joint in mixed),
+        )
+        if has
+    )
 
 
-def sites_of_columns(arm: Arm) -> Iterator[tuple[int, str]]:
-    """Yield joints with the kinds of site at which their friction may be."""
-    for joint in range(arm.n):
-        for kind in _site_kinds(arm, joint):
-            yield joint, kind
-
-
-def sites_with_friction(arm: Arm) -> set[Site]:
-    """Return the sites of :func:`sites_of_columns`."""
-    return {Site(Kind(kind), joint) for joint, kind in sites_of_columns(arm)}
-
-
-def _likely_kind(arm: Arm, joint: int) -> str:
+def _likely_site(arm: Arm, joint: int) -> Site:
     """Return where it is likelier: at a motor that moves another joint as far as its own."""
-    if arm.joint_names[joint] in arm.frictionless:
-        return "motor"
     row = np.abs(arm.joint_to_actuator[joint])
-    return "motor" if np.delete(row, joint).max(initial=0.0) >= row[joint] else "joint"
+    shared = np.delete(row, joint).max(initial=0.0) >= row[joint]
+    at_motor = shared or arm.joint_names[joint] in arm.frictionless
+    return Site.motor(joint) if at_motor else Site.joint(joint)
 
 
-def site_text(arm: Arm, joint: int, kind: str) -> str:
+def site_text(arm: Arm, site: Site) -> str:
     """Return a joint's name, with the kind of site if friction may be at either."""
-    name = arm.joint_names[joint]
-    return f"{name} ({kind})" if len(_site_kinds(arm, joint)) > 1 else name
+    name = arm.joint_names[site.index]
+    either = [each.index for each in sites_with_friction(arm)].count(site.index) > 1
+    return f"{name} ({site.kind.value})" if either else name
 
 
 def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
     """Yield the moves of a joint's friction to its motor and back."""
     for joint in mixed_motors(table.arm):
         here, there = (
-            table.select(effect=effect, site_kind=kind, joint=joint) for kind in ("joint", "motor")
+            table.select(effect, site) for site in (Site.joint(joint), Site.motor(joint))
         )
         if not here or not there:
             continue

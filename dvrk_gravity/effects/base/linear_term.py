@@ -121,7 +121,7 @@ class LinearTerm(Term):
 
         By default each column is added or removed.
         """
-        for index in table.select(effect=cls.NAME):
+        for index in table.select(cls.NAME):
             column = table.columns[index]
             if column.joint < 0:
                 text = cls.coefficient_name(table.arm, column)
@@ -138,7 +138,7 @@ class LinearTerm(Term):
         """Return the name of a column's coefficient in a report."""
         if column.joint < 0:
             return f"{cls.NAME}[{column.index}]"
-        return f"{cls.NAME}.{column.site_kind}[{arm.joint_names[column.joint]}]"
+        return f"{cls.NAME}.{column.site.kind.value}[{arm.joint_names[column.joint]}]"
 
     @classmethod
     def minimal_columns(cls, table: ColumnTable) -> list[int]:
