@@ -145,7 +145,6 @@ class PushHypothesis(Hypothesis):
     edges = ("start", "end")
     variable = "time"
     n_comparisons = _WINDOWS
-    extrapolates = False
     transient = True
 
     def regressor(self, motion: Motion) -> Array:

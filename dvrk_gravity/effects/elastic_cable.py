@@ -62,7 +62,6 @@ class ElasticCable(LinearTerm):
     IN_FILES = ("console",)
     REMEDY = "look at the cables and springs across {joint}"
     AT_POSES = True
-    POWERS = True
     MEANINGS = meanings(
         stiffness=size("N·m/rad", MORE),
         lowest=Meaning("N·m", 0.0, label="least torque", certain=True),
@@ -120,14 +119,14 @@ class ElasticCable(LinearTerm):
     def meaning(cls, name: str) -> Meaning:
         if name.startswith("k"):
             unit = "N·m" if name == "k0" else f"N·m/rad^{name[1:]}"
-            return Meaning(unit, listed=False)
+            return Meaning(unit)
         return super().meaning(name)
 
     @classmethod
     def listed(cls, names: Iterable[str]) -> list[str]:
-        """The slope of a curve in its middle is not listed."""
-        names = super().listed(names)
-        return [name for name in names if name != "stiffness" or "lowest" not in names]
+        """No coefficients, and of a curve not the slope in its middle."""
+        sizes = [name for name in names if not name.startswith("k")]
+        return [name for name in sizes if name != "stiffness" or "lowest" not in sizes]
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

@@ -21,7 +21,7 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Meaning, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.term import Evaluator
@@ -204,9 +204,6 @@ class SpringHypothesis(Hypothesis):
         stiffness, torque = np.abs(theta).tolist()
         furthest = self.half[0] + self.setting["ratio"] * self.half[1]
         return stiffness * furthest >= _GROWS * torque and super().plausible(theta)
-
-    def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
-        return super().words(parameters) | {"form": self.form}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """Add the spring, as a function of true positions."""

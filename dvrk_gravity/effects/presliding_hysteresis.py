@@ -68,7 +68,6 @@ class PreslidingHysteresis(Friction):
 
     NAME = "presliding_hysteresis"
     IN_FILES = ("console",)
-    BY_MOTION = True
     DIVIDED_WITH = (CoulombFriction,)
     REMEDY = "let the arm move a little before a reading counts"
     MEANINGS = meanings(
@@ -272,7 +271,6 @@ class PreslidingHypothesis(Hypothesis):
     known: float | None = None
     refine = ("length",)
     n_comparisons = len(_LENGTHS)
-    directed = True
     extrapolates = False
 
     @property

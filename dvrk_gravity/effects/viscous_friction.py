@@ -37,7 +37,6 @@ class ViscousFriction(Friction):
 
     NAME = "viscous_friction"
     IN_FILES = ("console", "urdf", "mjcf")
-    BY_MOTION = True
     REMEDY = "if it is new, look at {joint}'s lubrication and gear"
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
     EVERYWHERE = True

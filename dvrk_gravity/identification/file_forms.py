@@ -81,7 +81,8 @@ class ConsoleColumns(FileColumns):
 
     def offers(self, column: Column) -> bool:
         """Whether the console has such a column at rest."""
-        if any(term.POWERS and column.effect == term.NAME for term in self.candidate_terms):
+        own = next((term for term in self.candidate_terms if column.effect == term.NAME), None)
+        if own is not None and own.polynomials is not None:
             return column.index < N_POWERS and column.joint < N_POLYNOMIALS
         return super().offers(column)
 

@@ -65,7 +65,6 @@ class DryFriction(Friction):
         motor_displacement: (n,) rad over which it builds up at the motors.
     """
 
-    BY_MOTION = True
     SETTING: ClassVar[str]
     SETTING_UNIT: ClassVar[str]
     SETTING_TEXT: ClassVar[str]

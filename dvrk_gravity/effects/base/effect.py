@@ -68,8 +68,8 @@ class Effect(ABC):
 
     @classmethod
     def listed(cls, names: Iterable[str]) -> list[str]:
-        """Return which of a finding's parameters get a line in tables."""
-        return [name for name in names if cls.meaning(name).listed]
+        """Return which of a finding's parameters get a line in tables; by default all."""
+        return list(names)
 
     @classmethod
     def summary(cls, parameters: Mapping[str, Estimate]) -> str:
@@ -139,8 +139,8 @@ class Hypothesis(ABC):
     Class attributes:
         EFFECT: The effect.
         CLAIM: The sentence of a finding, with ``{where}`` (the site), ``{joint}`` and ``{other}``
-            (the first two of :attr:`joints`), ``{model}`` (what the data are compared with), and
-            parameters in words by their names.
+            (the first two of :attr:`joints`), ``{form}``, ``{model}`` (what the data are compared
+            with), and parameters in words by their names.
         EFFORT_READING: A fault of the effort reading: its torque is a function of all torque that
             acts, other causes' included.
         COHERENT_ERRORS: What a model misses resembles it at all joints with the same sign, so that
@@ -238,11 +238,6 @@ class Hypothesis(ABC):
         return "position"
 
     @property
-    def directed(self) -> bool:
-        """Its picture separates the directions of motion."""
-        return False
-
-    @property
     def n_comparisons(self) -> int:
         """Number of hypotheses that it stands for (the grid of a search), at least 1."""
         return 1
@@ -260,7 +255,7 @@ class Hypothesis(ABC):
     @property
     def extrapolates(self) -> bool:
         """Its columns are right at any single state, not only along what was recorded."""
-        return True
+        return not self.transient
 
     @property
     def transient(self) -> bool:
@@ -439,23 +434,22 @@ class Hypothesis(ABC):
         try:
             return self.CLAIM.format_map(words)
         except (LookupError, ValueError) as error:
-            known = ", ".join((*self.words(parameters), *parameters))
+            known = ", ".join((*self.words(), *parameters))
             raise EffectError(
                 self.effect, f"CLAIM {self.CLAIM!r}: {error}, expected of {known}"
             ) from error
 
-    def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
+    def words(self) -> dict[str, str]:
         """Return the words of ``CLAIM`` that are no parameters."""
         joint, other, *_ = (*self.names, "", "")
         where = self.site.words(self.arm)
-        return {"where": where, "joint": joint, "other": other, "model": self.against}
+        return {
+            "where": where, "joint": joint, "other": other, "form": self.form,
+            "model": self.against,
+        }  # fmt: skip
 
     def _in_words(self, parameters: Mapping[str, Estimate]) -> Words:
-        return Words(self.words(parameters), parameters, self.meaning)
-
-    def correction(self) -> str:
-        """Return the subject of `… removes 40 % of the error`."""
-        return "fitting them again with all findings" if self.refits_model else "correcting that"
+        return Words(self.words(), parameters, self.meaning)
 
     def remedy(self, carried: bool) -> str:
         """Return what to do about it, in one line; ``carried``: the extended model has it."""

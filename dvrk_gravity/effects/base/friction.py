@@ -1,27 +1,22 @@
-"""Friction: where it can be, the terms with levels at joints and motors, a change of all of it."""
+"""Friction: where it can be, and the terms with levels at joints and motors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Values, as_value, diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.arrays import diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.column import ColumnTable, SearchMove
-from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
-from dvrk_gravity.effects.base.meaning import Estimate, Words
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.polynomials import Range
-from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
-
-FACTOR = "factor"
-_NONE = -0.05  # of friction, by which an estimate of none may scatter. Chosen
+from dvrk_gravity.effects.base.site import Kind, Site, mixed_motors
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +35,7 @@ class Friction(LinearTerm):
 
     FRICTION = True
     OF_POSITION = False
+    BY_MOTION = True
     SITES = (Kind.JOINT, Kind.MOTOR)
     LEVELS: ClassVar[tuple[str, ...]] = ("joint", "motor")
 
@@ -178,100 +174,3 @@ def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator
                 gone += tuple(b for b in new if b in inside and table.columns[b].alternative)
                 text = f"{effect} {table.arm.joint_names[joint]} at the {kind}"
                 yield SearchMove(come, gone, text)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AllFriction(Hypothesis):
-    """All friction of a model changed by a factor at every joint: warmth, an idle month.
-
-    Joint by joint that takes as many causes as there are joints, and each alone explains less than
-    one wrong cause that all of them share, a scale of all efforts, say. Subclasses name the effect.
-
-    Attributes:
-        divided: One factor for all (``""``), for each of its ``kinds``, or for each kind at each of
-            the ``joints``.
-        kinds: Effects that are its friction, by name.
-        titles: The same for reports.
-    """
-
-    divided: Literal["", "kinds", "joints"] = ""
-    kinds: tuple[str, ...] = ()
-    titles: tuple[str, ...] = ()
-    variable = "velocity"
-    directed = True
-    common_cause = True
-
-    @classmethod
-    def of(cls, motion: Motion) -> Iterator[AllFriction]:
-        """Yield hypotheses on all friction of an identified model: one factor, and one by kind."""
-        rubs = np.flatnonzero(motion.friction.any(axis=0)).tolist()
-        if motion.static or motion.model.of_file or len(rubs) < 2:
-            return
-        terms = [term for term in motion.model.terms if term.FRICTION]
-        whole = cls(
-            arm=motion.arm, site=THE_ARM, joints=tuple(rubs), form="all",
-            kinds=tuple(term.NAME for term in terms),
-            titles=tuple(term.title() for term in terms),
-        )  # fmt: skip
-        yield whole
-        if len(terms) > 1:
-            yield replace(whole, divided="kinds", form="all, by kind")
-
-    @property
-    def unrestricted(self) -> AllFriction | None:
-        return None if self.divided == "joints" else replace(self, divided="joints", form="each")
-
-    def regressor(self, motion: Motion) -> Array:
-        if not self.divided:
-            return motion.friction[:, :, None]
-        state = State(motion.true_q, motion.qd, motion.qdd)
-        terms = {term.NAME: term for term in motion.model.terms}
-        kinds = np.stack([terms[kind].torque(state) for kind in self.kinds], axis=2)
-        if self.divided == "kinds":
-            return kinds
-        pieces = kinds[:, :, :, None] * np.eye(self.arm.n)[:, None, self.joints]
-        return pieces.reshape(*kinds.shape[:2], -1)
-
-    def parameters(self, theta: Array) -> dict[str, float]:
-        if self.divided == "joints":
-            return {}  # it is compared with one factor, and never found
-        factors = (1.0 + theta).tolist()
-        if not self.divided:
-            return {FACTOR: factors[0]}
-        return {f"{kind}_{FACTOR}": each for kind, each in zip(self.kinds, factors, strict=True)}
-
-    def plausible(self, theta: Array) -> bool:
-        """Friction may vanish, but not drive the arm."""
-        return bool((1.0 + theta >= _NONE).all())
-
-    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
-        if not self.divided:
-            return f"there is {words[FACTOR]} friction than in {self.against}"
-        named = [(f"{kind}_{FACTOR}", t) for kind, t in zip(self.kinds, self.titles, strict=True)]
-        sure = [(name, title) for name, title in named if not parameters[name].doubtful(1.0)]
-        kinds = " and ".join(f"{words[name]} {title}" for name, title in sure or named)
-        return f"there is {kinds} than in {self.against}"
-
-    def remedy(self, carried: bool) -> str:
-        return remedy_text(
-            "if the arm is as warm as it was, look at what all joints share", carried
-        )
-
-    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """Scale the model's linear friction terms, none below zero."""
-        changed = dict(values)
-        by_kind = dict(zip(self.kinds, np.broadcast_to(theta, len(self.kinds)), strict=True))
-        for term in motion.model.terms:
-            if term.NAME not in by_kind or not isinstance(term, LinearTerm):
-                continue
-            had, factor = term.parameters(), max(1.0 + by_kind[term.NAME], 0.0)
-            has = term.with_theta(factor * term.theta).parameters()
-            for name, before in had.items():
-                nothing = np.zeros(np.shape(before))  # levels that are zero are not in a file
-                if has.get(name) != before:
-                    more = np.asarray(has.get(name, nothing)) - np.asarray(before)
-                    total = np.array(values.get(name, nothing), dtype=float)
-                    # Another finding, an element of presliding say, may have appended to it.
-                    total[: len(more)] += more
-                    changed[name] = as_value(total)
-        return changed

@@ -28,7 +28,6 @@ class LinearTerm(Term):
 
     Class attributes:
         SITES: Where coefficients belong, for :meth:`unknowns`: joints, motors, or both.
-        POWERS: Its theta at a joint are coefficients of powers of that joint's position.
         BY_MOTION: Its regressor is the same wherever the joints make their motion, so that one
             computed before serves a fit with other encoder offsets.
         DIVIDED_WITH: Effects with which a fit divides one torque, at one place, by a choice: no
@@ -36,7 +35,6 @@ class LinearTerm(Term):
     """
 
     SITES: ClassVar[tuple[Kind, ...]] = (Kind.JOINT,)
-    POWERS: ClassVar[bool] = False
     BY_MOTION: ClassVar[bool] = False
     DIVIDED_WITH: ClassVar[tuple[type[Term], ...]] = ()
 

@@ -223,7 +223,7 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
 
 def _with_powers(columns: Columns) -> list[str]:
     """Return the names of the effects that are polynomials of their joint's position."""
-    return [term.NAME for term in columns.candidate_terms if term.POWERS]
+    return [term.NAME for term in columns.candidate_terms if term.polynomials is not None]
 
 
 def _is_there(line: Array) -> bool:
