@@ -54,7 +54,7 @@ class CoulombFriction(DryFriction):
     """
 
     NAME = "coulomb_friction"
-    LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
+    COEFFICIENTS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
     REMEDY = "if it is new, look at {joint}'s cables, bearings and brake"
     TITLE = "Coulomb friction"
     MEANINGS = meanings(
@@ -117,7 +117,9 @@ class CoulombFriction(DryFriction):
         used: list[str] = []
         for kind in ("joint", "motor"):
             # Both or none: one alone would stand for both.
-            levels = {name: getattr(self, name) for name in self.LEVELS if name.startswith(kind)}
+            levels = {
+                name: getattr(self, name) for name in self.COEFFICIENTS if name.startswith(kind)
+            }
             if any(level.any() for level in levels.values()):
                 used.append(kind)
                 values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}

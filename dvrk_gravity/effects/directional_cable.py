@@ -50,6 +50,7 @@ class DirectionalCable(LinearTerm):
     """
 
     NAME = "directional_cable"
+    COEFFICIENTS = ("positive", "negative")
     AT_POSES = True
 
     arm: Arm
@@ -155,15 +156,6 @@ class DirectionalCable(LinearTerm):
     def full_speed(self) -> Array:
         differs = self.polynomials.half_difference.any(axis=0)
         return np.where(differs, self.blend.saturation_velocity, 0.0)
-
-    @property
-    def theta(self) -> Array:
-        """(2 (degree + 1) n,) coefficients of moving up, power by power, then of moving down."""
-        return np.concatenate([self.positive.ravel(), self.negative.ravel()])
-
-    def with_theta(self, theta: Array) -> DirectionalCable:
-        positive, negative = np.reshape(theta, (2, *self.positive.shape))
-        return replace(self, positive=positive, negative=negative)
 
     def regressor(self, state: State) -> Array:
         held, blend = self.valid.hold(state.q), self.blend.of(state)

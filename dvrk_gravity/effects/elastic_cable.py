@@ -60,6 +60,7 @@ class ElasticCable(LinearTerm):
 
     NAME = "elastic_cable"
     IN_FILES = ("console",)
+    COEFFICIENTS = ("coefficients",)
     REMEDY = "look at the cables and springs across {joint}"
     AT_POSES = True
     MEANINGS = meanings(
@@ -190,14 +191,6 @@ class ElasticCable(LinearTerm):
     @classmethod
     def minimal_columns(cls, table: ColumnTable) -> list[int]:
         return table.select(cls.NAME, index=0)
-
-    @property
-    def theta(self) -> Array:
-        """((degree + 1) n,) all joints' k0, then all their k1, …."""
-        return self.coefficients.ravel()
-
-    def with_theta(self, theta: Array) -> ElasticCable:
-        return replace(self, coefficients=np.reshape(theta, (-1, self.coefficients.shape[1])))
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:

@@ -33,6 +33,7 @@ class Gravity(LinearTerm):
     """
 
     NAME = "gravity"
+    COEFFICIENTS = ("beta",)
     WEIGHT_OF_ARM = True
     AT_POSES = True
 
@@ -94,13 +95,6 @@ class Gravity(LinearTerm):
             return super().prepare()
         # A tree of its own: Pinocchio's workspace is for one thread.
         return weight_evaluator(beta_tree(self.arm, self.beta, self.vector))
-
-    @property
-    def theta(self) -> Array:
-        return self.beta
-
-    def with_theta(self, theta: Array) -> Gravity:
-        return replace(self, beta=np.asarray(theta, dtype=float))
 
     def regressor(self, state: State) -> Array:
         return gravity.regressor(state.q, self.vector, len(self.beta))

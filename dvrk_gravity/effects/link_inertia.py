@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -49,6 +49,7 @@ class LinkInertia(LinearTerm):
     """
 
     NAME = "link_inertia"
+    COEFFICIENTS = ("links",)
     REMEDY = "see whether something was fastened to the links or taken off them"
     MEANINGS = meanings(
         inertia=size("kg·m^2", MORE),
@@ -133,13 +134,6 @@ class LinkInertia(LinearTerm):
     def plant(self) -> PlantPart:
         """Nothing: the plant's bodies have it."""
         return PlantPart()
-
-    @property
-    def theta(self) -> Array:
-        return self.links.ravel()
-
-    def with_theta(self, theta: Array) -> LinkInertia:
-        return replace(self, links=np.reshape(theta, self.links.shape))
 
     def regressor(self, state: State) -> Array:
         if state.q.ndim != 2:

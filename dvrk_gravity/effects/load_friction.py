@@ -43,6 +43,7 @@ class LoadFriction(LinearTerm):
 
     NAME = "load_friction"
     FRICTION = True
+    COEFFICIENTS = ("part",)
     BY_MOTION = True
     OF_OTHERS = True
 
@@ -120,13 +121,6 @@ class LoadFriction(LinearTerm):
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> LoadFriction:
         return cls(arm, np.full(arm.n, _PART))
-
-    @property
-    def theta(self) -> Array:
-        return self.part
-
-    def with_theta(self, theta: Array) -> LoadFriction:
-        return replace(self, part=np.asarray(theta, dtype=float))
 
     def regressor(self, state: State) -> Array:
         return diagonal_columns(self._unit_torque(state, self._direction_model.past(state)))

@@ -96,7 +96,7 @@ class PreslidingHysteresis(Friction):
                     f"friction of each element at the {kind}, {joint.name}",
                     lower=0.0, lengths=lengths,
                 )
-                for kind in cls.LEVELS
+                for kind in cls.COEFFICIENTS
                 for joint in arm.joints
             ),
         )  # fmt: skip
@@ -109,13 +109,13 @@ class PreslidingHysteresis(Friction):
         expected = f"{len(displacement)}, as many as {cls.NAME}.displacement"
         joint, motor = (
             read_rows(arm, values, f"{cls.NAME}.{kind}", len(displacement), expected)
-            for kind in cls.LEVELS
+            for kind in cls.COEFFICIENTS
         )
         return cls(arm, np.array(displacement), joint, motor)
 
     def parameters(self) -> dict[str, Value]:
         values: dict[str, Value] = {f"{self.NAME}.displacement": as_value(self.displacement)}
-        for kind in self.LEVELS:
+        for kind in self.COEFFICIENTS:
             values |= write_rows(self.arm, f"{self.NAME}.{kind}", getattr(self, kind))
         return values
 
@@ -304,7 +304,7 @@ class PreslidingHypothesis(Hypothesis):
         lengths = tuple(values.get(f"{name}.displacement") or ())
         length = float(np.clip(self.setting["length"], *_DISPLACEMENTS))
         result = {**values, f"{name}.displacement": (*lengths, length)}
-        levels = tuple(f"{name}.{kind}." for kind in PreslidingHysteresis.LEVELS)
+        levels = tuple(f"{name}.{kind}." for kind in PreslidingHysteresis.COEFFICIENTS)
         for other in values:
             if other.startswith(levels) and values[other]:
                 result[other] = (*values[other], 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,6 +47,7 @@ class RotorInertia(LinearTerm):
     REMEDY = "check {joint}'s motor and gear ratio"
     MEANINGS = meanings(inertia=size("kg·m^2", MORE))
     EVERYWHERE = True
+    COEFFICIENTS = ("motor",)
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 
     arm: Arm
@@ -100,13 +101,6 @@ class RotorInertia(LinearTerm):
             for motor in separable_rotors(table.arm)
             for index in table.select(cls.NAME, Site.motor(motor))
         ]
-
-    @property
-    def theta(self) -> Array:
-        return self.motor
-
-    def with_theta(self, theta: Array) -> RotorInertia:
-        return replace(self, motor=np.asarray(theta, dtype=float))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

@@ -89,11 +89,11 @@ class StribeckFriction(DryFriction):
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
         """A level needs a velocity."""
         n = arm.n
-        levels = [as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in cls.LEVELS]
+        levels = [as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in cls.COEFFICIENTS]
         if not any(level.any() for level in levels):
             return None
         speeds: list[Array] = []
-        for kind, level in zip(cls.LEVELS, levels, strict=True):
+        for kind, level in zip(cls.COEFFICIENTS, levels, strict=True):
             name = f"{cls.NAME}.{kind}_velocity"
             speed = as_array(values.get(name), n, 0.0)
             # A level that is fitted later, where none is now, falls within the least speed.
@@ -109,7 +109,7 @@ class StribeckFriction(DryFriction):
         return cls(arm, levels[0], levels[1], speeds[0], speeds[1], transition, *lengths)
 
     def parameters(self) -> dict[str, Value]:
-        used = [kind for kind in self.LEVELS if getattr(self, kind).any()]
+        used = [kind for kind in self.COEFFICIENTS if getattr(self, kind).any()]
         names = [name for kind in used for name in (kind, f"{kind}_velocity")]
         names.append("transition_velocity")
         values: dict[str, Value] = {

@@ -54,7 +54,9 @@ class ViscousFriction(Friction):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:
-        joint, motor = (as_array(values.get(f"{cls.NAME}.{k}"), arm.n, 0.0) for k in cls.LEVELS)
+        joint, motor = (
+            as_array(values.get(f"{cls.NAME}.{k}"), arm.n, 0.0) for k in cls.COEFFICIENTS
+        )
         return cls(arm, joint, motor) if joint.any() or motor.any() else None
 
     def parameters(self) -> dict[str, Value]:

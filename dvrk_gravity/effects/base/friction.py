@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -26,8 +26,7 @@ class Friction(LinearTerm):
     Friction at a motor acts on every joint that the motor moves: tau = level_j s(qd_j) +
     J' (level_m s(J qd)) with J from joint to motor velocities and s a function of one velocity.
 
-    Class attributes:
-        LEVELS: Attributes that hold its coefficients, N·m per unit of s, in the order of theta.
+    Its ``COEFFICIENTS`` are in N·m per unit of s.
 
     Attributes:
         arm: The arm, for its transmission.
@@ -37,21 +36,12 @@ class Friction(LinearTerm):
     OF_POSITION = False
     BY_MOTION = True
     SITES = (Kind.JOINT, Kind.MOTOR)
-    LEVELS: ClassVar[tuple[str, ...]] = ("joint", "motor")
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ("joint", "motor")
 
     arm: Arm
 
     def scaled(self, part: Array) -> Self:
-        return replace(self, **{name: part * getattr(self, name) for name in self.LEVELS})
-
-    @property
-    def theta(self) -> Array:
-        return np.concatenate([getattr(self, name) for name in self.LEVELS])
-
-    def with_theta(self, theta: Array) -> Self:
-        rows = np.reshape(theta, (len(self.LEVELS), -1))
-        levels: dict[str, Any] = dict(zip(self.LEVELS, rows, strict=True))
-        return replace(self, **levels)
+        return replace(self, **{name: part * getattr(self, name) for name in self.COEFFICIENTS})
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns | None:

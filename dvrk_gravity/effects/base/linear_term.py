@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -23,10 +23,11 @@ class LinearTerm(Term):
     """A term that is linear in k coefficients: ``torque = regressor @ theta``.
 
     Identification solves for theta; everything else (ranges, transition velocities, gravity's
-    direction) is fixed. A minimal one adds :meth:`theta`, :meth:`with_theta` and :meth:`regressor`
-    to a term, and :meth:`plausible` if trajectories are fitted with it.
+    direction) is fixed. A minimal one, a dataclass, adds ``COEFFICIENTS`` and :meth:`regressor` to
+    a term, and :meth:`plausible` if trajectories are fitted with it.
 
     Class attributes:
+        COEFFICIENTS: Its attributes that are theta, arrays of one shape, one after another.
         SITES: Where coefficients belong, for :meth:`unknowns`: joints, motors, or both.
         BY_MOTION: Its regressor is the same wherever the joints make their motion, so that one
             computed before serves a fit with other encoder offsets.
@@ -34,18 +35,22 @@ class LinearTerm(Term):
             part alone is a property of the arm, their sum is.
     """
 
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ()
     SITES: ClassVar[tuple[Kind, ...]] = (Kind.JOINT,)
     BY_MOTION: ClassVar[bool] = False
     DIVIDED_WITH: ClassVar[tuple[type[Term], ...]] = ()
 
     @property
-    @abstractmethod
     def theta(self) -> Array:
         """(k,) coefficients, in the order of the regressor's columns."""
+        return np.concatenate([getattr(self, name).ravel() for name in self.COEFFICIENTS])
 
-    @abstractmethod
-    def with_theta(self, theta: Array) -> LinearTerm:
+    def with_theta(self, theta: Array) -> Self:
         """Return the same term with other (k,) coefficients."""
+        names = self.COEFFICIENTS
+        shape = np.shape(getattr(self, names[0]))
+        arrays = np.reshape(np.asarray(theta, dtype=float), (len(names), -1, *shape[1:]))
+        return replace(cast(Any, self), **dict(zip(names, arrays, strict=True)))
 
     @abstractmethod
     def regressor(self, state: State) -> Array:
