@@ -127,7 +127,6 @@ class Contact(Term):
             )  # fmt: skip
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) torques, N·m."""
         over = np.maximum(state.q - self.above_position, 0.0)
         under = np.minimum(state.q - self.below_position, 0.0)
         return self.above * over + self.below * under

@@ -344,7 +344,6 @@ class AllFrictionHypothesis(Hypothesis):
     kinds: tuple[str, ...] = ()
     titles: tuple[str, ...] = ()
     variable = "velocity"
-    common_cause = True
 
     @classmethod
     def of(cls, motion: Motion) -> Iterator[AllFrictionHypothesis]:
@@ -369,7 +368,7 @@ class AllFrictionHypothesis(Hypothesis):
     def regressor(self, motion: Motion) -> Array:
         if not self.divided:
             return motion.friction[:, :, None]
-        state = State(motion.true_q, motion.qd, motion.qdd)
+        state = motion.state_at(motion.true_q)
         terms = {term.NAME: term for term in motion.model.terms}
         kinds = np.stack([terms[kind].torque(state) for kind in self.kinds], axis=2)
         if self.divided == "kinds":

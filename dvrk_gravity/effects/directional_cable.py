@@ -166,7 +166,6 @@ class DirectionalCable(LinearTerm):
         return np.concatenate(columns, axis=-1)
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) cable torques, N·m."""
         q = self.valid.hold(state.q)
         torque = evaluate(self.polynomials.mean, q)
         blend = self.blend.of(state)

@@ -113,7 +113,6 @@ class ElasticCable(LinearTerm):
         return JointPolynomials(self.coefficients, self.coefficients, self.valid)
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) elastic torques, N·m."""
         return evaluate(self.coefficients, self.valid.hold(state.q))
 
     @classmethod

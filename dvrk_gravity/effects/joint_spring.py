@@ -111,7 +111,6 @@ class JointSpring(LinearTerm):
         return rows | {f"{self.NAME}.constant": as_value(self.constant)}
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) torques, N·m."""
         return state.q @ self.stiffness + self.constant
 
     def prepare(self) -> Evaluator:

@@ -16,12 +16,7 @@ from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, Column, ColumnTable
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.links import (
-    AXES,
-    base_directions,
-    inertia_directions,
-    prior_scale,
-)
+from dvrk_gravity.effects.base.links import AXES, base_directions, prior_scale
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
@@ -156,7 +151,14 @@ class InertiaHypothesis(Hypothesis):
 
     @property
     def _directions(self) -> Array:
-        return inertia_directions(self.arm, self.site.index, self.isotropic)
+        """(10, k) inertial parameters per kg·m^2 of rotational inertia."""
+        rotation = self.arm.bodies[self.site.index].frame.rotation
+        directions = []
+        for tensor in [np.eye(3)] if self.isotropic else map(np.diag, np.eye(3)):
+            turned = rotation @ tensor @ rotation.T
+            xx, xy, xz, yy, yz, zz = turned[np.triu_indices(3)]
+            directions.append([0.0, 0.0, 0.0, 0.0, xx, xy, yy, xz, yz, zz])
+        return np.array(directions).T
 
     def regressor(self, motion: Motion) -> Array:
         return motion.link_torque(self.site.index, self._directions)
@@ -191,7 +193,7 @@ class AllInertiaHypothesis(Hypothesis):
     refits_model = True
 
     def regressor(self, motion: Motion) -> Array:
-        return motion.inertial_torque(motion.inertial)
+        return motion.inertial_torque()
 
     def parameters(self, theta: Array) -> dict[str, float]:
         return {}

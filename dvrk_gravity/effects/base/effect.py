@@ -2,7 +2,7 @@
 
 A minimal effect is a class with a ``NAME`` that yields hypotheses, and a hypothesis with two
 methods: :meth:`Hypothesis.regressor`, the torque that it adds per unit of each parameter, and
-:meth:`Hypothesis.parameters`, what fitted parameters mean. ``encoder_scale.py`` is an example.
+:meth:`Hypothesis.parameters`, what fitted parameters mean. ``thermal_drift.py`` is an example.
 Everything else here has a default.
 """
 
@@ -264,11 +264,8 @@ class Hypothesis(ABC):
 
     @property
     def common_cause(self) -> bool:
-        """One parameter for several joints.
-
-        Preferred unless :attr:`unrestricted`, a parameter for each, explains more.
-        """
-        return False
+        """One parameter for all joints, preferred unless one for each explains more."""
+        return self.site.kind is Kind.ARM and self.unrestricted is not None
 
     @property
     def shifts_positions(self) -> bool:
