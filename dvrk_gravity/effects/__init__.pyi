@@ -15,7 +15,6 @@ from .base.column import SearchMove as SearchMove
 from .base.effect import MAX_REMOVED as MAX_REMOVED
 from .base.effect import Effect as Effect
 from .base.effect import Hypothesis as Hypothesis
-from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
 from .base.effect import remedy_text as remedy_text
 from .base.effect import spread as spread

@@ -25,8 +25,6 @@ from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.errors import EffectError
 
-Setting = Mapping[str, float]
-
 MAX_REMOVED = 1.5
 """Largest fraction of the model's friction that may be missing.
 
@@ -175,7 +173,7 @@ class Hypothesis(ABC):
     site: Site
     joints: tuple[int, ...] = ()
     form: str = ""
-    setting: Setting = field(default_factory=dict)
+    setting: Mapping[str, float] = field(default_factory=dict)
     prior_std: tuple[float, ...] = ()
     removable: float = np.inf
     against_reference: bool = False

@@ -12,7 +12,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import diagonal_columns, motor_columns
-from dvrk_gravity.effects.base.column import ColumnTable, SearchMove
+from dvrk_gravity.effects.base.column import Column, ColumnTable, SearchMove
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.polynomials import Range
@@ -50,15 +50,23 @@ class Friction(LinearTerm):
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
-        """Add and remove each joint's friction, and exchange joint and motor."""
+        """Add and remove a site's friction, take the next setting, exchange joint and motor."""
         for site in sites_with_friction(table.arm):
-            here = tuple(table.select(cls.NAME, site))
+            here = table.select(cls.NAME, site)
+            chosen = tuple(index for index in here if index in inside)
             text = f"{cls.NAME} {site_text(table.arm, site)}"
-            if here[0] not in inside:
-                yield SearchMove(here, (), text)
-            elif cls.may_be_absent(table, inside, site.index):
-                yield SearchMove((), here, f"without {text}")
+            if chosen and cls.may_be_absent(table, inside, site.index):
+                yield SearchMove((), chosen, f"without {text}")
+            for before, index, after in zip((-1, *here), here, (*here[1:], -1), strict=False):
+                if index not in inside and (not chosen or {before, after} & inside):
+                    setting = cls.setting_text(table.arm, table.columns[index])
+                    yield SearchMove((index,), chosen, text + setting)
         yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def setting_text(cls, arm: Arm, column: Column) -> str:
+        """Return how a column's setting follows its name in a report; ``""``: it has none."""
+        return ""
 
     @classmethod
     def may_be_absent(cls, table: ColumnTable, inside: set[int], joint: int) -> bool:
