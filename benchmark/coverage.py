@@ -33,7 +33,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm, rigid_body
-from dvrk_gravity.effects import LinkInertia, State
+from dvrk_gravity.effects import LinkInertia, Site, State
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification import (
@@ -159,9 +159,9 @@ def rotors_as_links(arm: Arm) -> dict[int, np.ndarray]:
     q = random.uniform(*arm.range, (300, arm.n))
     state = State(q, *random.normal(size=(2, 300, arm.n)))
     x = columns.regressor(state, columns.history(state)).reshape(-1, len(columns.columns))
-    rigid, found = columns.select(effect="link_inertia"), {}
+    rigid, found = columns.select("link_inertia"), {}
     for j in range(arm.n):
-        rotor = x[:, columns.select(effect="rotor_inertia", joint=j)[0]]
+        rotor = x[:, columns.select("rotor_inertia", Site.motor(j))[0]]
         theta, *_ = np.linalg.lstsq(x[:, rigid], rotor, rcond=None)
         if np.abs(x[:, rigid] @ theta - rotor).max() < 1e-8:
             found[j] = columns.base @ theta
@@ -170,17 +170,17 @@ def rotors_as_links(arm: Arm) -> dict[int, np.ndarray]:
 
 def true_columns(columns: Columns, world: World) -> list[int]:
     """Return the columns that the world's torque consists of, each effect once."""
-    chosen = columns.select(effect="link_inertia") + columns.select(effect="gravity")
+    chosen = columns.select("link_inertia") + columns.select("gravity")
     for j in range(7):
         degree = int(np.max(np.flatnonzero(world.cable[:, j]), initial=0))
         for power in range(degree + 1):
-            chosen += columns.select(effect="elastic_cable", joint=j, index=power)
-        for site, level in (("joint", world.coulomb[0, j]), ("motor", world.coulomb[2, j])):
+            chosen += columns.select("elastic_cable", Site.joint(j), power)
+        for site, level in zip((Site.joint(j), Site.motor(j)), world.coulomb[::2, j], strict=True):
             if level:
-                chosen += columns.select(effect="coulomb_friction", site_kind=site, joint=j)
-        chosen += columns.select(effect="viscous_friction", site_kind="joint", joint=j)
+                chosen += columns.select("coulomb_friction", site)
+        chosen += columns.select("viscous_friction", Site.joint(j))
         if j not in rotors_as_links(world.arm):
-            chosen += columns.select(effect="rotor_inertia", joint=j)
+            chosen += columns.select("rotor_inertia", Site.motor(j))
     return sorted(chosen)
 
 
@@ -189,7 +189,7 @@ def true_values(world: World, columns: Columns, chosen: Sequence[int]) -> dict[s
     inertia = next(term for term in world.model().terms if isinstance(term, LinkInertia))
     links = inertia.theta.copy()
     for j, as_links in rotors_as_links(world.arm).items():
-        if columns.select(effect="rotor_inertia", joint=j)[0] not in chosen:
+        if columns.select("rotor_inertia", Site.motor(j))[0] not in chosen:
             links += world.rotors[j] * as_links
     truth = {f"beta[{k}] ({BETA_NAMES[k]})": float(world.beta[k]) for k in range(len(BETA_NAMES))}
     truth |= {

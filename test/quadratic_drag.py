@@ -41,6 +41,7 @@ class QuadraticDrag(LinearTerm):
     """
 
     NAME = "quadratic_drag"
+    COEFFICIENTS = ("drag",)
     FRICTION = True
     MEANINGS = meanings(coefficient=size("N·m·s^2/rad^2", MORE))
 
@@ -72,13 +73,6 @@ class QuadraticDrag(LinearTerm):
     def plausible(cls, arm: Arm, valid: Range) -> QuadraticDrag:
         """Prior sizes for a fit."""
         return cls(PRIOR_FRACTION * arm.actuator_effort_limit)
-
-    @property
-    def theta(self) -> Array:
-        return self.drag
-
-    def with_theta(self, theta: Array) -> QuadraticDrag:
-        return QuadraticDrag(theta)
 
     def regressor(self, state: State) -> Array:
         speed = np.zeros(state.q.shape) if state.qd is None else state.qd

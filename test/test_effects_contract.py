@@ -290,6 +290,10 @@ def test_a_wrong_entry_point_of_a_package_is_refused(line, refused, tmp_path, mo
             type("Rub", (QuadraticDrag,), {"NAME": "rub", "scaled": effects.Term.scaled}),
             "rub: FRICTION is True, which needs a method `scaled`",
         ),
+        (
+            type("Mute", (QuadraticDrag,), {"NAME": "mute", "COEFFICIENTS": ()}),
+            "mute: Mute does not define COEFFICIENTS",
+        ),
     ],
 )  # fmt: skip
 def test_what_is_no_whole_effect_is_refused(no_effect, why, monkeypatch):

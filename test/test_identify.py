@@ -13,6 +13,7 @@ from known_mtm import ARM, COULOMB, NOISE, SPRING, parameter, truth
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.effects import Site
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import Fit, build_problem, estimate, evaluate, identify
 from dvrk_gravity.model import start_columns
@@ -75,9 +76,7 @@ def test_elastic_torque_is_held_at_the_edge_of_the_data(fit):
 
 def test_friction_that_presliding_shares_is_not_called_identifiable():
     problem = build_problem(observe([truth(1)], ARM), ARM)
-    element = problem.design.columns.select(
-        effect="presliding_hysteresis", site_kind="joint", joint=4, index=0
-    )
+    element = problem.design.columns.select("presliding_hysteresis", Site.joint(4), index=0)
     found = estimate(problem, sorted({*start_columns(problem.design.columns), *element}))
     names = ("coulomb_friction", "presliding_hysteresis")
     friction = [p for p in found.parameters if p.name.startswith(names)]

@@ -162,10 +162,9 @@ def test_the_two_parts_of_a_torque_make_it_up_and_friction_is_what_velocity_adds
 def test_of_a_cable_s_friction_the_asked_part_is_compensated_or_the_console_s_if_that_is_less():
     asked = np.array([0.1, 0.1, 0.6, 0.1, 0.9, 0.0, 0.5])
     settings = settings_of(**{"friction_compensation.ratio": asked.tolist()})
-    up, down = (
-        replace(CABLE, ratio=np.ones(7)).torque(State(Q, way * 0.3 * ONES)) for way in (1, -1)
-    )
-    expected = np.minimum(asked, CABLE.ratio) * 0.5 * (up - down)
+    whole = replace(CABLE, blend=replace(CABLE.blend, ratio=np.ones(7)))
+    up, down = (whole.torque(State(Q, way * 0.3 * ONES)) for way in (1, -1))
+    expected = np.minimum(asked, CABLE.blend.ratio) * 0.5 * (up - down)
     np.testing.assert_allclose(settings.parts(Q, 0.3 * ONES)[1], expected, atol=1e-15)
 
 
@@ -180,7 +179,7 @@ def test_friction_compensation_s_ratio_and_dead_band_hold_inside_a_directional_c
 
 
 def test_the_part_that_is_compensated_is_the_largest_of_a_joint_s_frictions():
-    cables = np.minimum(0.7, CABLE.ratio)
+    cables = np.minimum(0.7, CABLE.blend.ratio)
     cables[1:4] = cables[1:4].max()  # they share motors
     np.testing.assert_allclose(settings_of().friction_part, cables)
     rubs = settings_of(**{"viscous_friction.joint": [0.01] * 7})

@@ -169,9 +169,8 @@ def form_model(arm: Arm, beta: Array, polynomials: JointPolynomials, blend: Blen
         blend: How the console chooses between them.
     """
     cable = DirectionalCable(
-        arm, polynomials.positive, polynomials.negative, polynomials.valid,
-        blend.dead_band, blend.saturation_velocity, blend.ratio, blend.shape,
-    )  # fmt: skip
+        arm, polynomials.positive, polynomials.negative, polynomials.valid, blend
+    )
     return TorqueModel(arm, (Gravity(arm, beta, np.array(LEVEL)), cable))
 
 

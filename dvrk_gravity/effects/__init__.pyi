@@ -1,11 +1,8 @@
-from .base.arrays import MAX_DEGREE as MAX_DEGREE
-from .base.arrays import Range as Range
 from .base.arrays import Values as Values
 from .base.arrays import added as added
 from .base.arrays import as_array as as_array
 from .base.arrays import as_value as as_value
 from .base.arrays import diagonal_columns as diagonal_columns
-from .base.arrays import evaluate as evaluate
 from .base.arrays import joint_array as joint_array
 from .base.arrays import motor_columns as motor_columns
 from .base.arrays import position_offset as position_offset
@@ -18,7 +15,6 @@ from .base.column import SearchMove as SearchMove
 from .base.effect import MAX_REMOVED as MAX_REMOVED
 from .base.effect import Effect as Effect
 from .base.effect import Hypothesis as Hypothesis
-from .base.effect import Setting as Setting
 from .base.effect import compared_with as compared_with
 from .base.effect import remedy_text as remedy_text
 from .base.effect import spread as spread
@@ -46,8 +42,11 @@ from .base.meaning import size as size
 from .base.motion import Motion as Motion
 from .base.motion import Residual as Residual
 from .base.motion import State as State
+from .base.polynomials import MAX_DEGREE as MAX_DEGREE
 from .base.polynomials import Blend as Blend
 from .base.polynomials import JointPolynomials as JointPolynomials
+from .base.polynomials import Range as Range
+from .base.polynomials import evaluate as evaluate
 from .base.reading_errors import ReadingErrors as ReadingErrors
 from .base.registry import ENTRY_POINTS as ENTRY_POINTS
 from .base.registry import effects as effects

@@ -13,7 +13,7 @@ import pinocchio as pin
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Values
+from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.column import MISPLACED, Column
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, remedy_text
 from dvrk_gravity.effects.base.links import prior_scale
@@ -114,7 +114,7 @@ class _BaseHypothesis(ChangesModelTorque, Hypothesis):
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         vector = _rotate(motion.gravity, **self.parameters(theta))
-        values = {**values, "gravity_vector": tuple(vector.tolist())}
+        values = {**values, "gravity_vector": as_value(vector)}
         if self.knows_shaft:
             return values
         # What weighs on a shaft that leans, as the first moments of link 1.

@@ -96,7 +96,6 @@ class Cogging(Term):
         }
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) torques, N·m."""
         ripple = self.amplitude * np.cos(state.q @ self._turns.T + self.phase)
         return ripple @ self.arm.joint_to_actuator[self.motor]
 

@@ -15,7 +15,6 @@ from dvrk_gravity.effects.base.arrays import (
     as_array,
     as_value,
     joint_arrays,
-    number_array,
     position_offset,
 )
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
@@ -128,7 +127,6 @@ class Contact(Term):
             )  # fmt: skip
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) torques, N·m."""
         over = np.maximum(state.q - self.above_position, 0.0)
         under = np.minimum(state.q - self.below_position, 0.0)
         return self.above * over + self.below * under
@@ -146,7 +144,6 @@ class PushHypothesis(Hypothesis):
     edges = ("start", "end")
     variable = "time"
     n_comparisons = _WINDOWS
-    extrapolates = False
     transient = True
 
     def regressor(self, motion: Motion) -> Array:
@@ -192,15 +189,13 @@ class WallHypothesis(Hypothesis):
         joint, wall = self.site.index, self.parameters(theta)
         name = f"{self.effect}.{self._above}"
         stiffness, position = (
-            number_array(self.arm, values, n) for n in (name, f"{name}_position")
+            as_array(values.get(key), self.arm.n, 0.0) for key in (name, f"{name}_position")
         )
         if stiffness[joint]:
             return None
         stiffness[joint] = wall["stiffness"]
         position[joint] = wall["position"] - position_offset(self.arm, values)[joint]
-        return {
-            **values, name: tuple(stiffness.tolist()), f"{name}_position": tuple(position.tolist()),
-        }  # fmt: skip
+        return {**values, name: as_value(stiffness), f"{name}_position": as_value(position)}
 
     def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
         stiffness = parameters["stiffness"]

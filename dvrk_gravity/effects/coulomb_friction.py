@@ -5,38 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    Values,
-    as_array,
-    as_value,
-    joint_arrays,
-    number_array,
-)
+from dvrk_gravity.effects.base.arrays import Values, as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.column import Column
 from dvrk_gravity.effects.base.dahl import DahlElements, dahl_of_parts
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
-from dvrk_gravity.effects.base.effect import Hypothesis, spread
-from dvrk_gravity.effects.base.friction import (
-    FACTOR,
-    AllFriction,
-    columns_at_sites,
-    friction_sites,
-    removable,
-)
+from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text, spread
+from dvrk_gravity.effects.base.friction import columns_at_sites, friction_sites, removable
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
-from dvrk_gravity.effects.base.linear_term import Unknowns
+from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.site import Kind, Site
+from dvrk_gravity.effects.base.polynomials import Range
+from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
+_FACTOR = "factor"
+_NONE = -0.05  # of friction, by which an estimate of none may scatter. Chosen
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
 # Of a joint's largest effort, unmeasured. Chosen: what static poses of a real MTM leave of its
 # calibrated model, mostly dry friction, is 0.004 to 0.19 of its joints' limits, RMS.
@@ -63,7 +54,7 @@ class CoulombFriction(DryFriction):
     """
 
     NAME = "coulomb_friction"
-    LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
+    COEFFICIENTS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
     REMEDY = "if it is new, look at {joint}'s cables, bearings and brake"
     TITLE = "Coulomb friction"
     MEANINGS = meanings(
@@ -88,7 +79,7 @@ class CoulombFriction(DryFriction):
     @classmethod
     def meaning(cls, name: str) -> Meaning:
         """Factors are those of :class:`AllFrictionHypothesis`."""
-        if name.endswith(FACTOR):
+        if name.endswith(_FACTOR):
             label = f"{name.replace('_', ' ')}, all joints"
             return Meaning("", 1.0, MORE, label, percent=True)
         return super().meaning(name)
@@ -126,7 +117,9 @@ class CoulombFriction(DryFriction):
         used: list[str] = []
         for kind in ("joint", "motor"):
             # Both or none: one alone would stand for both.
-            levels = {name: getattr(self, name) for name in self.LEVELS if name.startswith(kind)}
+            levels = {
+                name: getattr(self, name) for name in self.COEFFICIENTS if name.startswith(kind)
+            }
             if any(level.any() for level in levels.values()):
                 used.append(kind)
                 values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}
@@ -282,7 +275,6 @@ class CoulombHypothesis(Hypothesis):
     one_level: bool
     gives: float = 0.0
     variable = "velocity"
-    directed = True
 
     @property
     def refine(self) -> tuple[str, ...]:
@@ -332,10 +324,101 @@ class CoulombHypothesis(Hypothesis):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AllFrictionHypothesis(AllFriction):
-    """All friction changed; most of it is Coulomb friction, which gives the finding its name."""
+class AllFrictionHypothesis(Hypothesis):
+    """All friction of a model changed by a factor at every joint: warmth, an idle month.
+
+    Joint by joint that takes as many causes as there are joints, and each alone explains less than
+    one wrong cause that all of them share, a scale of all efforts, say. Most of it is Coulomb
+    friction, which gives the finding its name.
+
+    Attributes:
+        divided: One factor for all (``""``), for each of its ``kinds``, or for each kind at each of
+            the ``joints``.
+        kinds: Effects that are its friction, by name.
+        titles: The same for reports.
+    """
 
     EFFECT = CoulombFriction
+
+    divided: Literal["", "kinds", "joints"] = ""
+    kinds: tuple[str, ...] = ()
+    titles: tuple[str, ...] = ()
+    variable = "velocity"
+
+    @classmethod
+    def of(cls, motion: Motion) -> Iterator[AllFrictionHypothesis]:
+        """Yield hypotheses on all friction of an identified model: one factor, and one by kind."""
+        rubs = np.flatnonzero(motion.friction.any(axis=0)).tolist()
+        if motion.static or motion.model.of_file or len(rubs) < 2:
+            return
+        terms = [term for term in motion.model.terms if term.FRICTION]
+        whole = cls(
+            arm=motion.arm, site=THE_ARM, joints=tuple(rubs), form="all",
+            kinds=tuple(term.NAME for term in terms),
+            titles=tuple(term.title() for term in terms),
+        )  # fmt: skip
+        yield whole
+        if len(terms) > 1:
+            yield replace(whole, divided="kinds", form="all, by kind")
+
+    @property
+    def unrestricted(self) -> AllFrictionHypothesis | None:
+        return None if self.divided == "joints" else replace(self, divided="joints", form="each")
+
+    def regressor(self, motion: Motion) -> Array:
+        if not self.divided:
+            return motion.friction[:, :, None]
+        state = motion.state_at(motion.true_q)
+        terms = {term.NAME: term for term in motion.model.terms}
+        kinds = np.stack([terms[kind].torque(state) for kind in self.kinds], axis=2)
+        if self.divided == "kinds":
+            return kinds
+        pieces = kinds[:, :, :, None] * np.eye(self.arm.n)[:, None, self.joints]
+        return pieces.reshape(*kinds.shape[:2], -1)
+
+    def parameters(self, theta: Array) -> dict[str, float]:
+        if self.divided == "joints":
+            return {}  # it is compared with one factor, and never found
+        factors = (1.0 + theta).tolist()
+        if not self.divided:
+            return {_FACTOR: factors[0]}
+        return {f"{kind}_{_FACTOR}": each for kind, each in zip(self.kinds, factors, strict=True)}
+
+    def plausible(self, theta: Array) -> bool:
+        """Friction may vanish, but not drive the arm."""
+        return bool((1.0 + theta >= _NONE).all())
+
+    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
+        if not self.divided:
+            return f"there is {words[_FACTOR]} friction than in {self.against}"
+        named = [(f"{kind}_{_FACTOR}", t) for kind, t in zip(self.kinds, self.titles, strict=True)]
+        sure = [(name, title) for name, title in named if not parameters[name].doubtful(1.0)]
+        kinds = " and ".join(f"{words[name]} {title}" for name, title in sure or named)
+        return f"there is {kinds} than in {self.against}"
+
+    def remedy(self, carried: bool) -> str:
+        return remedy_text(
+            "if the arm is as warm as it was, look at what all joints share", carried
+        )
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """Scale the model's linear friction terms, none below zero."""
+        changed = dict(values)
+        by_kind = dict(zip(self.kinds, np.broadcast_to(theta, len(self.kinds)), strict=True))
+        for term in motion.model.terms:
+            if term.NAME not in by_kind or not isinstance(term, LinearTerm):
+                continue
+            had, factor = term.parameters(), max(1.0 + by_kind[term.NAME], 0.0)
+            has = term.with_theta(factor * term.theta).parameters()
+            for name, before in had.items():
+                nothing = np.zeros(np.shape(before))  # levels that are zero are not in a file
+                if has.get(name) != before:
+                    more = np.asarray(has.get(name, nothing)) - np.asarray(before)
+                    total = np.array(values.get(name, nothing), dtype=float)
+                    # Another finding, an element of presliding say, may have appended to it.
+                    total[: len(more)] += more
+                    changed[name] = as_value(total)
+        return changed
 
 
 def _displacement(motion: Motion, site: Site) -> float:
@@ -349,8 +432,8 @@ def _displacement(motion: Motion, site: Site) -> float:
 def with_coulomb(arm: Arm, values: Values, where: Site, levels: Array) -> Values:
     """Return a model's parameters with more Coulomb friction, up and down, none below zero."""
     prefix, index = f"{CoulombFriction.NAME}.{where.kind.value}", where.index
-    up = number_array(arm, values, f"{prefix}_positive", f"{prefix}_negative")
-    down = number_array(arm, values, f"{prefix}_negative", f"{prefix}_positive")
+    had_up, had_down = (values.get(f"{prefix}_{way}") for way in ("positive", "negative"))
+    up, down = as_array(had_up or had_down, arm.n, 0.0), as_array(had_down or had_up, arm.n, 0.0)
     up[index] = max(0.0, up[index] + levels[0])
     down[index] = max(0.0, down[index] + levels[-1])
     return {**values, f"{prefix}_positive": as_value(up), f"{prefix}_negative": as_value(down)}

@@ -10,23 +10,21 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
+from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_arrays
+from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import (
+    Blend,
+    JointPolynomials,
     Range,
-    as_array,
-    as_value,
     declare_coefficients,
     declare_range,
-    diagonal_columns,
     evaluate,
-    joint_arrays,
     prepare_polynomials,
     prepare_powers,
     read_coefficients,
 )
-from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
-from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.motion import State
-from dvrk_gravity.effects.base.polynomials import Blend, JointPolynomials
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.errors import ConfigError
@@ -48,23 +46,18 @@ class DirectionalCable(LinearTerm):
         positive: (degree + 1, n) coefficients while moving up, N·m/rad^k.
         negative: (degree + 1, n) coefficients while moving down.
         valid: Range of positions on which they were fitted.
-        dead_band: (n,) speed below which the two are averaged, rad/s.
-        saturation_velocity: (n,) speed from which on the blend is full, rad/s.
-        ratio: (n,) part of the difference that is applied at full blend, 0 to 1.
-        shape: How the blend rises from the dead band on: ``linear`` or ``sine``.
+        blend: How the velocity chooses between them.
     """
 
     NAME = "directional_cable"
+    COEFFICIENTS = ("positive", "negative")
     AT_POSES = True
 
     arm: Arm
     positive: Array
     negative: Array
     valid: Range
-    dead_band: Array
-    saturation_velocity: Array
-    ratio: Array
-    shape: str = "linear"
+    blend: Blend
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
@@ -111,7 +104,7 @@ class DirectionalCable(LinearTerm):
             raise ConfigError(f"{cls.NAME}.ratio", ratio.max(), "0 to 1")
         valid = Range.from_parameters(arm, cls.NAME, values)
         shape = str(values.get(f"{cls.NAME}.blend", "linear"))
-        return cls(arm, positive, negative, valid, dead_band, saturation, ratio, shape)
+        return cls(arm, positive, negative, valid, Blend(dead_band, saturation, ratio, shape))
 
     def parameters(self) -> dict[str, Value]:
         # Zeros too: a set without them would be missing, and with it the whole term.
@@ -126,16 +119,15 @@ class DirectionalCable(LinearTerm):
         return {
             **sets,
             **self.valid.parameters(self.NAME),
-            f"{self.NAME}.dead_band": as_value(self.dead_band),
-            f"{self.NAME}.saturation_velocity": as_value(self.saturation_velocity),
-            f"{self.NAME}.ratio": as_value(self.ratio),
-            f"{self.NAME}.blend": self.shape,
+            f"{self.NAME}.dead_band": as_value(self.blend.dead_band),
+            f"{self.NAME}.saturation_velocity": as_value(self.blend.saturation_velocity),
+            f"{self.NAME}.ratio": as_value(self.blend.ratio),
+            f"{self.NAME}.blend": self.blend.shape,
         }
 
     @cached_property
     def polynomials(self) -> JointPolynomials:
-        blend = Blend(self.dead_band, self.saturation_velocity, self.ratio, self.shape)
-        return JointPolynomials(self.positive, self.negative, self.valid, blend)
+        return JointPolynomials(self.positive, self.negative, self.valid, self.blend)
 
     def elastic(self) -> ElasticCable:
         """Return the mean of both directions: what depends on the position alone."""
@@ -148,45 +140,25 @@ class DirectionalCable(LinearTerm):
         :meth:`elastic` and all parts at 1 it makes up the whole term.
         """
         half = self.polynomials.half_difference
-        ratio = np.minimum(self.ratio, part)
-        return replace(self, positive=half, negative=-half, ratio=ratio)
+        blend = replace(self.blend, ratio=self.friction_part(part))
+        return replace(self, positive=half, negative=-half, blend=blend)
 
     def split(self, part: Array) -> tuple[Term, Term]:
         return self.elastic(), self.scaled(part)
 
     def friction_part(self, part: Array) -> Array:
-        return np.minimum(self.ratio, part)
+        return np.minimum(self.blend.ratio, part)
 
     def whole(self) -> DirectionalCable:
-        return replace(self, ratio=np.ones_like(self.ratio))
-
-    def blend(self, state: State) -> Array | None:
-        """Return (…, n) blend 2 alpha - 1 in [-1, 1]; ``None`` where no motion is known."""
-        if state.direction is not None:
-            return state.direction
-        if state.qd is None:
-            return None
-        speed = np.abs(state.qd)
-        rise = np.minimum(np.maximum((speed - self.dead_band) * self._slope, 0.0), 1.0)
-        if self.shape == "sine":
-            rise = np.sin(0.5 * np.pi * rise)
-        return np.copysign(self.ratio * rise, state.qd)
+        return replace(self, blend=replace(self.blend, ratio=np.ones_like(self.blend.ratio)))
 
     @property
     def full_speed(self) -> Array:
-        return np.where(self.polynomials.half_difference.any(axis=0), self.saturation_velocity, 0.0)
-
-    @property
-    def theta(self) -> Array:
-        """(2 (degree + 1) n,) coefficients of moving up, power by power, then of moving down."""
-        return np.concatenate([self.positive.ravel(), self.negative.ravel()])
-
-    def with_theta(self, theta: Array) -> DirectionalCable:
-        positive, negative = np.reshape(theta, (2, *self.positive.shape))
-        return replace(self, positive=positive, negative=negative)
+        differs = self.polynomials.half_difference.any(axis=0)
+        return np.where(differs, self.blend.saturation_velocity, 0.0)
 
     def regressor(self, state: State) -> Array:
-        held, blend = self.valid.hold(state.q), self.blend(state)
+        held, blend = self.valid.hold(state.q), self.blend.of(state)
         blend = np.zeros_like(held) if blend is None else blend
         sides = (0.5 * (1.0 + blend), 0.5 * (1.0 - blend))
         powers = [held**k for k in range(len(self.positive))]
@@ -194,28 +166,28 @@ class DirectionalCable(LinearTerm):
         return np.concatenate(columns, axis=-1)
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) cable torques, N·m."""
         q = self.valid.hold(state.q)
         torque = evaluate(self.polynomials.mean, q)
-        blend = self.blend(state)
+        blend = self.blend.of(state)
         if blend is not None:
             torque += blend * evaluate(self.polynomials.half_difference, q)
         return torque
 
     def prepare(self) -> Evaluator:
-        parts, sum_up = self.prepare_parts(self.ratio), np.ones(2).dot
+        parts, sum_up = self.prepare_parts(self.blend.ratio), np.ones(2).dot
         return lambda q, qd: sum_up(parts(q, qd))
 
     def prepare_parts(self, part: Array) -> Evaluator:
         """Both parts share the powers of the position."""
         elastic, friction = self.elastic(), self.scaled(part)
-        if friction.shape != "linear":
+        blend = friction.blend
+        if blend.shape != "linear":
             return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
         count, n = elastic.coefficients.shape
-        slope = friction.ratio / (friction.saturation_velocity - friction.dead_band)
+        slope = blend.ratio / (blend.saturation_velocity - blend.dead_band)
         coefficients = np.vstack([elastic.coefficients, friction.positive * slope])
         # A velocity cut at the one less the same velocity cut at the other: the blend's ramp.
-        edges = np.array([friction.saturation_velocity, friction.dead_band])
+        edges = np.array([blend.saturation_velocity, blend.dead_band])
         lowest, full_less_dead = -edges, np.array([1.0, -1.0]).dot
         powers = prepare_powers(elastic.valid, count)
         sum_up = np.repeat(np.eye(2), count, axis=1).dot
@@ -250,7 +222,3 @@ class DirectionalCable(LinearTerm):
             return torques[:n], np.abs(torques[n:])
 
         return PlantPart(at=at)
-
-    @cached_property
-    def _slope(self) -> Array:
-        return 1.0 / (self.saturation_velocity - self.dead_band)

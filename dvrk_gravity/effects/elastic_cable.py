@@ -11,17 +11,11 @@ from numpy.polynomial import Chebyshev, Polynomial
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import (
-    Range,
     Values,
-    declare_coefficients,
-    declare_range,
+    as_array,
+    as_value,
     diagonal_columns,
-    evaluate,
-    legendre,
     position_offset,
-    prepare_polynomials,
-    prepare_powers,
-    read_coefficients,
     write_rows,
 )
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable, SearchMove, site_columns
@@ -30,7 +24,17 @@ from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.polynomials import JointPolynomials
+from dvrk_gravity.effects.base.polynomials import (
+    JointPolynomials,
+    Range,
+    declare_coefficients,
+    declare_range,
+    evaluate,
+    legendre,
+    prepare_polynomials,
+    prepare_powers,
+    read_coefficients,
+)
 from dvrk_gravity.effects.base.site import Kind, Site, effort_limits
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
@@ -56,9 +60,9 @@ class ElasticCable(LinearTerm):
 
     NAME = "elastic_cable"
     IN_FILES = ("console",)
+    COEFFICIENTS = ("coefficients",)
     REMEDY = "look at the cables and springs across {joint}"
     AT_POSES = True
-    POWERS = True
     MEANINGS = meanings(
         stiffness=size("N·m/rad", MORE),
         lowest=Meaning("N·m", 0.0, label="least torque", certain=True),
@@ -109,21 +113,20 @@ class ElasticCable(LinearTerm):
         return JointPolynomials(self.coefficients, self.coefficients, self.valid)
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) elastic torques, N·m."""
         return evaluate(self.coefficients, self.valid.hold(state.q))
 
     @classmethod
     def meaning(cls, name: str) -> Meaning:
         if name.startswith("k"):
             unit = "N·m" if name == "k0" else f"N·m/rad^{name[1:]}"
-            return Meaning(unit, listed=False)
+            return Meaning(unit)
         return super().meaning(name)
 
     @classmethod
     def listed(cls, names: Iterable[str]) -> list[str]:
-        """The slope of a curve in its middle is not listed."""
-        names = super().listed(names)
-        return [name for name in names if name != "stiffness" or "lowest" not in names]
+        """No coefficients, and of a curve not the slope in its middle."""
+        sizes = [name for name in names if not name.startswith("k")]
+        return [name for name in sizes if name != "stiffness" or "lowest" not in sizes]
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -172,7 +175,7 @@ class ElasticCable(LinearTerm):
         A cubic may help where neither a slope nor a parabola does.
         """
         for joint, name in enumerate(table.arm.joint_names):
-            powers = table.select(effect=cls.NAME, joint=joint)
+            powers = table.select(cls.NAME, Site.joint(joint))
             degree = max((k for k in range(DEGREE + 1) if powers[k] in inside), default=-1)
             for higher in range(degree + 1, min(degree + 4, DEGREE + 1)):
                 come = tuple(powers[degree + 1 : higher + 1])
@@ -186,15 +189,7 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def minimal_columns(cls, table: ColumnTable) -> list[int]:
-        return table.select(effect=cls.NAME, index=0)
-
-    @property
-    def theta(self) -> Array:
-        """((degree + 1) n,) all joints' k0, then all their k1, …."""
-        return self.coefficients.ravel()
-
-    def with_theta(self, theta: Array) -> ElasticCable:
-        return replace(self, coefficients=np.reshape(theta, (-1, self.coefficients.shape[1])))
+        return table.select(cls.NAME, index=0)
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
@@ -285,19 +280,19 @@ class CableHypothesis(Hypothesis):
         total = np.zeros(max(len(known), len(powers)))
         total[: len(known)] += known
         total[: len(powers)] += powers
-        result = {**values, name: tuple(total.tolist())}
+        result = {**values, name: as_value(total)}
         middle, half = motion.travel
         for edge, default, sign in (("valid_lower", -_FAR, -1.0), ("valid_upper", _FAR, 1.0)):
             field = f"{self.effect}.{edge}"
             if self.degree < 2 and not values.get(field):
                 continue
-            limits = np.array(values.get(field) or np.full(len(self.arm.joints), default))
+            limits = as_array(values.get(field), self.arm.n, default)
             free = not known[1:].any()  # a constant is the same wherever it is held
             if self.degree < 2:
                 limits[joint] = default if free else limits[joint]
             elif free or abs(limits[joint]) >= _FAR:
                 limits[joint] = middle[joint] + sign * half[joint] - offset
-            result[field] = tuple(limits.tolist())
+            result[field] = as_value(limits)
         return result
 
     def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:

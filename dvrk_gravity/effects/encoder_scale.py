@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Values, as_value, joint_array, position_offset
+from dvrk_gravity.effects.base.arrays import Values, as_value, position_offset
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
-from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
-from dvrk_gravity.effects.base.sensor import SensorEffect, read_factors, written_factors
+from dvrk_gravity.effects.base.sensor import FactorEffect
 from dvrk_gravity.effects.base.site import encoder_sites
-from dvrk_gravity.parameters import Parameter, Value
 
 # Chosen: beyond, it is another unit or a wrong sign. A fit on its way may ask even for zero.
 _LEAST, _GREATEST = 0.5, 2.0
 _SMALL = 1e-3  # of a factor less one, and rad: below, a slope replaces the secant
 
 
-class EncoderScale(SensorEffect):
+class EncoderScale(FactorEffect):
     """measured position = factor x true position + offset, and measured velocity likewise.
 
     The offset is zero where the joint is homed at the encoder's zero. Where it is homed at z, the
@@ -34,6 +32,8 @@ class EncoderScale(SensorEffect):
 
     NAME = "encoder_scale"
     FACTORS = "reading.encoder_scale"
+    FACTOR_OF = "position"
+    FACTOR_MEANING = "measured over true position and velocity"
     REMEDY = "check the counts per turn and the gear ratio of {joint}'s encoder"
     MEANINGS = meanings(
         factor=Meaning(
@@ -41,19 +41,6 @@ class EncoderScale(SensorEffect):
         ),
         offset=Meaning("rad", None, READS, "reads at its zero", least=-0.6, greatest=0.6),
     )  # fmt: skip
-
-    @classmethod
-    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        return (joint_array(arm, cls.FACTORS, "1", "measured over true position and velocity"),)
-
-    @classmethod
-    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
-        factors = read_factors(arm, values, cls.FACTORS)
-        return replace(errors, position=factors[:, None] * errors.position)
-
-    @classmethod
-    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
-        return written_factors(cls.FACTORS, errors.position)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -97,10 +84,9 @@ class ReadingHypothesis(Hypothesis):
         """Return (N, n) torques of the model if the encoder reads factor x true + offset."""
         true = self._true(factor)
         q = (motion.q - offset * self.site.column(self.arm)) @ true
-        if motion.static:
-            state = State(q, direction=motion.direction)
-        else:
-            state = State(q, motion.qd @ true, motion.qdd @ true)
+        state = motion.state_at(q)
+        if not motion.static:
+            state = replace(state, qd=motion.qd @ true, qdd=motion.qdd @ true)
         torque: Array = motion.model.torque_at(state)
         return torque
 

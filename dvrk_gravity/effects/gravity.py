@@ -33,6 +33,7 @@ class Gravity(LinearTerm):
     """
 
     NAME = "gravity"
+    COEFFICIENTS = ("beta",)
     WEIGHT_OF_ARM = True
     AT_POSES = True
 
@@ -95,13 +96,6 @@ class Gravity(LinearTerm):
         # A tree of its own: Pinocchio's workspace is for one thread.
         return weight_evaluator(beta_tree(self.arm, self.beta, self.vector))
 
-    @property
-    def theta(self) -> Array:
-        return self.beta
-
-    def with_theta(self, theta: Array) -> Gravity:
-        return replace(self, beta=np.asarray(theta, dtype=float))
-
     def regressor(self, state: State) -> Array:
         return gravity.regressor(state.q, self.vector, len(self.beta))
 
@@ -124,7 +118,7 @@ def with_beta(values: Values, change: Array) -> Values | None:
     total = np.zeros(max(len(beta), needed))
     total[: len(beta)] += beta
     total += change[: len(total)]
-    return {**values, "beta": tuple(total.tolist())}
+    return {**values, "beta": as_value(total)}
 
 
 def link_beta(link: str, mass: float, moment: Array) -> Array:

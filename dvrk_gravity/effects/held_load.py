@@ -11,15 +11,9 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    as_value,
-    declare_range,
-    numbers,
-    read_rows,
-    write_rows,
-)
+from dvrk_gravity.effects.base.arrays import as_value, numbers, read_rows, write_rows
 from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import Range, declare_range
 from dvrk_gravity.effects.base.term import PlantPart, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value

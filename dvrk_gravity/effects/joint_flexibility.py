@@ -69,7 +69,7 @@ class FlexibleHypothesis(Hypothesis):
     def regressor(self, motion: Motion) -> Array:
         """Return the secant of the link's torque by the compliance."""
         rotors = motion.model.term(RotorInertia.NAME)
-        state = _state(motion)
+        state = motion.state_at(motion.true_q)
         rigid = motion.modelled - motion.friction
         if rotors is not None:
             rigid = rigid - rotors.torque(state)
@@ -100,13 +100,6 @@ class FlexibleHypothesis(Hypothesis):
     def parameters(self, theta: Array) -> dict[str, float]:
         compliance = float(theta[0])
         return {"stiffness": 1.0 / max(compliance, _SOFTEST), "compliance": compliance}
-
-
-def _state(motion: Motion) -> State:
-    """Return the true states, as a model's terms have them."""
-    if motion.static:
-        return State(motion.true_q, direction=motion.direction)
-    return State(motion.true_q, motion.qd, motion.qdd)
 
 
 def _low_passed_derivatives(motion: Motion, values: Array) -> tuple[Array, Array, Array]:

@@ -14,7 +14,6 @@ from dvrk_gravity.effects.base.arrays import (
     as_array,
     as_value,
     joint_array,
-    number_array,
     position_offset,
     read_rows,
     write_rows,
@@ -22,7 +21,7 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Meaning, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.term import Evaluator
@@ -112,7 +111,6 @@ class JointSpring(LinearTerm):
         return rows | {f"{self.NAME}.constant": as_value(self.constant)}
 
     def torque(self, state: State) -> Array:
-        """Return (…, n) torques, N·m."""
         return state.q @ self.stiffness + self.constant
 
     def prepare(self) -> Evaluator:
@@ -206,19 +204,16 @@ class SpringHypothesis(Hypothesis):
         furthest = self.half[0] + self.setting["ratio"] * self.half[1]
         return stiffness * furthest >= _GROWS * torque and super().plausible(theta)
 
-    def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
-        return super().words(parameters) | {"form": self.form}
-
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """Add the spring, as a function of true positions."""
-        row = self._row
+        row, n = self._row, self.arm.n
         more = float(theta[0]) * np.outer(row, row)
         from_middle = position_offset(self.arm, values)
         from_middle[list(self.joints)] -= self.middle
         result = dict(values)
         for joint in self.joints:
             name = f"{self.effect}.{self.arm.joint_names[joint]}"
-            result[name] = as_value(number_array(self.arm, values, name) + more[joint])
+            result[name] = as_value(as_array(values.get(name), n, 0.0) + more[joint])
         name = f"{self.effect}.constant"
-        constant = number_array(self.arm, values, name) + more @ from_middle + float(theta[1]) * row
+        constant = as_array(values.get(name), n, 0.0) + more @ from_middle + float(theta[1]) * row
         return {**result, name: as_value(constant)}

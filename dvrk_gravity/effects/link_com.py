@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm, is_mtm, weight_regressor
+from dvrk_gravity.arms import GRAVITY, PER_LINK, Arm, is_mtm, weight_regressor
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.links import (
     AXES,
     beta_map,
-    moment_directions,
     prior_scale,
     weight_directions,
 )
@@ -99,7 +98,11 @@ class MomentHypothesis(Hypothesis):
 
     @property
     def _directions(self) -> Array:
-        return moment_directions(self.arm, self.site.index, self.axes)
+        """(10, k) inertial parameters per N·m of weight moment along the axes."""
+        directions = np.zeros((PER_LINK, len(self.axes)))
+        frame = self.arm.bodies[self.site.index].frame
+        directions[1:4] = frame.rotation[:, list(self.axes)]
+        return directions / GRAVITY
 
     def regressor(self, motion: Motion) -> Array:
         return motion.link_torque(self.site.index, self._directions)

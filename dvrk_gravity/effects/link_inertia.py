@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -16,12 +16,7 @@ from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, Column, ColumnTable
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.links import (
-    AXES,
-    base_directions,
-    inertia_directions,
-    prior_scale,
-)
+from dvrk_gravity.effects.base.links import AXES, base_directions, prior_scale
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
 from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
@@ -49,6 +44,7 @@ class LinkInertia(LinearTerm):
     """
 
     NAME = "link_inertia"
+    COEFFICIENTS = ("links",)
     REMEDY = "see whether something was fastened to the links or taken off them"
     MEANINGS = meanings(
         inertia=size("kg·m^2", MORE),
@@ -134,13 +130,6 @@ class LinkInertia(LinearTerm):
         """Nothing: the plant's bodies have it."""
         return PlantPart()
 
-    @property
-    def theta(self) -> Array:
-        return self.links.ravel()
-
-    def with_theta(self, theta: Array) -> LinkInertia:
-        return replace(self, links=np.reshape(theta, self.links.shape))
-
     def regressor(self, state: State) -> Array:
         if state.q.ndim != 2:
             raise ShapeError("q", state.q.shape, "(N, n)")
@@ -162,7 +151,14 @@ class InertiaHypothesis(Hypothesis):
 
     @property
     def _directions(self) -> Array:
-        return inertia_directions(self.arm, self.site.index, self.isotropic)
+        """(10, k) inertial parameters per kg·m^2 of rotational inertia."""
+        rotation = self.arm.bodies[self.site.index].frame.rotation
+        directions = []
+        for tensor in [np.eye(3)] if self.isotropic else map(np.diag, np.eye(3)):
+            turned = rotation @ tensor @ rotation.T
+            xx, xy, xz, yy, yz, zz = turned[np.triu_indices(3)]
+            directions.append([0.0, 0.0, 0.0, 0.0, xx, xy, yy, xz, yz, zz])
+        return np.array(directions).T
 
     def regressor(self, motion: Motion) -> Array:
         return motion.link_torque(self.site.index, self._directions)
@@ -197,7 +193,7 @@ class AllInertiaHypothesis(Hypothesis):
     refits_model = True
 
     def regressor(self, motion: Motion) -> Array:
-        return motion.inertial_torque(motion.inertial)
+        return motion.inertial_torque()
 
     def parameters(self, theta: Array) -> dict[str, float]:
         return {}
@@ -215,7 +211,7 @@ class AllInertiaHypothesis(Hypothesis):
 def _with_change(values: Values, body: str, change: Array) -> Values:
     name = f"{LinkInertia.NAME}.{body}"
     row = np.array(values.get(name) or np.zeros(rigid_body.PER_LINK)) + change
-    return {**values, name: tuple(row.tolist())}
+    return {**values, name: as_value(row)}
 
 
 def with_inertia(values: Values, body: str, change: Array) -> Values:
@@ -227,12 +223,12 @@ def with_inertia(values: Values, body: str, change: Array) -> Values:
 
 def link_columns(table: ColumnTable) -> list[int]:
     """Return the indices of the links' columns."""
-    return table.select(effect=LinkInertia.NAME)
+    return table.select(LinkInertia.NAME)
 
 
 def spring_columns(table: ColumnTable) -> list[int]:
     """Return the indices of the columns of springs that balance links."""
-    return table.select(effect=Gravity.NAME)
+    return table.select(Gravity.NAME)
 
 
 class RigidColumns:

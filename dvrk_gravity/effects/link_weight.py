@@ -43,6 +43,7 @@ class LinkWeight(LinearTerm):
     """
 
     NAME = "link_weight"
+    COEFFICIENTS = ("links",)
     WEIGHT_OF_ARM = True
     OF_LINKS = OF_WEIGHT
 
@@ -145,13 +146,6 @@ class LinkWeight(LinearTerm):
                 inertias[body.name] = body.frame.actInv(point)
             trees.append(build_tree(self.arm, inertias, self.vector))
         return trees[0], trees[1]
-
-    @property
-    def theta(self) -> Array:
-        return self.links.ravel()
-
-    def with_theta(self, theta: Array) -> LinkWeight:
-        return replace(self, links=np.reshape(theta, self.links.shape))
 
     def regressor(self, state: State) -> Array:
         if state.q.ndim != 2:

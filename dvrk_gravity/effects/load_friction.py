@@ -10,16 +10,11 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_array,
-)
+from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.base.dry_friction import TRANSITION
 from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.term import Evaluator, Term
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
@@ -48,6 +43,7 @@ class LoadFriction(LinearTerm):
 
     NAME = "load_friction"
     FRICTION = True
+    COEFFICIENTS = ("part",)
     BY_MOTION = True
     OF_OTHERS = True
 
@@ -125,13 +121,6 @@ class LoadFriction(LinearTerm):
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> LoadFriction:
         return cls(arm, np.full(arm.n, _PART))
-
-    @property
-    def theta(self) -> Array:
-        return self.part
-
-    def with_theta(self, theta: Array) -> LoadFriction:
-        return replace(self, part=np.asarray(theta, dtype=float))
 
     def regressor(self, state: State) -> Array:
         return diagonal_columns(self._unit_torque(state, self._direction_model.past(state)))

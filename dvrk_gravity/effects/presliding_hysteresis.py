@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.effects.base.arrays import Range, Values, as_value, numbers, read_rows, write_rows
+from dvrk_gravity.effects.base.arrays import Values, as_value, numbers, read_rows, write_rows
 from dvrk_gravity.effects.base.column import (
     PRIOR_FRACTION,
     Column,
@@ -25,13 +25,13 @@ from dvrk_gravity.effects.base.friction import (
     friction_sites,
     moves_between,
     site_text,
-    sites_of_columns,
     sites_with_friction,
     velocities,
 )
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, Words, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import Site, effort_limits
 from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
@@ -68,7 +68,6 @@ class PreslidingHysteresis(Friction):
 
     NAME = "presliding_hysteresis"
     IN_FILES = ("console",)
-    BY_MOTION = True
     DIVIDED_WITH = (CoulombFriction,)
     REMEDY = "let the arm move a little before a reading counts"
     MEANINGS = meanings(
@@ -97,7 +96,7 @@ class PreslidingHysteresis(Friction):
                     f"friction of each element at the {kind}, {joint.name}",
                     lower=0.0, lengths=lengths,
                 )
-                for kind in cls.LEVELS
+                for kind in cls.COEFFICIENTS
                 for joint in arm.joints
             ),
         )  # fmt: skip
@@ -110,13 +109,13 @@ class PreslidingHysteresis(Friction):
         expected = f"{len(displacement)}, as many as {cls.NAME}.displacement"
         joint, motor = (
             read_rows(arm, values, f"{cls.NAME}.{kind}", len(displacement), expected)
-            for kind in cls.LEVELS
+            for kind in cls.COEFFICIENTS
         )
         return cls(arm, np.array(displacement), joint, motor)
 
     def parameters(self) -> dict[str, Value]:
         values: dict[str, Value] = {f"{self.NAME}.displacement": as_value(self.displacement)}
-        for kind in self.LEVELS:
+        for kind in self.COEFFICIENTS:
             values |= write_rows(self.arm, f"{self.NAME}.{kind}", getattr(self, kind))
         return values
 
@@ -218,10 +217,10 @@ class PreslidingHysteresis(Friction):
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add, remove and exchange elements."""
-        for joint, kind in sites_of_columns(table.arm):
-            elements = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
+        for site in sites_with_friction(table.arm):
+            elements = table.select(cls.NAME, site)
             for element, length in zip(elements, DISPLACEMENTS, strict=True):
-                text = f"{cls.NAME} {site_text(table.arm, joint, kind)}, {length:g} rad"
+                text = f"{cls.NAME} {site_text(table.arm, site)}, {length:g} rad"
                 if element in inside:
                     yield SearchMove((), (element,), f"without {text}")
                     continue
@@ -234,11 +233,7 @@ class PreslidingHysteresis(Friction):
     @classmethod
     def joint_start(cls, table: ColumnTable) -> list[int]:
         """All elements at all sites."""
-        return [
-            index
-            for joint, kind in sites_of_columns(table.arm)
-            for index in table.select(effect=cls.NAME, site_kind=kind, joint=joint)
-        ]
+        return table.select(cls.NAME)
 
     @classmethod
     def coefficient_name(cls, arm: Arm, column: Column) -> str:
@@ -276,7 +271,6 @@ class PreslidingHypothesis(Hypothesis):
     known: float | None = None
     refine = ("length",)
     n_comparisons = len(_LENGTHS)
-    directed = True
     extrapolates = False
 
     @property
@@ -310,7 +304,7 @@ class PreslidingHypothesis(Hypothesis):
         lengths = tuple(values.get(f"{name}.displacement") or ())
         length = float(np.clip(self.setting["length"], *_DISPLACEMENTS))
         result = {**values, f"{name}.displacement": (*lengths, length)}
-        levels = tuple(f"{name}.{kind}." for kind in PreslidingHysteresis.LEVELS)
+        levels = tuple(f"{name}.{kind}." for kind in PreslidingHysteresis.COEFFICIENTS)
         for other in values:
             if other.startswith(levels) and values[other]:
                 result[other] = (*values[other], 0.0)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import (
-    Range,
     Values,
     added,
     as_array,
@@ -25,6 +24,7 @@ from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.links import separable_rotors
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import Kind, Site, unit_travel
 from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.parameters import Parameter, Value
@@ -47,6 +47,7 @@ class RotorInertia(LinearTerm):
     REMEDY = "check {joint}'s motor and gear ratio"
     MEANINGS = meanings(inertia=size("kg·m^2", MORE))
     EVERYWHERE = True
+    COEFFICIENTS = ("motor",)
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 
     arm: Arm
@@ -88,7 +89,7 @@ class RotorInertia(LinearTerm):
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
         """Add rotors, and remove none: every motor has one."""
         for joint, name in enumerate(table.arm.joint_names):
-            rotor = table.select(effect=cls.NAME, joint=joint)[0]
+            (rotor,) = table.select(cls.NAME, Site.motor(joint))
             if rotor not in inside:
                 yield SearchMove((rotor,), (), f"{cls.NAME} {name}")
 
@@ -98,15 +99,8 @@ class RotorInertia(LinearTerm):
         return [
             index
             for motor in separable_rotors(table.arm)
-            for index in table.select(effect=cls.NAME, joint=motor)
+            for index in table.select(cls.NAME, Site.motor(motor))
         ]
-
-    @property
-    def theta(self) -> Array:
-        return self.motor
-
-    def with_theta(self, theta: Array) -> RotorInertia:
-        return replace(self, motor=np.asarray(theta, dtype=float))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

@@ -10,20 +10,14 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import (
-    Range,
-    Values,
-    as_array,
-    as_value,
-    joint_arrays,
-    number_array,
-)
+from dvrk_gravity.effects.base.arrays import Values, as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.dry_friction import BUILT_UP, TRANSITION, DryFriction
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import columns_at_sites, friction_sites, velocities
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -95,11 +89,11 @@ class StribeckFriction(DryFriction):
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
         """A level needs a velocity."""
         n = arm.n
-        levels = [as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in cls.LEVELS]
+        levels = [as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in cls.COEFFICIENTS]
         if not any(level.any() for level in levels):
             return None
         speeds: list[Array] = []
-        for kind, level in zip(cls.LEVELS, levels, strict=True):
+        for kind, level in zip(cls.COEFFICIENTS, levels, strict=True):
             name = f"{cls.NAME}.{kind}_velocity"
             speed = as_array(values.get(name), n, 0.0)
             # A level that is fitted later, where none is now, falls within the least speed.
@@ -115,7 +109,7 @@ class StribeckFriction(DryFriction):
         return cls(arm, levels[0], levels[1], speeds[0], speeds[1], transition, *lengths)
 
     def parameters(self) -> dict[str, Value]:
-        used = [kind for kind in self.LEVELS if getattr(self, kind).any()]
+        used = [kind for kind in self.COEFFICIENTS if getattr(self, kind).any()]
         names = [name for kind in used for name in (kind, f"{kind}_velocity")]
         names.append("transition_velocity")
         values: dict[str, Value] = {
@@ -228,7 +222,9 @@ class StribeckHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """``None`` if the site has a level already."""
         name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
-        level, speed = (number_array(self.arm, values, key) for key in (name, f"{name}_velocity"))
+        level, speed = (
+            as_array(values.get(key), self.arm.n, 0.0) for key in (name, f"{name}_velocity")
+        )
         if level[index] > 0.0 or theta[0] < 0.0:
             return None
         level[index], speed[index] = theta[0], self.setting["velocity"]

@@ -50,7 +50,6 @@ class DriftHypothesis(Hypothesis):
     refine = ("time_constant",)
     variable = "time"
     n_comparisons = len(_TIMES)
-    extrapolates = False
     transient = True
 
     def regressor(self, motion: Motion) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class TorqueOffset(LinearTerm):
     """
 
     NAME = "torque_offset"
+    COEFFICIENTS = ("offset",)
     REMEDY = "calibrate the zero of {joint}'s current sensor"
     NOT_FITTED = "a constant torque is fitted as the first coefficient of a cable's"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
@@ -66,13 +67,6 @@ class TorqueOffset(LinearTerm):
     def plant(self) -> PlantPart:
         """Part of the reading alone."""
         return PlantPart(reading=lambda q, qd: self.offset)
-
-    @property
-    def theta(self) -> Array:
-        return self.offset
-
-    def with_theta(self, theta: Array) -> TorqueOffset:
-        return replace(self, offset=np.asarray(theta, dtype=float))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

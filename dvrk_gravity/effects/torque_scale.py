@@ -7,42 +7,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arms import ANY_UNIT, Arm
+from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import joint_array
 from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text
 from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, Words, meanings
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
-from dvrk_gravity.effects.base.sensor import SensorEffect, read_factors, written_factors
-from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
-from dvrk_gravity.parameters import Parameter, Value
+from dvrk_gravity.effects.base.sensor import FactorEffect
+from dvrk_gravity.effects.base.site import THE_ARM, Site, mixed_motors
 
 _LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
 
 _FAR = 4.0  # standard errors of drive gains. Chosen: all of them are not off by as much
 
 
-class TorqueScale(SensorEffect):
+class TorqueScale(FactorEffect):
     """measured effort = factor x applied effort."""
 
     NAME = "torque_scale"
     FACTORS = "reading.effort_scale"
+    FACTOR_OF = "effort"
+    FACTOR_MEANING = "measured over applied effort"
     REMEDY = "check {joint}'s torque constant, gear ratio and the scale of its current"
     MEANINGS = meanings(factor=Meaning("", 1.0, READS, least=0.2, greatest=5.0, percent=True))
-
-    @classmethod
-    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        return (joint_array(arm, cls.FACTORS, "1", "measured over applied effort"),)
-
-    @classmethod
-    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
-        factors = read_factors(arm, values, cls.FACTORS)
-        return replace(errors, effort=factors[:, None] * errors.effort)
-
-    @classmethod
-    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
-        return written_factors(cls.FACTORS, errors.effort)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -82,27 +69,29 @@ class ScaleHypothesis(Hypothesis):
 
     Attributes:
         mixing: (n, n) torques of the joints -> those that read wrongly, as the joints show them.
+        each: Each of the joints by a factor of its own. One factor for all is compared with that,
+            which is never found itself.
     """
 
     EFFECT = TorqueScale
     EFFORT_READING = True
 
     mixing: Array
+    each: bool = False
 
     @property
-    def common_cause(self) -> bool:
-        return self.site.kind is Kind.ARM
-
-    @property
-    def unrestricted(self) -> Hypothesis | None:
-        if not self.common_cause:
-            return None
-        return ScalesHypothesis(arm=self.arm, site=self.site, joints=self.joints, form="each")
+    def unrestricted(self) -> ScaleHypothesis | None:
+        one_for_all = self.site == THE_ARM and not self.each
+        return replace(self, each=True, form="each") if one_for_all else None
 
     def regressor(self, motion: Motion) -> Array:
+        if self.each:
+            return motion.applied_torque[:, :, None] * np.eye(self.arm.n)[:, self.joints]
         return (motion.applied_torque @ self.mixing)[:, :, None]
 
     def parameters(self, theta: Array) -> dict[str, float]:
+        if self.each:
+            return {}
         part = float(theta[0])
         if not self.against_reference:
             return {"factor": 1.0 + part}
@@ -134,17 +123,3 @@ class ScaleHypothesis(Hypothesis):
         if self.against_reference:
             return scale
         return f"{scale}; if it is right, all masses of the model are wrong by that factor"
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ScalesHypothesis(Hypothesis):
-    """The effort of every joint has a scale of its own."""
-
-    EFFECT = TorqueScale
-    EFFORT_READING = True
-
-    def regressor(self, motion: Motion) -> Array:
-        return motion.applied_torque[:, :, None] * np.eye(self.arm.n)[:, self.joints]
-
-    def parameters(self, theta: Array) -> dict[str, float]:
-        return {}  # it is compared with one scale, and never found

@@ -11,7 +11,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, spread
-from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import Site
 
@@ -73,8 +73,8 @@ class UnexplainedHypothesis(Hypothesis):
     def parameters(self, theta: Array) -> dict[str, float]:
         return {"rms": float(np.sqrt(np.mean(theta**2)))}
 
-    def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
-        return {**super().words(parameters), "what": self.what}
+    def words(self) -> dict[str, str]:
+        return super().words() | {"what": self.what}
 
     def remedy(self, carried: bool) -> str:
         if self.transient or self.of == self.joints[0]:

@@ -10,14 +10,15 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Range, Values, added, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.arrays import Values, added, as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.column import PRIOR_FRACTION, ColumnTable
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.friction import Friction, columns_at_sites, friction_sites, removable
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.site import effort_limits, unit_travel
+from dvrk_gravity.effects.base.polynomials import Range
+from dvrk_gravity.effects.base.site import Site, effort_limits, unit_travel
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -36,7 +37,6 @@ class ViscousFriction(Friction):
 
     NAME = "viscous_friction"
     IN_FILES = ("console", "urdf", "mjcf")
-    BY_MOTION = True
     REMEDY = "if it is new, look at {joint}'s lubrication and gear"
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
     EVERYWHERE = True
@@ -54,7 +54,9 @@ class ViscousFriction(Friction):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:
-        joint, motor = (as_array(values.get(f"{cls.NAME}.{k}"), arm.n, 0.0) for k in cls.LEVELS)
+        joint, motor = (
+            as_array(values.get(f"{cls.NAME}.{k}"), arm.n, 0.0) for k in cls.COEFFICIENTS
+        )
         return cls(arm, joint, motor) if joint.any() or motor.any() else None
 
     def parameters(self) -> dict[str, Value]:
@@ -111,7 +113,8 @@ class ViscousFriction(Friction):
         If it is too little to improve the cross-validated error, it would still bias the other
         parameters beyond their intervals.
         """
-        return len(inside & set(table.select(effect=cls.NAME, joint=joint))) > 1
+        sites = (Site(kind, joint) for kind in cls.SITES)
+        return sum(bool(inside.intersection(table.select(cls.NAME, site))) for site in sites) > 1
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

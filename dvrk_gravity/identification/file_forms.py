@@ -12,7 +12,7 @@ from dvrk_gravity.arms import BODIES as TREE_LINKS
 from dvrk_gravity.arms import PER_LINK, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.effects import Column, LinearTerm, Term
+from dvrk_gravity.effects import Column, Kind, LinearTerm, Term
 from dvrk_gravity.effects import effects as all_effects
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.model import Columns
@@ -64,7 +64,7 @@ class UrdfColumns(BodyColumns):
 
     def offers(self, column: Column) -> bool:
         """Whether the file has such a column."""
-        return column.site_kind != "motor" and super().offers(column)
+        return column.site.kind is not Kind.MOTOR and super().offers(column)
 
 
 class ConsoleColumns(FileColumns):
@@ -81,7 +81,8 @@ class ConsoleColumns(FileColumns):
 
     def offers(self, column: Column) -> bool:
         """Whether the console has such a column at rest."""
-        if any(term.POWERS and column.effect == term.NAME for term in self.candidate_terms):
+        own = next((term for term in self.candidate_terms if column.effect == term.NAME), None)
+        if own is not None and own.polynomials is not None:
             return column.index < N_POWERS and column.joint < N_POLYNOMIALS
         return super().offers(column)
 

@@ -23,6 +23,7 @@ from dvrk_gravity.effects import (
     Range,
     RigidColumns,
     SearchMove,
+    Site,
     State,
     Term,
     Unknowns,
@@ -68,7 +69,7 @@ class Columns:
         self.rigid = RigidColumns(self.mounted, self.ABSENT)
         self.unknowns = tuple(_unknowns(arm, self.valid))
         self.carried: tuple[Term, ...] = ()
-        self._selected: dict[tuple[tuple[str, object], ...], list[int]] = {}
+        self._selected: dict[tuple[str, Site | None, int | None], list[int]] = {}
         own = (column for unknowns in self.unknowns for column in unknowns.columns)
         self.columns = (*self.rigid.columns, *own, *self.kinematics.columns(arm))
 
@@ -116,14 +117,16 @@ class Columns:
         )
         return result
 
-    def select(self, **wanted: object) -> list[int]:
-        """Return the indices of the columns whose fields have the wanted values."""
-        key = tuple(wanted.items())
+    def select(self, effect: str, site: Site | None = None, index: int | None = None) -> list[int]:
+        """Return the indices of an effect's columns, at one site or of one number if given."""
+        key = effect, site, index
         if key not in self._selected:  # searches ask the same thousands of times
             self._selected[key] = [
-                index
-                for index, column in enumerate(self.columns)
-                if all(getattr(column, name) == value for name, value in key)
+                number
+                for number, column in enumerate(self.columns)
+                if column.effect == effect
+                and site in (None, column.site)
+                and index in (None, column.index)
             ]
         return list(self._selected[key])
 

@@ -82,7 +82,7 @@ class MeasuredMotion(Observation):
     @cached_property
     def modelled(self) -> Array:
         """(N, n) torque of the model, N·m."""
-        return self.model.prediction(self._state(self.q))
+        return self.model.prediction(self.state_at(self.q))
 
     @property
     def measured_twice(self) -> bool:
@@ -119,7 +119,7 @@ class MeasuredMotion(Observation):
 
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
         """Return (N, n) torques of a model at other positions in the same motion, N·m."""
-        return (model or self.model).torque_at(self._state(q))
+        return (model or self.model).torque_at(self.state_at(q))
 
     def read_by(self, model: TorqueModel) -> Array:
         """Return (N, n) efforts that a model predicts to be read, its errors of readings included.
@@ -128,14 +128,15 @@ class MeasuredMotion(Observation):
         """
         errors = model.reading_errors
         true = np.linalg.inv(errors.position).T
-        state = self._state(self.q @ true)
+        state = self.state_at(self.q @ true)
         if not self.static:
             state = replace(state, qd=self.qd @ true, qdd=self.qdd @ true)
         torque = model.torque_at(state) @ errors.effort.T
         torque = np.clip(torque, -errors.limit, errors.limit)
         return delay_signal(self, torque, errors.delay) if errors.delay else torque
 
-    def _state(self, q: Array) -> State:
+    def state_at(self, q: Array) -> State:
+        """Return the states with other (N, n) positions in the same motion."""
         if self.static:
             # At rest friction has no sign, unless the direction of approach is known.
             return State(q, None, None, self.direction)
@@ -144,7 +145,7 @@ class MeasuredMotion(Observation):
     @cached_property
     def slope(self) -> Array:
         """(N, n, n) change of the modelled torque [:, joint, by position of], N·m/rad."""
-        state, shifts = self._state(self.q), _SHIFT * np.diag(self.arm.scale)
+        state, shifts = self.state_at(self.q), _SHIFT * np.diag(self.arm.scale)
         slopes = []
         together = max(1, _PIECE // len(self.q))  # of few samples all joints at once
         for first in range(0, len(shifts), together):
@@ -304,11 +305,11 @@ class MeasuredMotion(Observation):
         diagonal = np.abs(np.diag(triangle))
         return np.sort(pivots[: int(np.sum(diagonal > _RANK * diagonal[0]))])
 
-    def inertial_torque(self, chosen: NDArray[np.int_]) -> Array:
-        """Return (N, n, k) columns of some inertial parameters, without gravity."""
-        torque = np.empty((len(self.q), self.arm.n, len(chosen)))
+    def inertial_torque(self) -> Array:
+        """Return (N, n, k) columns of :attr:`inertial`, without gravity."""
+        torque = np.empty((len(self.q), self.arm.n, len(self.inertial)))
         for rows in self.pieces():
-            torque[rows] = self.regressor(rows, np.zeros(3))[:, :, chosen]
+            torque[rows] = self.regressor(rows, np.zeros(3))[:, :, self.inertial]
         return torque
 
     def pieces(self) -> list[slice]:

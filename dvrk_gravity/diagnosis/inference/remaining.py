@@ -117,7 +117,7 @@ def _doubt(
     for trial in beside_all:
         function = trial.candidate.hypothesis
         if function.joints[0] in joints and _torque(trial) > _DOUBTFUL * _torque_before(effect):
-            of, where = function.words({})["what"], function.names[0]
+            of, where = function.words()["what"], function.names[0]
             why = f"beside it an error of {where} remains that depends on {of}"
             return why, function.remedy(carried=False)
     functions = [each for each in pool if each.hypothesis.joints[0] in joints]
@@ -130,7 +130,7 @@ def _doubt(
     if not better:
         return "", ""
     function = better[0].candidate.hypothesis
-    of = function.words({})["what"]
+    of = function.words()["what"]
     why = f"any smooth function of {of} explains unseen blocks better"
     return why, function.remedy(carried=False)
 

@@ -345,7 +345,7 @@ def picture_of(
     }[variable]
     x = data.reduce_state(values[:, None])[held_out.rows, 0]
     forward = None
-    if variable == "position" and hypothesis.directed:
+    if variable == "position" and is_friction(hypothesis.effect):
         way = motion.qd if motion.direction is None else motion.direction
         forward = data.reduce_state(way[:, [argument]])[held_out.rows, 0] > 0.0
     return Picture(

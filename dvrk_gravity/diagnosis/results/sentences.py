@@ -63,7 +63,8 @@ def effect_found(
     if (doubt or gain.low <= 0.0) and not hypothesis.hedges(parameters):
         claim = f"perhaps {claim}"
     removed = f"{does} {100 * abs(gain.relative):.0f} % {to} the error at {where}"
-    sentence = f"{claim}; {hypothesis.correction()} {removed}"
+    what = "fitting them again with all findings" if hypothesis.refits_model else "correcting that"
+    sentence = f"{claim}; {what} {removed}"
     if doubt:
         return f"{sentence} (not certain: {doubt})"
     if gain.low <= 0.0:

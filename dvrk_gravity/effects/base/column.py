@@ -54,14 +54,9 @@ class Column:
             raise EffectError(self.effect, f"a column's scale is {self.scale}, expected above 0")
 
     @property
-    def site_kind(self) -> str:
-        """``joint`` or ``motor``; ``""`` for what acts at neither."""
-        return self.site.kind.value if self.site.kind in (Kind.JOINT, Kind.MOTOR) else ""
-
-    @property
     def joint(self) -> int:
         """Index of the joint or motor, -1 for what acts at neither."""
-        return self.site.index if self.site_kind else -1
+        return self.site.index if self.site.kind in (Kind.JOINT, Kind.MOTOR) else -1
 
     @property
     def family(self) -> tuple[str, Site] | None:
@@ -91,8 +86,8 @@ class ColumnTable(Protocol):
     @property
     def columns(self) -> tuple[Column, ...]: ...
 
-    def select(self, **wanted: object) -> list[int]:
-        """Return the indices of the columns whose fields have the wanted values."""
+    def select(self, effect: str, site: Site | None = None, index: int | None = None) -> list[int]:
+        """Return the indices of an effect's columns, at one site or of one number if given."""
 
 
 def site_columns(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -16,22 +16,12 @@ from dvrk_gravity.effects.base.arrays import Values, as_array, as_value
 from dvrk_gravity.effects.base.column import (
     PRIOR_FRACTION,
     Column,
-    ColumnTable,
-    SearchMove,
-    site_columns,
 )
 from dvrk_gravity.effects.base.dahl import dahl
-from dvrk_gravity.effects.base.friction import (
-    Friction,
-    moves_between,
-    site_text,
-    sites_of_columns,
-    sites_with_friction,
-    velocities,
-)
+from dvrk_gravity.effects.base.friction import Friction, sites_with_friction, velocities
 from dvrk_gravity.effects.base.linear_term import Unknowns
 from dvrk_gravity.effects.base.motion import State
-from dvrk_gravity.effects.base.site import effort_limits
+from dvrk_gravity.effects.base.site import Kind, effort_limits
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.parameters import Value
 
@@ -66,7 +56,6 @@ class DryFriction(Friction):
         motor_displacement: (n,) rad over which it builds up at the motors.
     """
 
-    BY_MOTION = True
     SETTING: ClassVar[str]
     SETTING_UNIT: ClassVar[str]
     SETTING_TEXT: ClassVar[str]
@@ -184,41 +173,23 @@ class DryFriction(Friction):
             term: The term.
             basis: (k, 2 n) from levels of the joints and of the motors to its theta.
         """
-        arm, sites = term.arm, sites_with_friction(term.arm)
-        rows = [
-            (column, place)
-            for index in range(len(cls.SETTINGS))
-            for first, kind in zip((0, arm.n), cls.SITES, strict=True)
-            for place, column in enumerate(
-                site_columns(
-                    cls.NAME, kind, PRIOR_FRACTION * effort_limits(arm, kind), index, True, "N·m"
-                ),
-                first,
+        arm = term.arm
+        sites = sorted(sites_with_friction(arm), key=lambda site: site.kind is Kind.MOTOR)
+        scales = {kind: PRIOR_FRACTION * effort_limits(arm, kind) for kind in cls.SITES}
+        columns = tuple(
+            Column(
+                cls.NAME, site, setting, float(scales[site.kind][site.index]), True, "N·m",
+                alternative=True,
             )
-            if column.site in sites
-        ]
-        columns = tuple(replace(column, alternative=True) for column, _ in rows)
-        places = np.array([place for _, place in rows], dtype=np.int64)
+            for setting in range(len(cls.SETTINGS))
+            for site in sites
+        )  # fmt: skip
+        joints = [site.index + arm.n * (site.kind is Kind.MOTOR) for site in sites]
+        places = np.tile(joints, len(cls.SETTINGS))
         return SettingUnknowns(term=term, columns=columns, basis=basis[:, places], places=places)
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
-        """Add and remove a site's friction, take the next setting, exchange joint and motor."""
-        for joint, kind in sites_of_columns(table.arm):
-            here = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
-            chosen = tuple(index for index in here if index in inside)
-            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
-            if chosen and cls.may_be_absent(table, inside, joint):
-                yield SearchMove((), chosen, f"without {text}")
-            for before, index, after in zip((-1, *here), here, (*here[1:], -1), strict=False):
-                if index not in inside and (not chosen or {before, after} & inside):
-                    setting = cls.setting_text(table.arm, table.columns[index])
-                    yield SearchMove((index,), chosen, text + setting)
-        yield from moves_between(cls.NAME, table, inside)
-
-    @classmethod
     def setting_text(cls, arm: Arm, column: Column) -> str:
-        """Return how a column's setting follows its name; ``""``: it is zero."""
         value = cls.SETTINGS[column.index]
         unit = column.site.unit(arm, cls.SETTING_UNIT)
         return f" {cls.SETTING_TEXT} {value:g} {unit}" if value else ""

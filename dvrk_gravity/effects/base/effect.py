@@ -2,7 +2,7 @@
 
 A minimal effect is a class with a ``NAME`` that yields hypotheses, and a hypothesis with two
 methods: :meth:`Hypothesis.regressor`, the torque that it adds per unit of each parameter, and
-:meth:`Hypothesis.parameters`, what fitted parameters mean. ``encoder_scale.py`` is an example.
+:meth:`Hypothesis.parameters`, what fitted parameters mean. ``thermal_drift.py`` is an example.
 Everything else here has a default.
 """
 
@@ -24,8 +24,6 @@ from dvrk_gravity.effects.base.motion import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.errors import EffectError
-
-Setting = Mapping[str, float]
 
 MAX_REMOVED = 1.5
 """Largest fraction of the model's friction that may be missing.
@@ -68,8 +66,8 @@ class Effect(ABC):
 
     @classmethod
     def listed(cls, names: Iterable[str]) -> list[str]:
-        """Return which of a finding's parameters get a line in tables."""
-        return [name for name in names if cls.meaning(name).listed]
+        """Return which of a finding's parameters get a line in tables; by default all."""
+        return list(names)
 
     @classmethod
     def summary(cls, parameters: Mapping[str, Estimate]) -> str:
@@ -139,8 +137,8 @@ class Hypothesis(ABC):
     Class attributes:
         EFFECT: The effect.
         CLAIM: The sentence of a finding, with ``{where}`` (the site), ``{joint}`` and ``{other}``
-            (the first two of :attr:`joints`), ``{model}`` (what the data are compared with), and
-            parameters in words by their names.
+            (the first two of :attr:`joints`), ``{form}``, ``{model}`` (what the data are compared
+            with), and parameters in words by their names.
         EFFORT_READING: A fault of the effort reading: its torque is a function of all torque that
             acts, other causes' included.
         COHERENT_ERRORS: What a model misses resembles it at all joints with the same sign, so that
@@ -175,7 +173,7 @@ class Hypothesis(ABC):
     site: Site
     joints: tuple[int, ...] = ()
     form: str = ""
-    setting: Setting = field(default_factory=dict)
+    setting: Mapping[str, float] = field(default_factory=dict)
     prior_std: tuple[float, ...] = ()
     removable: float = np.inf
     against_reference: bool = False
@@ -238,11 +236,6 @@ class Hypothesis(ABC):
         return "position"
 
     @property
-    def directed(self) -> bool:
-        """Its picture separates the directions of motion."""
-        return False
-
-    @property
     def n_comparisons(self) -> int:
         """Number of hypotheses that it stands for (the grid of a search), at least 1."""
         return 1
@@ -260,7 +253,7 @@ class Hypothesis(ABC):
     @property
     def extrapolates(self) -> bool:
         """Its columns are right at any single state, not only along what was recorded."""
-        return True
+        return not self.transient
 
     @property
     def transient(self) -> bool:
@@ -269,11 +262,8 @@ class Hypothesis(ABC):
 
     @property
     def common_cause(self) -> bool:
-        """One parameter for several joints.
-
-        Preferred unless :attr:`unrestricted`, a parameter for each, explains more.
-        """
-        return False
+        """One parameter for all joints, preferred unless one for each explains more."""
+        return self.site.kind is Kind.ARM and self.unrestricted is not None
 
     @property
     def shifts_positions(self) -> bool:
@@ -439,23 +429,22 @@ class Hypothesis(ABC):
         try:
             return self.CLAIM.format_map(words)
         except (LookupError, ValueError) as error:
-            known = ", ".join((*self.words(parameters), *parameters))
+            known = ", ".join((*self.words(), *parameters))
             raise EffectError(
                 self.effect, f"CLAIM {self.CLAIM!r}: {error}, expected of {known}"
             ) from error
 
-    def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
+    def words(self) -> dict[str, str]:
         """Return the words of ``CLAIM`` that are no parameters."""
         joint, other, *_ = (*self.names, "", "")
         where = self.site.words(self.arm)
-        return {"where": where, "joint": joint, "other": other, "model": self.against}
+        return {
+            "where": where, "joint": joint, "other": other, "form": self.form,
+            "model": self.against,
+        }  # fmt: skip
 
     def _in_words(self, parameters: Mapping[str, Estimate]) -> Words:
-        return Words(self.words(parameters), parameters, self.meaning)
-
-    def correction(self) -> str:
-        """Return the subject of `… removes 40 % of the error`."""
-        return "fitting them again with all findings" if self.refits_model else "correcting that"
+        return Words(self.words(), parameters, self.meaning)
 
     def remedy(self, carried: bool) -> str:
         """Return what to do about it, in one line; ``carried``: the extended model has it."""

@@ -1,25 +1,22 @@
-"""Friction: where it can be, the terms with levels at joints and motors, a change of all of it."""
+"""Friction: where it can be, and the terms with levels at joints and motors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, Self
+from functools import lru_cache
+from typing import ClassVar, Self
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Range, Values, diagonal_columns, motor_columns
-from dvrk_gravity.effects.base.column import ColumnTable, SearchMove
-from dvrk_gravity.effects.base.effect import Hypothesis, remedy_text
+from dvrk_gravity.effects.base.arrays import diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.column import Column, ColumnTable, SearchMove
 from dvrk_gravity.effects.base.linear_term import LinearTerm, Unknowns
-from dvrk_gravity.effects.base.meaning import Estimate, Words
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site, mixed_motors
-
-FACTOR = "factor"
-_NONE = -0.05  # of friction, by which an estimate of none may scatter. Chosen
+from dvrk_gravity.effects.base.polynomials import Range
+from dvrk_gravity.effects.base.site import Kind, Site, mixed_motors
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +26,7 @@ class Friction(LinearTerm):
     Friction at a motor acts on every joint that the motor moves: tau = level_j s(qd_j) +
     J' (level_m s(J qd)) with J from joint to motor velocities and s a function of one velocity.
 
-    Class attributes:
-        LEVELS: Attributes that hold its coefficients, N·m per unit of s, in the order of theta.
+    Its ``COEFFICIENTS`` are in N·m per unit of s.
 
     Attributes:
         arm: The arm, for its transmission.
@@ -38,22 +34,14 @@ class Friction(LinearTerm):
 
     FRICTION = True
     OF_POSITION = False
+    BY_MOTION = True
     SITES = (Kind.JOINT, Kind.MOTOR)
-    LEVELS: ClassVar[tuple[str, ...]] = ("joint", "motor")
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ("joint", "motor")
 
     arm: Arm
 
     def scaled(self, part: Array) -> Self:
-        return replace(self, **{name: part * getattr(self, name) for name in self.LEVELS})
-
-    @property
-    def theta(self) -> Array:
-        return np.concatenate([getattr(self, name) for name in self.LEVELS])
-
-    def with_theta(self, theta: Array) -> Self:
-        rows = np.reshape(theta, (len(self.LEVELS), -1))
-        levels: dict[str, Any] = dict(zip(self.LEVELS, rows, strict=True))
-        return replace(self, **levels)
+        return replace(self, **{name: part * getattr(self, name) for name in self.COEFFICIENTS})
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns | None:
@@ -62,15 +50,23 @@ class Friction(LinearTerm):
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
-        """Add and remove each joint's friction, and exchange joint and motor."""
-        for joint, kind in sites_of_columns(table.arm):
-            here = tuple(table.select(effect=cls.NAME, site_kind=kind, joint=joint))
-            text = f"{cls.NAME} {site_text(table.arm, joint, kind)}"
-            if here[0] not in inside:
-                yield SearchMove(here, (), text)
-            elif cls.may_be_absent(table, inside, joint):
-                yield SearchMove((), here, f"without {text}")
+        """Add and remove a site's friction, take the next setting, exchange joint and motor."""
+        for site in sites_with_friction(table.arm):
+            here = table.select(cls.NAME, site)
+            chosen = tuple(index for index in here if index in inside)
+            text = f"{cls.NAME} {site_text(table.arm, site)}"
+            if chosen and cls.may_be_absent(table, inside, site.index):
+                yield SearchMove((), chosen, f"without {text}")
+            for before, index, after in zip((-1, *here), here, (*here[1:], -1), strict=False):
+                if index not in inside and (not chosen or {before, after} & inside):
+                    setting = cls.setting_text(table.arm, table.columns[index])
+                    yield SearchMove((index,), chosen, text + setting)
         yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def setting_text(cls, arm: Arm, column: Column) -> str:
+        """Return how a column's setting follows its name in a report; ``""``: it has none."""
+        return ""
 
     @classmethod
     def may_be_absent(cls, table: ColumnTable, inside: set[int], joint: int) -> bool:
@@ -83,10 +79,7 @@ class Friction(LinearTerm):
         return [
             index
             for joint in range(table.arm.n if cls.EVERYWHERE else 0)
-            if _site_kinds(table.arm, joint)
-            for index in table.select(
-                effect=cls.NAME, site_kind=_likely_kind(table.arm, joint), joint=joint, index=0
-            )
+            for index in table.select(cls.NAME, _likely_site(table.arm, joint), 0)
         ]
 
 
@@ -131,43 +124,41 @@ def removable(motion: Motion, where: Site, torque: Array) -> float:
     return max(float((motion.friction * motion.qd)[:, moved].sum()), 0.0) / unit
 
 
-def _site_kinds(arm: Arm, joint: int) -> tuple[str, ...]:
-    """Return where a joint's friction may be, ``joint`` or ``motor``; nowhere if it has none."""
-    at_joint = () if arm.joint_names[joint] in arm.frictionless else ("joint",)
-    return (*at_joint, "motor") if joint in mixed_motors(arm) else at_joint
+@lru_cache(maxsize=8)
+def sites_with_friction(arm: Arm) -> tuple[Site, ...]:
+    """Return where friction may be: joints, unless they have none, and motors that move several."""
+    mixed = mixed_motors(arm)
+    return tuple(
+        site
+        for joint, name in enumerate(arm.joint_names)
+        for site, has in (
+            (Site.joint(joint), name not in arm.frictionless),
+            (Site.motor(joint), joint in mixed),
+        )
+        if has
+    )
 
 
-def sites_of_columns(arm: Arm) -> Iterator[tuple[int, str]]:
-    """Yield joints with the kinds of site at which their friction may be."""
-    for joint in range(arm.n):
-        for kind in _site_kinds(arm, joint):
-            yield joint, kind
-
-
-def sites_with_friction(arm: Arm) -> set[Site]:
-    """Return the sites of :func:`sites_of_columns`."""
-    return {Site(Kind(kind), joint) for joint, kind in sites_of_columns(arm)}
-
-
-def _likely_kind(arm: Arm, joint: int) -> str:
+def _likely_site(arm: Arm, joint: int) -> Site:
     """Return where it is likelier: at a motor that moves another joint as far as its own."""
-    if arm.joint_names[joint] in arm.frictionless:
-        return "motor"
     row = np.abs(arm.joint_to_actuator[joint])
-    return "motor" if np.delete(row, joint).max(initial=0.0) >= row[joint] else "joint"
+    shared = np.delete(row, joint).max(initial=0.0) >= row[joint]
+    at_motor = shared or arm.joint_names[joint] in arm.frictionless
+    return Site.motor(joint) if at_motor else Site.joint(joint)
 
 
-def site_text(arm: Arm, joint: int, kind: str) -> str:
+def site_text(arm: Arm, site: Site) -> str:
     """Return a joint's name, with the kind of site if friction may be at either."""
-    name = arm.joint_names[joint]
-    return f"{name} ({kind})" if len(_site_kinds(arm, joint)) > 1 else name
+    name = arm.joint_names[site.index]
+    either = [each.index for each in sites_with_friction(arm)].count(site.index) > 1
+    return f"{name} ({site.kind.value})" if either else name
 
 
 def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[SearchMove]:
     """Yield the moves of a joint's friction to its motor and back."""
     for joint in mixed_motors(table.arm):
         here, there = (
-            table.select(effect=effect, site_kind=kind, joint=joint) for kind in ("joint", "motor")
+            table.select(effect, site) for site in (Site.joint(joint), Site.motor(joint))
         )
         if not here or not there:
             continue
@@ -181,100 +172,3 @@ def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator
                 gone += tuple(b for b in new if b in inside and table.columns[b].alternative)
                 text = f"{effect} {table.arm.joint_names[joint]} at the {kind}"
                 yield SearchMove(come, gone, text)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AllFriction(Hypothesis):
-    """All friction of a model changed by a factor at every joint: warmth, an idle month.
-
-    Joint by joint that takes as many causes as there are joints, and each alone explains less than
-    one wrong cause that all of them share, a scale of all efforts, say. Subclasses name the effect.
-
-    Attributes:
-        divided: One factor for all (``""``), for each of its ``kinds``, or for each kind at each of
-            the ``joints``.
-        kinds: Effects that are its friction, by name.
-        titles: The same for reports.
-    """
-
-    divided: Literal["", "kinds", "joints"] = ""
-    kinds: tuple[str, ...] = ()
-    titles: tuple[str, ...] = ()
-    variable = "velocity"
-    directed = True
-    common_cause = True
-
-    @classmethod
-    def of(cls, motion: Motion) -> Iterator[AllFriction]:
-        """Yield hypotheses on all friction of an identified model: one factor, and one by kind."""
-        rubs = np.flatnonzero(motion.friction.any(axis=0)).tolist()
-        if motion.static or motion.model.of_file or len(rubs) < 2:
-            return
-        terms = [term for term in motion.model.terms if term.FRICTION]
-        whole = cls(
-            arm=motion.arm, site=THE_ARM, joints=tuple(rubs), form="all",
-            kinds=tuple(term.NAME for term in terms),
-            titles=tuple(term.title() for term in terms),
-        )  # fmt: skip
-        yield whole
-        if len(terms) > 1:
-            yield replace(whole, divided="kinds", form="all, by kind")
-
-    @property
-    def unrestricted(self) -> AllFriction | None:
-        return None if self.divided == "joints" else replace(self, divided="joints", form="each")
-
-    def regressor(self, motion: Motion) -> Array:
-        if not self.divided:
-            return motion.friction[:, :, None]
-        state = State(motion.true_q, motion.qd, motion.qdd)
-        terms = {term.NAME: term for term in motion.model.terms}
-        kinds = np.stack([terms[kind].torque(state) for kind in self.kinds], axis=2)
-        if self.divided == "kinds":
-            return kinds
-        pieces = kinds[:, :, :, None] * np.eye(self.arm.n)[:, None, self.joints]
-        return pieces.reshape(*kinds.shape[:2], -1)
-
-    def parameters(self, theta: Array) -> dict[str, float]:
-        if self.divided == "joints":
-            return {}  # it is compared with one factor, and never found
-        factors = (1.0 + theta).tolist()
-        if not self.divided:
-            return {FACTOR: factors[0]}
-        return {f"{kind}_{FACTOR}": each for kind, each in zip(self.kinds, factors, strict=True)}
-
-    def plausible(self, theta: Array) -> bool:
-        """Friction may vanish, but not drive the arm."""
-        return bool((1.0 + theta >= _NONE).all())
-
-    def _claim(self, parameters: Mapping[str, Estimate], words: Words) -> str:
-        if not self.divided:
-            return f"there is {words[FACTOR]} friction than in {self.against}"
-        named = [(f"{kind}_{FACTOR}", t) for kind, t in zip(self.kinds, self.titles, strict=True)]
-        sure = [(name, title) for name, title in named if not parameters[name].doubtful(1.0)]
-        kinds = " and ".join(f"{words[name]} {title}" for name, title in sure or named)
-        return f"there is {kinds} than in {self.against}"
-
-    def remedy(self, carried: bool) -> str:
-        return remedy_text(
-            "if the arm is as warm as it was, look at what all joints share", carried
-        )
-
-    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """Scale the model's linear friction terms, none below zero."""
-        changed = dict(values)
-        by_kind = dict(zip(self.kinds, np.broadcast_to(theta, len(self.kinds)), strict=True))
-        for term in motion.model.terms:
-            if term.NAME not in by_kind or not isinstance(term, LinearTerm):
-                continue
-            had, factor = term.parameters(), max(1.0 + by_kind[term.NAME], 0.0)
-            has = term.with_theta(factor * term.theta).parameters()
-            for name, before in had.items():
-                nothing = np.zeros(np.shape(before))  # levels that are zero are not in a file
-                if has.get(name) != before:
-                    more = np.asarray(has.get(name, nothing)) - np.asarray(before)
-                    total = np.array(values.get(name, nothing), dtype=float)
-                    # Another finding, an element of presliding say, may have appended to it.
-                    total[: len(more)] += more
-                    changed[name] = tuple(total.tolist())
-        return changed

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Range
 from dvrk_gravity.effects.base.column import Column, ColumnTable, SearchMove, site_columns
 from dvrk_gravity.effects.base.motion import State
+from dvrk_gravity.effects.base.polynomials import Range
 from dvrk_gravity.effects.base.site import THE_ARM, Kind, Site
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import EffectError
@@ -23,31 +23,34 @@ class LinearTerm(Term):
     """A term that is linear in k coefficients: ``torque = regressor @ theta``.
 
     Identification solves for theta; everything else (ranges, transition velocities, gravity's
-    direction) is fixed. A minimal one adds :meth:`theta`, :meth:`with_theta` and :meth:`regressor`
-    to a term, and :meth:`plausible` if trajectories are fitted with it.
+    direction) is fixed. A minimal one, a dataclass, adds ``COEFFICIENTS`` and :meth:`regressor` to
+    a term, and :meth:`plausible` if trajectories are fitted with it.
 
     Class attributes:
+        COEFFICIENTS: Its attributes that are theta, arrays of one shape, one after another.
         SITES: Where coefficients belong, for :meth:`unknowns`: joints, motors, or both.
-        POWERS: Its theta at a joint are coefficients of powers of that joint's position.
         BY_MOTION: Its regressor is the same wherever the joints make their motion, so that one
             computed before serves a fit with other encoder offsets.
         DIVIDED_WITH: Effects with which a fit divides one torque, at one place, by a choice: no
             part alone is a property of the arm, their sum is.
     """
 
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ()
     SITES: ClassVar[tuple[Kind, ...]] = (Kind.JOINT,)
-    POWERS: ClassVar[bool] = False
     BY_MOTION: ClassVar[bool] = False
     DIVIDED_WITH: ClassVar[tuple[type[Term], ...]] = ()
 
     @property
-    @abstractmethod
     def theta(self) -> Array:
         """(k,) coefficients, in the order of the regressor's columns."""
+        return np.concatenate([getattr(self, name).ravel() for name in self.COEFFICIENTS])
 
-    @abstractmethod
-    def with_theta(self, theta: Array) -> LinearTerm:
+    def with_theta(self, theta: Array) -> Self:
         """Return the same term with other (k,) coefficients."""
+        names = self.COEFFICIENTS
+        shape = np.shape(getattr(self, names[0]))
+        arrays = np.reshape(np.asarray(theta, dtype=float), (len(names), -1, *shape[1:]))
+        return replace(cast(Any, self), **dict(zip(names, arrays, strict=True)))
 
     @abstractmethod
     def regressor(self, state: State) -> Array:
@@ -121,7 +124,7 @@ class LinearTerm(Term):
 
         By default each column is added or removed.
         """
-        for index in table.select(effect=cls.NAME):
+        for index in table.select(cls.NAME):
             column = table.columns[index]
             if column.joint < 0:
                 text = cls.coefficient_name(table.arm, column)
@@ -138,7 +141,7 @@ class LinearTerm(Term):
         """Return the name of a column's coefficient in a report."""
         if column.joint < 0:
             return f"{cls.NAME}[{column.index}]"
-        return f"{cls.NAME}.{column.site_kind}[{arm.joint_names[column.joint]}]"
+        return f"{cls.NAME}.{column.site.kind.value}[{arm.joint_names[column.joint]}]"
 
     @classmethod
     def minimal_columns(cls, table: ColumnTable) -> list[int]:

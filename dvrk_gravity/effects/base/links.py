@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -208,32 +208,6 @@ def point_mass_directions(arm: Arm, body: int) -> Array:
     points = [frame.act(pin.Inertia(1.0, place, np.zeros((3, 3)))) for place in places]
     parameters = np.array([point.toDynamicParameters() for point in points])
     return np.asarray(np.linalg.solve(place_terms(places), parameters).T)
-
-
-def inertia_directions(arm: Arm, body: int, isotropic: bool) -> Array:
-    """Return (10, k) inertial parameters per kg·m^2 of rotational inertia of a link.
-
-    Args:
-        arm: The arm.
-        body: Index of the link.
-        isotropic: The same about all axes (k = 1), or one about each axis of its frame (k = 3).
-    """
-    frame = arm.bodies[body].frame
-    tensors = [np.eye(3)] if isotropic else [np.diag(row) for row in np.eye(3)]
-    directions = []
-    for tensor in tensors:
-        turned = frame.rotation @ tensor @ frame.rotation.T
-        xx, xy, xz, yy, yz, zz = turned[np.triu_indices(3)]
-        directions.append([0.0, 0.0, 0.0, 0.0, xx, xy, yy, xz, yz, zz])
-    return np.array(directions).T
-
-
-def moment_directions(arm: Arm, body: int, axes: Sequence[int]) -> Array:
-    """Return (10, k) inertial parameters per N·m of weight moment along a link's axes."""
-    directions = np.zeros((PER_LINK, len(axes)))
-    frame = arm.bodies[body].frame
-    directions[1:4] = frame.rotation[:, list(axes)]
-    return directions / GRAVITY
 
 
 # Rotor inertia, as a fraction of a motor's largest effort per rad/s^2: 0.0004 to 0.0023 for the

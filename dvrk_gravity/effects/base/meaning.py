@@ -85,7 +85,6 @@ class Meaning:
         greatest: Largest plausible value.
         percent: It is a factor, and shown as a change in percent.
         reported: It is shown at all, and not only used.
-        listed: It has a line in tables.
         certain: Its sign is never in doubt, since it describes a curve and no size.
     """
 
@@ -97,7 +96,6 @@ class Meaning:
     greatest: float = math.inf
     percent: bool = False
     reported: bool = True
-    listed: bool = True
     certain: bool = False
 
     @property

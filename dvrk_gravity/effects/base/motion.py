@@ -150,6 +150,9 @@ class Motion(Protocol):
     @property
     def inertial(self) -> NDArray[np.int_]: ...
 
+    def state_at(self, q: Array) -> State:
+        """Return the states with other (N, n) positions in the same motion."""
+
     def torque_at(self, q: Array, model: Any = None) -> Array:
         """Return (N, n) torques of a model at other positions in the same motion."""
 
@@ -162,8 +165,8 @@ class Motion(Protocol):
     def link_torque(self, link: int, directions: Array) -> Array:
         """Return (N, n, k) torques of (10, k) changes of a body's inertial parameters."""
 
-    def inertial_torque(self, chosen: NDArray[np.int_]) -> Array:
-        """Return (N, n, k) columns of some link parameters, without gravity."""
+    def inertial_torque(self) -> Array:
+        """Return (N, n, k) columns of :attr:`inertial`, without gravity."""
 
 
 class Filtered(Protocol):

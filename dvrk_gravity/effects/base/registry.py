@@ -8,6 +8,7 @@ from functools import cache
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.linear_term import LinearTerm
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.effects.base.sensor import SensorEffect
@@ -34,6 +35,10 @@ def register(effect: type[Effect]) -> type[Effect]:
     if inspect.isabstract(effect):
         missing = ", ".join(sorted(effect.__abstractmethods__))
         raise EffectError(name, f"{effect.__qualname__} does not define {missing}")
+    if issubclass(effect, LinearTerm) and not (
+        effect.COEFFICIENTS or effect.theta is not LinearTerm.theta
+    ):
+        raise EffectError(name, f"{effect.__qualname__} does not define COEFFICIENTS")
     if issubclass(effect, Term) and effect.FRICTION and effect.scaled is Term.scaled:
         raise EffectError(name, "FRICTION is True, which needs a method `scaled`")
     known = _effects.setdefault(name, effect)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import as_array, as_value
+from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_array
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.reading_errors import ReadingErrors
 from dvrk_gravity.errors import ConfigError
@@ -50,15 +52,38 @@ class SensorEffect(Effect):
         return bool(cls.written(arm, errors))
 
 
-def read_factors(arm: Arm, values: Mapping[str, Value], name: str) -> Array:
-    """Return a (n,) factor for each joint.
+class FactorEffect(SensorEffect):
+    """A factor on what is read of each joint.
 
-    Raises:
-        ConfigError: A factor that is none of a reading.
+    Class attributes:
+        FACTORS: Name of the parameter that has them.
+        FACTOR_OF: What it is a factor of, as :class:`ReadingErrors` calls it.
+        FACTOR_MEANING: The same in words.
     """
-    factors = as_array(values.get(name), arm.n, 1.0)
-    require_factors(arm, factors, name)
-    return factors
+
+    FACTORS: ClassVar[str]
+    FACTOR_OF: ClassVar[str]
+    FACTOR_MEANING: ClassVar[str]
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        return (joint_array(arm, cls.FACTORS, "1", cls.FACTOR_MEANING),)
+
+    @classmethod
+    def read(cls, arm: Arm, values: Mapping[str, Value], errors: ReadingErrors) -> ReadingErrors:
+        factors = as_array(values.get(cls.FACTORS), arm.n, 1.0)
+        require_factors(arm, factors, cls.FACTORS)
+        known: Array = getattr(errors, cls.FACTOR_OF)  # or a map, with a row for each reading
+        by_row = factors[:, None] if known.ndim == 2 else factors
+        changed: dict[str, Any] = {cls.FACTOR_OF: by_row * known}
+        return replace(errors, **changed)
+
+    @classmethod
+    def written(cls, arm: Arm, errors: ReadingErrors) -> dict[str, Value]:
+        values: Array = getattr(errors, cls.FACTOR_OF)
+        factors = np.diag(values) if values.ndim == 2 else values
+        mixes = values.ndim == 2 and not is_diagonal(values)
+        return {} if mixes or (factors == 1.0).all() else {cls.FACTORS: as_value(factors)}
 
 
 def require_factors(arm: Arm, factors: Array, name: str) -> None:
@@ -68,13 +93,6 @@ def require_factors(arm: Arm, factors: Array, name: str) -> None:
         joint = int(np.argmax(beyond))
         expected = f"a factor of {arm.joint_names[joint]} from {1.0 / _MOST:g} to {_MOST:g}"
         raise ConfigError(f"{name}[{joint}]", float(factors[joint]), expected)
-
-
-def written_factors(name: str, values: Array) -> dict[str, Value]:
-    """Return what :func:`read_factors` takes, of (n,) factors or a diagonal (n, n) map."""
-    factors = np.diag(values) if values.ndim == 2 else values
-    mixes = values.ndim == 2 and not is_diagonal(values)
-    return {} if mixes or (factors == 1.0).all() else {name: as_value(factors)}
 
 
 def is_diagonal(values: Array) -> bool:

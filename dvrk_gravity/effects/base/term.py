@@ -12,11 +12,10 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import Arm, Tree
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import Range
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.joint_dynamics import JointDynamics
 from dvrk_gravity.effects.base.motion import State
-from dvrk_gravity.effects.base.polynomials import JointPolynomials
+from dvrk_gravity.effects.base.polynomials import JointPolynomials, Range
 from dvrk_gravity.parameters import Parameter, Value
 
 Evaluator = Callable[[Array, "Array | None"], Array]

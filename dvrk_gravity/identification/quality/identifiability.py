@@ -14,6 +14,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     Column,
     Kind,
+    Site,
     base_directions,
     beta_map,
     link_columns,
@@ -193,7 +194,7 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
                 direction = row(dict(zip(rigid, line, strict=True)))
                 found.append(_Quantity(name, arm.own_unit(unit), direction, -1))
     for (j, joint), effect in product(enumerate(arm.joints), _with_powers(columns)):
-        powers = [i for i in columns.select(effect=effect, joint=j) if i in index]
+        powers = [i for i in columns.select(effect, Site.joint(j)) if i in index]
         matrix = columns.basis(effect)[j :: arm.n, j :: arm.n]
         for k in range(len(powers)):
             values = {index[i]: matrix[k, columns.columns[i].index] for i in powers}
@@ -208,7 +209,7 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
                 _Quantity(
                     columns.effect(i).coefficient_name(arm, column),
                     column.site.unit(arm, column.unit), direction, column.joint,
-                    divided=i in divided.get((column.site_kind, column.joint), ()),
+                    divided=i in divided.get(column.site, ()),
                 )
             )  # fmt: skip
         elif i in columns.kinematic:
@@ -222,7 +223,7 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
 
 def _with_powers(columns: Columns) -> list[str]:
     """Return the names of the effects that are polynomials of their joint's position."""
-    return [term.NAME for term in columns.candidate_terms if term.POWERS]
+    return [term.NAME for term in columns.candidate_terms if term.polynomials is not None]
 
 
 def _is_there(line: Array) -> bool:
@@ -237,19 +238,19 @@ def kinematic_name(columns: Columns, column: Column) -> str:
     return f"{column.effect}[{columns.arm.joint_names[column.joint]}]"
 
 
-def _divided(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:
-    """Return by kind of site and joint the columns that divide one torque by a choice.
+def _divided(columns: Columns, chosen: Sequence[int]) -> dict[Site, list[int]]:
+    """Return by site the columns that divide one torque by a choice.
 
     The elements of presliding are a basis: which of them a search takes, and how friction is
     divided among them and Coulomb friction, is no property of the arm.
     """
-    found: dict[tuple[str, int], list[int]] = {}
+    found: dict[Site, list[int]] = {}
     for term in {columns.effect(i): None for i in chosen if columns.columns[i].unit}:
         if not term.DIVIDED_WITH:
             continue
         for effect in (term, *term.DIVIDED_WITH):
-            for i in columns.select(effect=effect.NAME):
-                site = columns.columns[i].site_kind, columns.columns[i].joint
+            for i in columns.select(effect.NAME):
+                site = columns.columns[i].site
                 if i in chosen and (effect is term or site in found):
                     found.setdefault(site, []).append(i)
     return found
@@ -324,7 +325,7 @@ def _absent_statements(
     statements, ranges, spent = [], _ranges(design), _spent(design)
     index = list(chosen)
     inverse = np.linalg.inv(solution.precision)
-    linear = [columns.select(effect=effect, index=1) for effect in _with_powers(columns)]
+    linear = [columns.select(effect, index=1) for effect in _with_powers(columns)]
     for column in chain(*linear):
         if column in chosen:
             continue
@@ -357,9 +358,9 @@ def _dry_friction_statements(
     """Name joints where only the sum of Coulomb friction and presliding is identifiable."""
     value = dict(zip(chosen, solution.theta.tolist(), strict=True))
     where = [
-        f"{columns.arm.joint_names[joint]} ({kind}, {sum(value[i] for i in parts):.3g} "
-        f"{columns.arm.effort_units[joint]} together)"
-        for (kind, joint), parts in _divided(columns, chosen).items()
+        f"{columns.arm.joint_names[site.index]} ({site.kind.value}, "
+        f"{sum(value[i] for i in parts):.3g} {columns.arm.effort_units[site.index]} together)"
+        for site, parts in _divided(columns, chosen).items()
     ]
     if not where:
         return []
