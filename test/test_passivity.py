@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from supervisor_loop import AT_ONCE, MODEL, Q, SupervisorInLoop, settings_of
+from supervisor_loop import ARM, AT_ONCE, MODEL, Q, SupervisorInLoop, settings_of
 
 from dvrk_gravity.compensate import SETTINGS, PassivityObserver, SpeedGuard, Status
 from dvrk_gravity.effects import State
@@ -189,12 +189,10 @@ def test_the_part_that_is_compensated_is_the_largest_of_a_joint_s_frictions():
 
 # --- the guard of speed ----------------------------------------------------------------------
 
-NAMES = tuple(f"joint{j}" for j in range(1, 8))
-
 
 def guarded(speeds, command):
     """Return the first reason and its time along (N,) speeds of joint 2."""
-    guard = SpeedGuard(NAMES, np.full(7, 4.0))
+    guard = SpeedGuard(ARM, np.full(7, 4.0))
     for k, speed in enumerate(speeds):
         velocity = np.zeros(7)
         velocity[1] = speed
@@ -206,7 +204,7 @@ def guarded(speeds, command):
 
 def test_a_joint_that_the_command_drives_beyond_its_limit_is_told():
     reason, when = guarded(np.linspace(3.0, 6.0, 600), 0.01)
-    assert "joint2" in reason
+    assert ARM.joint_names[1] in reason
     assert "rad/s" in reason
     assert when == pytest.approx(0.2 + 0.1, abs=0.003)  # it passes 4 rad/s at 0.2 s
     assert guarded(-np.linspace(3.0, 6.0, 600), -0.01)[0] is not None

@@ -165,7 +165,7 @@ def started_with_weight(factor: float, pose: np.ndarray = UR5_POSE, **further) -
         for name, value in stated.parameters().items()
     }
     settings = Settings.from_parameters(values | further)
-    supervisor, reader = Supervisor(settings), SampleReader(settings.model.arm.joint_names)
+    supervisor, reader = Supervisor(settings), SampleReader(settings.model.arm)
     weight = factor * stated_weight(Arm.load(UR5), pose)
     for k in range(60):
         stamp = 10**12 + k * 2_000_000

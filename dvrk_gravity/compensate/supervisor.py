@@ -117,7 +117,7 @@ class Supervisor:
     @property
     def doubtful(self) -> NDArray[np.bool_]:
         """(n,) joints whose reported velocity was not believed in the last sample."""
-        return self._gate.doubtful
+        return self._gate.motion.doubtful
 
     @property
     def outside(self) -> NDArray[np.bool_]:
@@ -255,16 +255,18 @@ class Supervisor:
         """
         self.check_input(now)
         settings = self.settings
-        sample, step, gap = self._gate.admit(
+        by_input = self.status is Status.FAULT and self._input_fault
+        silent = by_input and self._gate.silence(now, settings.timeout)
+        sample = self._gate.admit(
             sample, now, clock, settings.timeout, settings.max_stamp_age, self.active
         )
-        if self.status is Status.FAULT and self._input_fault:
-            if gap > settings.timeout:
+        if by_input:
+            if silent:
                 raise DroppedSampleError("after_gap", "first message after a gap")
             if settings.resume_automatically:
                 self._wait()
-        if self._gate.contradiction and (self.active or self._start is not None):
-            self.fail(self._gate.contradiction)
+        if self._gate.motion.contradiction and (self.active or self._start is not None):
+            self.fail(self._gate.motion.contradiction)
             return None
         try:
             if self.status is Status.WAITING and not self._obstacles:
@@ -277,7 +279,7 @@ class Supervisor:
                 self._collect(self._start, sample, now)
             if not self.active:
                 return None
-            return self._follow(sample, now, step)
+            return self._follow(sample, now, self._gate.step)
         except (ArithmeticError, ValueError, TypeError) as error:
             self.fail(f"internal error: {error}")
             return None
@@ -332,7 +334,7 @@ class Supervisor:
         self._passivity = PassivityObserver(
             settings.friction_part, settings.allowance, settings.limits.coupled, arm.scale
         )
-        self._guard = SpeedGuard(arm.joint_names, settings.speed_limit, arm.units)
+        self._guard = SpeedGuard(arm, settings.speed_limit)
 
     def _finite(self, torque: Array) -> Array:
         """Return (n,) torques, N·m, or raise ArithmeticError."""
@@ -346,7 +348,7 @@ class Supervisor:
         settings = self.settings
         previous = self._command
         assert previous is not None  # set by _collect, before anything is active
-        runaway = self._guard.check(self._gate.velocity, previous, now)
+        runaway = self._guard.check(self._gate.motion.velocity, previous, now)
         if self._check is not None:
             runaway = runaway or self._moved_joint(self._check, sample, now)
         if runaway:
@@ -380,7 +382,7 @@ class Supervisor:
     def _moved_joint(self, check: ConstantCheck, sample: Sample, now: float) -> str:
         """Return which joint a constant in doubt moves, ``""``: none."""
         whole = ~self.saturated & (self._ramp is None and not self._behind)
-        pushed = check.check(sample, self._gate.velocity, now, whole)
+        pushed = check.check(sample, self._gate.motion.velocity, now, whole)
         if check.finished:
             self._check, self._constant_stayed = None, self.settings.model.constant
             self.reason = self.reason.removesuffix(f"; {HANDS_OFF}")

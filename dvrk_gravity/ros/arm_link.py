@@ -78,10 +78,7 @@ class ArmLink:
         self.other_topics = OtherTopicCommands(node, self.topic, self.hold.is_echo, on_other)
         on_operating_state(node, on_state)
         self._unpack = JointStateReader().read
-        self._read = SampleReader(
-            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
-            arm.name, arm.held,
-        ).read  # fmt: skip
+        self._read = SampleReader(arm, margin).read
         self._joints, self._fields, self._stated = arm.joint_names, topic.fields, order
         self._joint_order_queries = (
             JointOrderQueries(node, self.topic, order or arm.joint_names, bool(order), watchdogs)

@@ -35,7 +35,7 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
     """
     presence = Presence(client.node, any_subscriber=False)
     unpack, gate = JointStateReader().read, InputGate(arm)
-    read = SampleReader(arm.joint_names, units=arm.units, arm=arm.name, held=arm.held).read
+    read = SampleReader(arm).read
     heard, jump = -math.inf, ""
 
     def believe(data: bytes, info: Mapping[str, Any]) -> None:
@@ -49,7 +49,7 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
                 fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
             )
             clock = client.node.get_clock().now().nanoseconds
-            admitted = gate.admit(sample, now, clock, _TIMEOUT, 0.0, False)
+            believed = gate.admit(sample, now, clock, _TIMEOUT, 0.0, False)
         except DroppedSampleError as error:
             if error.cause == "position_jump":
                 jump = jump or str(error)
@@ -57,7 +57,7 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
         if jump and now - heard > _TIMEOUT:  # compared with none before
             raise MotionError(f"{topic.topic_name}: {jump} It stays there: begin again")
         heard, jump = now, ""
-        receive(admitted.sample)
+        receive(believed)
 
     on_measured: Any = believe  # takes the message's information, too
     topic = client.node.create_subscription(JointState, MEASURED, on_measured, 100, raw=True)

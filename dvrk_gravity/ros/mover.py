@@ -232,7 +232,7 @@ class Mover:
             self._commanded = None  # the person who freed the arm may have a hand in it
             return False
         if not any(self._against.values()) and time.monotonic() - self._awake < ASLEEP:
-            stop = self._following.resting_place(*self._commanded, self._gate.velocity)
+            stop = self._following.resting_place(*self._commanded, self._gate.motion.velocity)
             self._publish(stop)
         self._commanded = None
         self._link.hold.send()
@@ -318,7 +318,7 @@ class Mover:
                     f"{self.topic}: joints {found}, {before} before: is it another arm?"
                 )
             now = time.monotonic()
-            admitted = self._gate.admit(sample, now, clock, self._timeout, oldest, moved)
+            believed = self._gate.admit(sample, now, clock, self._timeout, oldest, moved)
         except DroppedSampleError as error:
             # That a stamp stands still is what the gate's silence says.
             still = error.cause == "stamp_repeated"
@@ -335,10 +335,10 @@ class Mover:
                     f"{self.topic}: its clock has stepped {ahead:.3g} s forwards: a motion cannot "
                     "be timed by it"
                 )
-            self._following.add(admitted.sample)
+            self._following.add(believed)
             self._dropped = ""
             if self._watch is not None and self._commanded is not None:
-                self._watch(admitted.sample, self._moment)
+                self._watch(believed, self._moment)
 
     def _forbid(self, cause: str, reason: str) -> None:
         self._against[cause] = reason

@@ -84,9 +84,7 @@ class TrajectoryLink:
         self.other_topics = self.same_topic = _NoForeignCommands()
         self.hold = self
         self._unpack = JointStateReader().read
-        self._read = SampleReader(
-            arm.joint_names, units=arm.units, gains=arm.drive_gains, arm=arm.name, held=arm.held
-        ).read
+        self._read = SampleReader(arm).read
         self.listen: Callable[[], None] = lambda: None
         self._answer: Any = None  # future of the acceptance, while it is open
         self._goal: Any = None
