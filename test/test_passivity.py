@@ -197,7 +197,7 @@ def guarded(speeds, command):
         velocity = np.zeros(7)
         velocity[1] = speed
         reason = guard.check(velocity, np.full(7, command), k * DT)
-        if reason is not None:
+        if reason:
             return reason, k * DT
     return None, None
 
@@ -207,7 +207,7 @@ def test_a_joint_that_the_command_drives_beyond_its_limit_is_told():
     assert ARM.joint_names[1] in reason
     assert "rad/s" in reason
     assert when == pytest.approx(0.2 + 0.1, abs=0.003)  # it passes 4 rad/s at 0.2 s
-    assert guarded(-np.linspace(3.0, 6.0, 600), -0.01)[0] is not None
+    assert guarded(-np.linspace(3.0, 6.0, 600), -0.01)[0]
 
 
 def test_a_joint_that_moves_against_the_command_is_not_the_compensator_s_doing():
@@ -262,7 +262,7 @@ def test_friction_that_may_feed_the_motion_is_held_back_in_the_command_and_repor
     assert added[0] == pytest.approx(friction)
     assert min(added) == pytest.approx(0.0, abs=1e-9)
     assert added[-1] == pytest.approx(friction)  # a hand's work
-    assert not loop.supervisor.friction_held_back.any()
+    assert not loop.supervisor.compensation.friction_held_back.any()
 
 
 def test_parameters_that_keep_changing_do_not_make_the_guard_forget():

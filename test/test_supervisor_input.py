@@ -242,7 +242,7 @@ def test_a_pose_five_degrees_outside_the_limits_is_reported():
             position = Q.copy()
             position[5] = edge[5] + way * beyond
             assert loop.first(position=position) is not None
-            assert loop.supervisor.outside.tolist() == [*[False] * 5, outside, False]
+            assert loop.supervisor.compensation.outside.tolist() == [*[False] * 5, outside, False]
 
 
 def test_messages_that_come_later_and_later_are_stale_though_clocks_may_drift_apart():

@@ -11,12 +11,12 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting.driver import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
+    CommandRefusedError,
     DroppedSampleError,
     FollowingErrorCheck,
     InputGate,
     MotionError,
     Sample,
-    StartRefusedError,
     require_within,
 )
 from dvrk_gravity.errors import ConfigError
@@ -107,7 +107,7 @@ class SimulatedDriver:
         try:
             position = self._following.rest_position(np.array(heard))
             require_within(self._type, position)
-        except (MotionError, StartRefusedError) as error:
+        except (MotionError, CommandRefusedError) as error:
             raise MotionError(f"{self.topic}: {error}") from error
         return position
 

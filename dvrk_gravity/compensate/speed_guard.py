@@ -33,8 +33,8 @@ class SpeedGuard:
         self._limit = np.array(speed_limit)
         self._least = float(np.min(self._limit)) ** 2
 
-    def check(self, velocity: Array, command: Array, now: float) -> str | None:
-        """Return why the arm must be held, ``None`` if all is well.
+    def check(self, velocity: Array, command: Array, now: float) -> str:
+        """Return why the arm must be held, ``""``: all is well.
 
         Args:
             velocity: (n,) rad/s or m/s.
@@ -42,11 +42,11 @@ class SpeedGuard:
             now: Monotonic time, s.
         """
         if not self._since and velocity.dot(velocity) <= self._least:
-            return None
+            return ""
         beyond = np.abs(velocity) > self._limit
         if not np.count_nonzero(beyond):
             self._since.clear()
-            return None
+            return ""
         driven = beyond & (velocity * command > 0.0)
         for index, runs in enumerate(driven.tolist()):
             if not runs:
@@ -65,4 +65,4 @@ class SpeedGuard:
                     "drive the joint?"
                 )
             self._since[index] = (now, speed)  # it slows down: watch on from here
-        return None
+        return ""

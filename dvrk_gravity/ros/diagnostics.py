@@ -74,6 +74,8 @@ class Diagnostics:
             warned.insert(0, unwatched)
         if not_held:
             warned.insert(0, "hold has no subscriber: the arm may keep its last effort")
+        compensation = supervisor.compensation
+        saturated = compensation and _joints(supervisor, compensation.saturated)
         state = f"{supervisor.status.value}: {supervisor.reason}"
         values = {
             "state": supervisor.status.value,
@@ -82,7 +84,7 @@ class Diagnostics:
             **statistics,
             "watchdog": unwatched or "watches our commands",
             "started from": supervisor.origin or "not started",
-            "saturated joints": _joints(supervisor, supervisor.saturated) or "none",
+            "saturated joints": saturated or "none",
             "builtin compensation": "on" if supervisor.builtin_active else "off or not seen",
             **{f"dropped {cause}": str(count) for cause, count in supervisor.dropped.items()},
         }
@@ -100,7 +102,8 @@ class Diagnostics:
 
 def warnings(supervisor: Supervisor) -> list[str]:
     """Return warnings to a person at an arm under command."""
-    if not supervisor.active:
+    compensation = supervisor.compensation
+    if compensation is None:
         return []
     arm = supervisor.settings.model.arm
     found = []
@@ -109,18 +112,18 @@ def warnings(supervisor: Supervisor) -> list[str]:
     if supervisor.change:
         found.append(supervisor.change)
     for joints, text in (
-        (supervisor.saturated, "{} saturated at the effort limits"),
+        (compensation.saturated, "{} saturated at the effort limits"),
         (
             supervisor.doubtful,
             "velocity of {} contradicts the positions: friction there is not compensated",
         ),
         (
-            supervisor.outside,
+            compensation.outside,
             f"{{}} outside the position limits of {arm.name}: another arm's model, or a wrong "
             "encoder zero?",
         ),
         (
-            supervisor.friction_held_back,
+            compensation.friction_held_back,
             "friction compensation of {} is reduced: it may feed energy into the motion",
         ),
     ):

@@ -15,12 +15,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
+    CommandRefusedError,
     DroppedSampleError,
     FollowingErrorCheck,
     InputGate,
     MotionError,
     Sample,
-    StartRefusedError,
     require_within,
 )
 from dvrk_gravity.ros.arm_link import ArmLink
@@ -158,7 +158,7 @@ class Mover:
         try:
             position = self._following.rest_position(np.array([each.position for each in heard]))
             require_within(self._arm, position)
-        except (MotionError, StartRefusedError) as error:
+        except (MotionError, CommandRefusedError) as error:
             raise MotionError(f"{self.topic}: {error}") from error
         return position
 
