@@ -83,8 +83,8 @@ class Compensation:
         self._ramp: Ramp | None = Ramp(
             self.command, within, now, self._settings.ramp_time, model.arm
         )
-        doubtful = model.constant.any() and not np.array_equal(self.stayed, model.constant)
-        if doubtful and self._check is None:
+        watched = self.stayed if self._check is None else self._check.constant
+        if model.constant.any() and not np.array_equal(watched, model.constant):
             self._check = ConstantCheck(model.arm, model.constant, sample.position)
 
     @property
@@ -131,7 +131,7 @@ class Compensation:
             whole = ~self.saturated & (self._ramp is None and self.command is self._within)
             driven = self._check.check(sample, velocity, now, whole)
             if self._check.finished:
-                self._check, self.stayed = None, self._settings.model.constant
+                self._check, self.stayed = None, self._check.constant
         if driven:
             raise CommandRefusedError(driven)
 
