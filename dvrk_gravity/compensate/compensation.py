@@ -131,7 +131,7 @@ class Compensation:
             whole = ~self.saturated & (self._ramp is None and self.command is self._within)
             driven = self._check.check(sample, velocity, now, whole)
             if self._check.finished:
-                self._check, self.stayed = None, self._check.constant
+                self.stayed, self._check = self._check.constant, None
         if driven:
             raise CommandRefusedError(driven)
 

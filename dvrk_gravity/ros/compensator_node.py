@@ -72,7 +72,6 @@ class Compensator(PromptNode):
         self._reported: tuple[Status, str, str] | None = None
         self._warned_of_velocity = False
         self._unwatched = ""  # where no watchdog watches our commands, in words
-        self._watchdog_nodes: set[str] = set()
         self._connect()
         self.add_pre_set_parameters_callback(self._look_for_the_end)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -96,7 +95,6 @@ class Compensator(PromptNode):
             on_same_topic=self._refuse_same_topic,
             on_state=lambda reason: self._obstruct("operating_state", reason),
             order=stated_order(arm.joint_names, self.get_parameter(STATEMENT).value),
-            watchdogs=lambda: self._watchdog_nodes,
         )
         self._watchdogs = Watchdogs(
             self._arm.topic,
@@ -135,7 +133,7 @@ class Compensator(PromptNode):
         if several:
             self._supervisor.obstruct("measured_js", several)
         try:
-            sample, stamp = self._arm.read(data)
+            sample = self._arm.read(data)
             if self._arm.order_mismatch:
                 self._supervisor.obstruct("joint_order", self._arm.order_mismatch)
             effort = self._supervisor.command(sample, now, self._now())
@@ -151,7 +149,7 @@ class Compensator(PromptNode):
             )
         else:
             if effort is not None and self._supervisor.in_time(time.monotonic()):
-                self._arm.publish(stamp, self._as_taken(effort))
+                self._arm.publish(sample.stamp, self._as_taken(effort))
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
             if sample.velocity is None and not self._warned_of_velocity:
@@ -199,12 +197,12 @@ class Compensator(PromptNode):
         sees the subscription may rely on answers.
         """
         active = self._supervisor.active
-        self._watchdog_nodes = {*self._of_watchdogs.nodes(seldom=active).values()}
-        obstacles = self._arm.look(active, measuring=self.prompt is not None)
+        watchdogs = {*self._of_watchdogs.nodes(seldom=active).values()}
+        obstacles = self._arm.look(active, self.prompt is not None, watchdogs)
         us = self.get_fully_qualified_name()
         commanders = self._commanders.nodes(seldom=active)
         own = {number.hex() for number, name in commanders.items() if name == us}
-        self._watchdogs.look(self._watchdog_nodes, own)
+        self._watchdogs.look(watchdogs, own)
         self._unwatched = self._watchdogs.unwatched_reason(time.monotonic())
         if not active:
             self._supervisor.busy_advice = busy_advice(self)

@@ -30,6 +30,15 @@ _MOST = 100
 _KINDS = ("subscription", "guard_condition", "client", "service")
 
 
+def arrived(subscription: Subscription, most: int) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Yield messages that a subscription has received, and the middleware's information on each."""
+    for _ in range(most):
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return
+        yield taken
+
+
 @contextlib.contextmanager
 def keep_awake(executor: Executor) -> Iterator[None]:
     """Wake an executor now and then, by the monotonic clock.
@@ -119,11 +128,8 @@ class PromptExecutor(SingleThreadedExecutor):
             if subscription is self._node.prompt or subscription.handle.pointer not in ready:
                 continue
             ready.remove(subscription.handle.pointer)
-            for _ in range(_MOST):
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is None:
-                    break
-                subscription.callback(taken[0])
+            for message, _ in arrived(subscription, _MOST):
+                subscription.callback(message)
 
     def _wait_for_prompt(self, prompt: Subscription, timeout: int) -> bool:
         """Wait at most some ns for a message, or to be woken; return whether a message is there."""

@@ -44,12 +44,8 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
             raise MotionError(several)
         now = time.monotonic()
         try:
-            fields = unpack(data)
-            sample = read(
-                fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
-            )
             clock = client.node.get_clock().now().nanoseconds
-            believed = gate.admit(sample, now, clock, _TIMEOUT, 0.0, False)
+            believed = gate.admit(read(*unpack(data)), now, clock, _TIMEOUT, 0.0, False)
         except DroppedSampleError as error:
             if error.cause == "position_jump":
                 jump = jump or str(error)

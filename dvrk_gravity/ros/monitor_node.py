@@ -25,7 +25,7 @@ from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.report import event_json, event_text
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.diagnostics import Statistics
-from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.executor import PromptNode, arrived
 from dvrk_gravity.ros.message_buffer import MessageBuffer
 from dvrk_gravity.ros.presence import MEASURED, Presence
 from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
@@ -142,10 +142,7 @@ class Monitor(PromptNode):
         assert self.prompt is not None  # it called us
         self._read(data, info)
         time.sleep(_GATHER)
-        for _ in range(_MOST):
-            taken = self.prompt.handle.take_message(JointState, True)
-            if taken is None:
-                break
+        for taken in arrived(self.prompt, _MOST):
             self._read(*taken)
 
     def _read(self, data: bytes, info: Mapping[str, Any]) -> None:
@@ -159,29 +156,26 @@ class Monitor(PromptNode):
         except DroppedSampleError as error:
             self._listener.drop(error)
             return
-        for reading in self._listener.receive(
-            fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort, now
-        ):
+        for reading in self._listener.receive(*fields, now):
             self._count += 1
             if self._count % self._every == 0:
                 self._publish(reading)
         self._statistics.computed(time.monotonic() - now)
 
     def _publish(self, reading: Reading) -> None:
-        stamp = divmod(reading.stamp, 1_000_000_000)
         values = (reading.expected, reading.external, reading.deviation)
         for publisher, torque in zip(self._torques, values, strict=True):
             if torque is not None and publisher in self._heard:
-                publisher.publish(self._write(stamp, torque))
+                publisher.publish(self._write(reading.stamp, torque))
         if reading.wrench is not None:
             of_wrench = (reading.wrench.value, reading.wrench.deviation)
             for wrenches, vector in zip(self._wrenches, of_wrench, strict=True):
                 if wrenches in self._heard:
-                    wrenches.publish(self._wrench(stamp, vector))
+                    wrenches.publish(self._wrench(reading.stamp, vector))
 
-    def _wrench(self, stamp: tuple[int, int], vector: Array) -> WrenchStamped:
+    def _wrench(self, stamp: int, vector: Array) -> WrenchStamped:
         message = WrenchStamped()
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         message.header.frame_id = self._frame
         for part, numbers in (
             (message.wrench.force, vector[:3]), (message.wrench.torque, vector[3:])

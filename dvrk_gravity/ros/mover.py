@@ -25,6 +25,7 @@ from dvrk_gravity.compensate import (
 )
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.executor import arrived
 from dvrk_gravity.ros.foreign_commands import LATELY
 from dvrk_gravity.ros.presence import MEASURED, simulator_of
 from dvrk_gravity.ros.processes import ProcessError
@@ -228,7 +229,7 @@ class Mover:
         """
         if self._commanded is None:
             return False
-        if self._link.other_topics.heard_lately() and self._link.other_topics.command == "free":
+        if self._link.freed_by_others():
             self._commanded = None  # the person who freed the arm may have a hand in it
             return False
         if not any(self._against.values()) and time.monotonic() - self._awake < ASLEEP:
@@ -248,11 +249,9 @@ class Mover:
         self._publish(position, velocity)
 
     def _publish(self, position: Array, velocity: Array | None = None) -> None:
-        stamp = self._client.node.get_clock().now().to_msg()
+        stamp = self._client.node.get_clock().now().nanoseconds
         at_rest = np.zeros(self._arm.n)
-        self._link.publish(
-            (stamp.sec, stamp.nanosec), position, at_rest if velocity is None else velocity
-        )
+        self._link.publish(stamp, position, at_rest if velocity is None else velocity)
 
     def _listen_until(self, when: float) -> None:
         time.sleep(max(0.0, when - time.monotonic()))
@@ -265,10 +264,7 @@ class Mover:
         machine has no time for that.
         """
         for subscription in list(self._client.node.subscriptions):
-            for _ in range(_QUEUE):
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is None:
-                    break
+            for taken in arrived(subscription, _QUEUE):
                 subscription.callback(*taken[: 2 if subscription is self._input else 1])
         self._client.spin_once(0.0)
         now = time.monotonic()
@@ -284,7 +280,7 @@ class Mover:
         if now >= self._next_look:
             self._next_look = now + LATELY / 4
             self._against |= self._link.look(self._commanded is not None, measuring=True)
-            if not self._link.same_topic.heard_lately():
+            if not self._link.commanded_by_others():
                 self._against["same_topic"] = ""
         reason = next(filter(None, self._against.values()), "")
         if reason:
@@ -310,7 +306,7 @@ class Mover:
         oldest = 0.0 if moved or self._simulated else STAMP_AGE
         joints = self._link.measured
         try:
-            sample, _ = self._link.read(data)
+            sample = self._link.read(data)
             if moved and self._link.measured != joints:
                 # Which order the console takes positions in is not known any more.
                 found, before = (", ".join(names) for names in (self._link.measured, joints))
