@@ -30,7 +30,7 @@ from dvrk_gravity.model import all_parameters
 from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
-from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
+from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics, supervisor_state
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.foreign_commands import LATELY, Endpoints
 from dvrk_gravity.ros.presence import HOLD, MEASURED, busy_advice, require_own
@@ -106,7 +106,7 @@ class Compensator(PromptNode):
         )
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
-        self._diagnostics = Diagnostics(self)
+        self._diagnostics = Diagnostics(self, arm.name)
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
         )
@@ -345,7 +345,7 @@ class Compensator(PromptNode):
     def _publish_diagnostics(self) -> None:
         statistics = self._statistics.take(time.monotonic())
         self._diagnostics.publish(
-            self._supervisor, statistics, self._arm.hold.missing, self._unwatched
+            *supervisor_state(self._supervisor, statistics, self._arm.hold.missing, self._unwatched)
         )
 
     def finish(self) -> bool:

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -19,12 +18,11 @@ from std_srvs.srv import Trigger
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DroppedSampleError
-from dvrk_gravity.model import BY_EFFECTS
 from dvrk_gravity.monitoring import Listener, Reading, Sampling
-from dvrk_gravity.parameters import Parameter, check_all
+from dvrk_gravity.parameters import Parameter
 from dvrk_gravity.report import event_json, event_text
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.diagnostics import Statistics
+from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
 from dvrk_gravity.ros.executor import PromptNode, arrived
 from dvrk_gravity.ros.message_buffer import MessageBuffer
 from dvrk_gravity.ros.presence import MEASURED, Presence
@@ -92,10 +90,7 @@ class Monitor(PromptNode):
         # A file for all nodes (`/**`) has the compensator's parameters, too.
         own = {name: value for name, value in given.items() if name in MONITOR_PARAMETERS}
         others = {name: value for name, value in given.items() if name not in own}
-        value: dict[str, Any] = {name: entry.default for name, entry in MONITOR_PARAMETERS.items()}
-        value |= check_all(MONITOR_PARAMETERS, own, BY_EFFECTS)
-        runtime.declare(self, MONITOR_PARAMETERS, value)
-        self.add_on_set_parameters_callback(self._refuse_parameters)
+        value = runtime.declare_constants(self, MONITOR_PARAMETERS, own, others)
         model = runtime.model_of(others)
         self._listener = Listener(model, value["tip"], timeout=value["silence"])
         self._unpack = JointStateReader().read
@@ -125,7 +120,7 @@ class Monitor(PromptNode):
         )
         self._heard: set[Any] = set()  # publishers with subscribers
         self._events = self.create_publisher(String, "~/events", _EVENTS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = Diagnostics(self, self._listener.model.arm.name)
         self.create_service(Trigger, "~/save", self._on_save)
         self._minutes = MessageBuffer(
             self._listener.model, self.resolve_topic_name(MEASURED), seconds
@@ -219,14 +214,7 @@ class Monitor(PromptNode):
             **self._statistics.take(now),
             **{f"dropped {cause}": str(count) for cause, count in listener.dropped.items()},
         }
-        status = DiagnosticStatus(
-            level=level, name=self.get_fully_qualified_name(), message=f"{meaning} {text}".rstrip(),
-            hardware_id=arm.name,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )  # fmt: skip
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(level, f"{meaning} {text}".rstrip(), values)
 
     def _wrench_values(self) -> dict[str, str]:
         last = self._listener.last
@@ -242,14 +230,6 @@ class Monitor(PromptNode):
         folder = Path(str(self.get_parameter("save_folder").value)).expanduser()
         response.success, response.message = self._minutes.save(folder)
         return response
-
-    def _refuse_parameters(self, changes: list[Any]) -> SetParametersResult:
-        for change in changes:
-            if not change.name.startswith(runtime.OF_RCLPY):
-                return SetParametersResult(
-                    successful=False, reason=f"{change.name} is read only at the start"
-                )
-        return SetParametersResult(successful=True)
 
     def finish(self) -> bool:
         """End the tests and what is being diagnosed; return whether that went well."""

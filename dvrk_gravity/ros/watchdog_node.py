@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty, Float64, String
@@ -15,6 +15,7 @@ from dvrk_gravity.compensate import CommandWatch, WatchdogStatus, unseen_command
 from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
+from dvrk_gravity.ros.diagnostics import status_message
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.foreign_commands import Endpoints, node_names
 from dvrk_gravity.ros.hold import Hold
@@ -141,15 +142,9 @@ class Watchdog(PromptNode):
         return [topic for topic, types in topics if _COMMANDS.intersection(types)]
 
     def _publish_status(self) -> None:
-        words = self._watching.values().items()
-        self._status.publish(
-            DiagnosticStatus(
-                level=DiagnosticStatus.WARN if self._unseen else DiagnosticStatus.OK,
-                name=self._watching.node,
-                message=self._unseen or f"watching {self._watching.topic}",
-                values=[KeyValue(key=key, value=value) for key, value in words],
-            )
-        )
+        level = DiagnosticStatus.WARN if self._unseen else DiagnosticStatus.OK
+        text = self._unseen or f"watching {self._watching.topic}"
+        self._status.publish(status_message(self, level, text, self._watching.values()))
 
     def _report(self, text: str) -> None:
         self._state.publish(String(data=text))
