@@ -88,11 +88,7 @@ class EffortLimits:
 
     def contains(self, torque: Array, tolerance: float = 1e-9) -> bool:
         """Return whether (n,) joint torques are within both boxes."""
-        motor = self.arm.actuator_effort(torque)
-        return bool(
-            (np.abs(torque) <= self.joint + tolerance).all()
-            and (np.abs(motor) <= self.actuator + tolerance).all()
-        )
+        return bool((self._to_bounds @ torque <= self._bounds + tolerance).all())
 
 
 def slew(previous: Array, target: Array, step: Array, limits: EffortLimits) -> Array:

@@ -6,7 +6,7 @@ package publishes a motion command.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -98,10 +98,6 @@ class ArmLink:
             and self._command.get_subscription_count() > 0
             and self.presence.arm_hears_hold()
         )
-
-    def publisher_conflict(self, info: Mapping[str, Any]) -> str:
-        """Return which nodes measure if several do; ``info`` is the middleware's on a message."""
-        return self.presence.note_number(info["publication_sequence_number"])
 
     def read(self, data: bytes) -> Sample:
         """Return the sample in the bytes of a message of ``measured_js``.

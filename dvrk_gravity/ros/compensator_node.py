@@ -31,7 +31,7 @@ from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics, supervisor_state
-from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.executor import PromptNode, subscribe_raw
 from dvrk_gravity.ros.foreign_commands import LATELY, Endpoints
 from dvrk_gravity.ros.presence import HOLD, MEASURED, busy_advice, require_own
 from dvrk_gravity.ros.watchdog_node import WATCHDOG_TOPIC
@@ -118,18 +118,15 @@ class Compensator(PromptNode):
         )
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four checks within the time-out notice a silence at most a quarter late.
-        self._watch = self._timer(settings.timeout / 4, self._on_watch)
-        self._timer(LATELY / 4, self._on_listen)
-        self._timer(1.0, self._publish_diagnostics)
-
-    def _timer(self, period: float, callback: Any) -> Any:
-        return self.create_timer(period, callback, clock=runtime.STEADY_CLOCK)
+        self._watch = runtime.every(self, settings.timeout / 4, self._on_watch)
+        runtime.every(self, LATELY / 4, self._on_listen)
+        runtime.every(self, 1.0, self._publish_diagnostics)
 
     # --- input ---------------------------------------------------------------------------
 
     def _on_measured(self, data: bytes, info: dict[str, Any]) -> None:
         now = time.monotonic()
-        several = self._arm.publisher_conflict(info)
+        several = self._arm.presence.note_message(info)
         if several:
             self._supervisor.obstruct("measured_js", several)
         try:
@@ -223,8 +220,7 @@ class Compensator(PromptNode):
 
     def _subscribe(self, topic: str) -> None:
         depth = int(self.get_parameter("input_depth").value)
-        on_measured: Any = self._on_measured  # takes the message's information, too
-        self.prompt = self.create_subscription(JointState, topic, on_measured, depth, raw=True)
+        self.prompt = subscribe_raw(self, JointState, topic, self._on_measured, depth)
         self._settle()
 
     def _on_other(self) -> None:

@@ -19,6 +19,7 @@ from dvrk_gravity.compensate import (
     SampleReader,
 )
 from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.executor import subscribe_raw
 from dvrk_gravity.ros.presence import MEASURED, Presence
 from dvrk_gravity.ros.runtime import catch_end_signals
 from dvrk_gravity.ros.wire import JointStateReader
@@ -40,7 +41,7 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
 
     def believe(data: bytes, info: Mapping[str, Any]) -> None:
         nonlocal heard, jump
-        if several := presence.note_number(info["publication_sequence_number"]):
+        if several := presence.note_message(info):
             raise MotionError(several)
         now = time.monotonic()
         try:
@@ -55,8 +56,7 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
         heard, jump = now, ""
         receive(believed)
 
-    on_measured: Any = believe  # takes the message's information, too
-    topic = client.node.create_subscription(JointState, MEASURED, on_measured, 100, raw=True)
+    topic = subscribe_raw(client.node, JointState, MEASURED, believe, 100)
 
 
 def listen(client: Client, arm: Arm) -> Iterator[Array | None]:

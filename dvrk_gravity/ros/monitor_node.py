@@ -23,7 +23,7 @@ from dvrk_gravity.parameters import Parameter
 from dvrk_gravity.report import event_json, event_text
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
-from dvrk_gravity.ros.executor import PromptNode, arrived
+from dvrk_gravity.ros.executor import PromptNode, arrived, subscribe_raw
 from dvrk_gravity.ros.message_buffer import MessageBuffer
 from dvrk_gravity.ros.presence import MEASURED, Presence
 from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
@@ -108,7 +108,7 @@ class Monitor(PromptNode):
 
     def _connect(self, seconds: float) -> None:
         names = self._listener.model.arm.joint_names
-        self._write = CommandWriter(names, "", ("effort",)).write
+        self._write = CommandWriter(names, "").write
         self._torques = (
             self.create_publisher(JointState, "~/expected_js", 10),
             self.create_publisher(JointState, "~/external_js", 10),
@@ -125,12 +125,9 @@ class Monitor(PromptNode):
         self._minutes = MessageBuffer(
             self._listener.model, self.resolve_topic_name(MEASURED), seconds
         )
-        on_measured: Any = self._on_measured  # takes the message's information, too
-        self.prompt = self.create_subscription(
-            JointState, MEASURED, on_measured, _MEASURED, raw=True
-        )
-        self.create_timer(_LOOK, self._on_look, clock=runtime.STEADY_CLOCK)
-        self.create_timer(1.0, self._publish_diagnostics, clock=runtime.STEADY_CLOCK)
+        self.prompt = subscribe_raw(self, JointState, MEASURED, self._on_measured, _MEASURED)
+        runtime.every(self, _LOOK, self._on_look)
+        runtime.every(self, 1.0, self._publish_diagnostics)
 
     def _on_measured(self, data: bytes, info: Mapping[str, Any]) -> None:
         """Read a message, and those that come within a moment."""
@@ -145,7 +142,7 @@ class Monitor(PromptNode):
         self._statistics.received(now)
         self._minutes.add(data, time.time_ns())
         try:
-            if several := self._presence.note_number(info["publication_sequence_number"]):
+            if several := self._presence.note_message(info):
                 raise DroppedSampleError("several_publishers", several)
             fields = self._unpack(data)
         except DroppedSampleError as error:

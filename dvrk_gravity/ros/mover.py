@@ -25,7 +25,7 @@ from dvrk_gravity.compensate import (
 )
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.executor import arrived
+from dvrk_gravity.ros.executor import arrived, subscribe_raw
 from dvrk_gravity.ros.foreign_commands import LATELY
 from dvrk_gravity.ros.presence import MEASURED, simulator_of
 from dvrk_gravity.ros.processes import ProcessError
@@ -83,10 +83,7 @@ class Mover:
         # (n,) last set point and its velocity, until the arm is held.
         self._commanded: tuple[Array, Array] | None = None
         self.interrupted = False
-        on_measured: Any = self._on_measured  # takes the message's information, too
-        self._input = client.node.create_subscription(
-            JointState, MEASURED, on_measured, _QUEUE, raw=True
-        )
+        self._input = subscribe_raw(client.node, JointState, MEASURED, self._on_measured, _QUEUE)
 
     def __enter__(self) -> Mover:
         def interrupt() -> None:
@@ -295,7 +292,7 @@ class Mover:
                 raise MotionError(f"{self.topic}: {silence}{why}")
 
     def _on_measured(self, data: bytes, info: Mapping[str, Any]) -> None:
-        several = self._link.publisher_conflict(info)
+        several = self._link.presence.note_message(info)
         if self._sink is not None:
             self._sink(data)
         if several:

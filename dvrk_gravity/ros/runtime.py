@@ -20,6 +20,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
@@ -28,8 +29,7 @@ from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, keep_awake
 from dvrk_gravity.validation import refuse_json
 
-STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
-"""Timers run on it: a simulated or stepped clock must not stop a watch on the input."""
+_STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Beginnings of the parameters that rclpy itself declares on every node."""
@@ -114,6 +114,14 @@ def _run(
         return status if well else max(status, 1)
     finally:
         rclpy.try_shutdown()
+
+
+def every(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Call back every so many seconds, whatever a simulated or stepped clock says.
+
+    No such clock must stop a watch on the input.
+    """
+    return node.create_timer(period, callback, clock=_STEADY_CLOCK)
 
 
 def given_parameters(node: Node) -> dict[str, Any]:

@@ -174,7 +174,7 @@ class Simulator(Node):
             ]
         for command in commands:
             self._listen(*command)
-        self._timer = self.create_timer(STEP, self._on_timer, clock=runtime.STEADY_CLOCK)
+        self._timer = runtime.every(self, STEP, self._on_timer)
 
     def _listen(self, message_type: Any, topic: str, command: Callable[[Any], None]) -> None:
         """Subscribe; commands that the arm refuses are logged and change nothing."""

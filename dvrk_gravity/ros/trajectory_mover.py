@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -77,10 +77,6 @@ class TrajectoryLink:
     def is_connected(self) -> bool:
         """Return whether the arm measures, and its controller takes goals."""
         return self.presence.is_there() and bool(self._action.server_is_ready())
-
-    def publisher_conflict(self, info: Mapping[str, Any]) -> str:
-        """Return which nodes measure if several do."""
-        return self.presence.note_number(info["publication_sequence_number"])
 
     def read(self, data: bytes) -> Sample:
         """Return the sample in the bytes of a message."""
