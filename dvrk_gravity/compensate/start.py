@@ -98,7 +98,7 @@ class Start:
         unread = _unread_weight(self._settings, self._position)
         return np.asarray(np.mean(self._efforts, axis=0) + unread)
 
-    def origin(self, accepted: Settings | None = None) -> tuple[Array, str]:
+    def origin(self, accepted: Settings | None) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and its source in words.
 
         It is the model's torque plus the difference to the mean measured effort, up to what dry
@@ -109,7 +109,7 @@ class Start:
 
         Where nobody has asked for this start (the arm was held for some reason, perhaps for changed
         parameters), ``accepted`` are the parameters of the last one: the measured effort has to
-        support what has changed since.
+        support what has changed since. ``None``: a person has asked for it.
 
         Raises:
             CommandRefusedError: The arm is where this one cannot be, measured and modelled efforts

@@ -49,10 +49,11 @@ class ArmLink:
         node: Node,
         arm: Arm,
         topic: CommandTopic,
+        *,
+        on_other: Callable[[], None],
+        on_same_topic: Callable[[], None],
+        on_state: Callable[[str], None],
         margin: NDArray[np.float64] | float = np.inf,
-        on_other: Callable[[], None] = lambda: None,
-        on_same_topic: Callable[[], None] = lambda: None,
-        on_state: Callable[[str], None] = lambda reason: None,
         order: tuple[str, ...] = (),
     ) -> None:
         """Connect the topics of the node's namespace.

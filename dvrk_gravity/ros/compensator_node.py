@@ -90,10 +90,10 @@ class Compensator(PromptNode):
             self,
             arm,
             self._command_topic(),
-            settings.position_margin * arm.scale,
             on_other=self._on_other,
             on_same_topic=self._refuse_same_topic,
             on_state=lambda reason: self._obstruct("operating_state", reason),
+            margin=settings.position_margin * arm.scale,
             order=stated_order(arm.joint_names, self.get_parameter(STATEMENT).value),
         )
         self._watchdogs = Watchdogs(
