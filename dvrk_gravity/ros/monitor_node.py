@@ -134,8 +134,8 @@ class Monitor(PromptNode):
         assert self.prompt is not None  # it called us
         self._read(data, info)
         time.sleep(_GATHER)
-        for taken in arrived(self.prompt, _MOST):
-            self._read(*taken)
+        for received in arrived(self.prompt, _MOST):
+            self._read(*received)
 
     def _read(self, data: bytes, info: Mapping[str, Any]) -> None:
         now = time.monotonic()

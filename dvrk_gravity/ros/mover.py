@@ -261,8 +261,8 @@ class Mover:
         machine has no time for that.
         """
         for subscription in list(self._client.node.subscriptions):
-            for taken in arrived(subscription, _QUEUE):
-                subscription.callback(*taken[: 2 if subscription is self._input else 1])
+            for received in arrived(subscription, _QUEUE):
+                subscription.callback(*received[: 2 if subscription is self._input else 1])
         self._client.spin_once(0.0)
         now = time.monotonic()
         if self._commanded is not None and now - self._awake > ASLEEP:
