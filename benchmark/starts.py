@@ -51,7 +51,7 @@ def largest_motion(seed: int, rate: int, effort=None, models=(1.0, 1.0)) -> floa
     arm = SimulatedArm(plant, truth.sensors, seed, builtin_compensation=False, dt=STEP)
     first, then = (Settings.from_parameters(heavy(part)) for part in models)
     supervisor, half_way = Supervisor(first), None
-    reader = SampleReader(JOINT_NAMES)
+    reader = SampleReader(first.model.arm)
     each = round(1.0 / rate / STEP)
     start, moved = None, 0.0
     for k in range(300, 3300):

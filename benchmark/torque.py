@@ -103,7 +103,7 @@ def rest() -> Figures:
     tree = beta_tree(arm, np.array(MODEL.parameters()["beta"]), arm.gravity)
     expanded = tree.expand @ q
     names, numbers = list(arm.joint_names), array("d", q)
-    reader = SampleReader(names, arm.lower, arm.upper)
+    reader = SampleReader(arm, 0.0)
     return measure(
         {
             "reading and checking a message": lambda: reader.read(

@@ -38,7 +38,7 @@ class SupervisorInLoop:
         if self.ramps:
             values = STICKY | values
         self.supervisor = Supervisor(settings_of(**values) if settings is None else settings)
-        self.reader = SampleReader(JOINT_NAMES)
+        self.reader = SampleReader(ARM)
         self.now = 100.0
         self.stamp = 5_000_000 * MS
         self.late = 0  # of the stamps against the node's clock, ns

@@ -114,7 +114,7 @@ def moved(arm: Arm, part: float = 1.0, pose: np.ndarray = POSE) -> tuple[float, 
     plant.reset(pose)
     simulated = SimulatedArm(plant, builtin_compensation=False, dt=STEP)
     supervisor = Supervisor(Settings.from_parameters(values))
-    reader, farthest = SampleReader(arm.joint_names), 0.0
+    reader, farthest = SampleReader(arm), 0.0
     for k in range(300, 1800):
         simulated.step()
         if k % 5 or k < 600:

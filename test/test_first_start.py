@@ -66,6 +66,23 @@ def test_a_hand_during_the_first_start_ends_in_a_hold_and_the_next_start_checks_
     assert loop.supervisor.status is Status.COMMANDING
 
 
+def test_a_constant_that_is_added_meanwhile_is_watched_too():
+    felt, added = 0.09 * SHIPPED.arm.effort_limit * np.eye(7)[1:3]
+    loop = Loop(1, felt[1], feels=True, reads=False).run(1.5)
+    assert HANDS_OFF in loop.supervisor.reason
+
+    loop.configure(
+        **{
+            "elastic_cable.elbow_pitch": [added[2]],
+            "identification.constant": (felt + added).tolist(),
+        }
+    )
+    loop.run(3.0)
+    assert loop.supervisor.status is Status.FAULT
+    assert "elbow_pitch" in loop.supervisor.reason
+    assert "--bias-is" in loop.supervisor.reason
+
+
 def test_an_arm_whose_clock_is_slow_is_watched_for_as_long_as_it_takes_to_move():
     loop = Loop(2, 0.032, feels=False, reads=True, slow=8, max_stamp_age=0.0, timeout=1.0)
     loop.run(5.0)

@@ -105,7 +105,7 @@ def test_a_recording_that_is_saved_is_in_the_unit_that_it_was_read_in(lab, tmp_p
 
 def test_a_node_reads_and_sends_what_the_arm_does():
     arm = Arm.load(UR5).with_drive_gains(GAINS)
-    reader = SampleReader(arm.joint_names, gains=arm.drive_gains)
+    reader = SampleReader(arm)
     sample = reader.read(1, arm.joint_names, np.zeros(6), np.zeros(6), np.ones(6))
     np.testing.assert_array_equal(sample.effort, GAINS)
     np.testing.assert_allclose(arm.reading_of_torque(sample.effort), np.ones(6))
@@ -234,7 +234,7 @@ def test_a_joint_that_is_not_where_the_model_has_it_held_is_refused(tmp_path):
     elsewhere.save(tmp_path / "run.csv")
     with pytest.raises(RecordingError, match=says):
         load_excerpt(tmp_path / "run.csv", arm=held)
-    reader = SampleReader(held.joint_names, held=held.held)
+    reader = SampleReader(held)
     for row in position[:4]:
         reader.read(1, arm.joint_names, row, (), ())
     with pytest.raises(DroppedSampleError, match=FINGER):

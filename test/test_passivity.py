@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from supervisor_loop import AT_ONCE, MODEL, Q, SupervisorInLoop, settings_of
+from supervisor_loop import ARM, AT_ONCE, MODEL, Q, SupervisorInLoop, settings_of
 
 from dvrk_gravity.compensate import SETTINGS, PassivityObserver, SpeedGuard, Status
 from dvrk_gravity.effects import State
@@ -188,27 +188,25 @@ def test_the_part_that_is_compensated_is_the_largest_of_a_joint_s_frictions():
 
 # --- the guard of speed ----------------------------------------------------------------------
 
-NAMES = tuple(f"joint{j}" for j in range(1, 8))
-
 
 def guarded(speeds, command):
     """Return the first reason and its time along (N,) speeds of joint 2."""
-    guard = SpeedGuard(NAMES, np.full(7, 4.0))
+    guard = SpeedGuard(ARM, np.full(7, 4.0))
     for k, speed in enumerate(speeds):
         velocity = np.zeros(7)
         velocity[1] = speed
         reason = guard.check(velocity, np.full(7, command), k * DT)
-        if reason is not None:
+        if reason:
             return reason, k * DT
     return None, None
 
 
 def test_a_joint_that_the_command_drives_beyond_its_limit_is_told():
     reason, when = guarded(np.linspace(3.0, 6.0, 600), 0.01)
-    assert "joint2" in reason
+    assert ARM.joint_names[1] in reason
     assert "rad/s" in reason
     assert when == pytest.approx(0.2 + 0.1, abs=0.003)  # it passes 4 rad/s at 0.2 s
-    assert guarded(-np.linspace(3.0, 6.0, 600), -0.01)[0] is not None
+    assert guarded(-np.linspace(3.0, 6.0, 600), -0.01)[0]
 
 
 def test_a_joint_that_moves_against_the_command_is_not_the_compensator_s_doing():
@@ -263,7 +261,7 @@ def test_friction_that_may_feed_the_motion_is_held_back_in_the_command_and_repor
     assert added[0] == pytest.approx(friction)
     assert min(added) == pytest.approx(0.0, abs=1e-9)
     assert added[-1] == pytest.approx(friction)  # a hand's work
-    assert not loop.supervisor.friction_held_back.any()
+    assert not loop.supervisor.compensation.friction_held_back.any()
 
 
 def test_parameters_that_keep_changing_do_not_make_the_guard_forget():

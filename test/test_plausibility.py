@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from supervisor_loop import ARM
 
-from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.compensate import DroppedSampleError, MotionCheck, Sample
 
 TIMEOUT = 0.1
@@ -15,7 +15,7 @@ class Stream:
     """Feeds a check with samples at a rate."""
 
     def __init__(self, rate: float = 1000.0) -> None:
-        self.check = MotionCheck(JOINT_NAMES)
+        self.check = MotionCheck(ARM)
         self.step = 1.0 / rate
         self.time = 10.0
 

@@ -95,7 +95,7 @@ def test_a_message_with_bad_names_does_not_change_how_good_ones_are_read():
 
 def test_joints_of_a_psm_are_not_answered_for_an_ecm_whose_names_they_hold():
     psm, ecm = Arm.load("psm"), Arm.load("ecm")
-    reader = SampleReader(ecm.joint_names, arm=ecm.name)
+    reader = SampleReader(ecm)
     still = np.zeros(psm.n)
     own = reader.read(1, ecm.joint_names, still[: ecm.n], (), ())
     assert own.position.tolist() == [0.0] * ecm.n
@@ -107,23 +107,33 @@ def test_joints_of_a_psm_are_not_answered_for_an_ecm_whose_names_they_hold():
 
 
 def test_efforts_in_amperes_become_torques_and_a_joint_that_is_held_fixed_must_be_there():
-    reader = SampleReader(("a", "b"), gains=[2.0, 10.0], held={"slide": 0.1})
-    names = ("slide", "b", "a")
-    sample = reader.read(1, names, [0.1, 0.7, 0.5], (), [9.0, 3.0, 4.0])
-    assert sample.position.tolist() == [0.5, 0.7]
-    np.testing.assert_array_equal(sample.effort, [8.0, 30.0])
-    with pytest.raises(DroppedSampleError, match=r"slide.*0\.2.*0\.1") as refused:
-        reader.read(2, names, [0.2, 0.7, 0.5], (), ())
+    gains = [2.0, 10.0, 5.0, 4.0]
+    reader = SampleReader(
+        Arm.load("ecm").with_drive_gains(gains).with_held_joints({"insertion": 0.1})
+    )
+    names = ("insertion", "roll", "pitch", "yaw")
+    sample = reader.read(1, names, [0.1, 0.7, 0.5, 0.3], (), [9.0, 3.0, 4.0, 1.0])
+    assert sample.position.tolist() == [0.3, 0.5, 0.7]
+    np.testing.assert_array_equal(sample.effort, [2.0, 40.0, 12.0])
+    with pytest.raises(DroppedSampleError, match=r"insertion.*0\.2.*0\.1") as refused:
+        reader.read(2, names, [0.2, 0.7, 0.5, 0.3], (), ())
     assert refused.value.cause == "not_held"
 
 
 def test_positions_outside_what_is_allowed_name_the_joint_the_value_and_the_range():
-    reader = SampleReader(("a", "b"), [-1.0, -2.0], [1.0, 2.0], ("rad", "m"))
-    for edge in ([-1.0, 2.0], [1.0, -2.0]):
-        assert reader.read(1, ("a", "b"), edge, (), ()).position.tolist() == edge
-    for position, tokens in (([0.0, 2.5], ("b", "2.5 m", "-2 to 2")), ([-1.5, 0], ("a", "-1.5 r"))):
+    ecm = Arm.load("ecm")
+    margin = np.array([0.1, 0.1, 0.01, 0.1])
+    reader, names = SampleReader(ecm, margin), ecm.joint_names
+    lowest, highest = ecm.lower - margin, ecm.upper + margin
+    for edge in (lowest, highest):
+        np.testing.assert_array_equal(reader.read(1, names, edge, (), ()).position, edge)
+    slides, turns = np.eye(4)[2], np.eye(4)[0]
+    for position, tokens in (
+        (slides * 2.5, ("insertion", "2.5 m", f"{lowest[2]:.4g} to {highest[2]:.4g}")),
+        (turns * -4.5, ("yaw", "-4.5 r")),
+    ):
         with pytest.raises(DroppedSampleError) as refused:
-            reader.read(1, ("a", "b"), position, (), ())
+            reader.read(1, names, position, (), ())
         assert refused.value.cause == "out_of_range"
         assert all(token in str(refused.value) for token in tokens)
 
@@ -151,19 +161,19 @@ def test_a_stamp_too_far_from_the_node_s_clock_is_refused_if_asked_for():
 
 
 def test_a_joint_goes_as_far_as_the_fastest_and_a_step_and_no_further():
-    step, scale = 0.004, np.array([1.0, 0.1])
-    for joint in (0, 1):
+    step, arm = 0.004, Arm.load("ecm")
+    for joint in (0, 2):  # it turns; it slides
         for part, believed in ((0.99, True), (1.01, False), (-1.01, False)):
-            check = MotionCheck(("a", "b"), scale)
-            position = np.zeros(2)
+            check = MotionCheck(arm)
+            position = np.zeros(4)
             check.check(Sample(0, position, None, None), 10.0, 0.1)
             moved = position.copy()
-            moved[joint] = part * (UNTIMED_STEP + FASTEST * step) * scale[joint]
+            moved[joint] = part * (UNTIMED_STEP + FASTEST * step) * arm.scale[joint]
             later = Sample(round(step * 1e9), moved, None, None)
             if believed:
                 assert check.check(later, 10.0 + step, 0.1) is later
             else:
-                with pytest.raises(DroppedSampleError, match="ab"[joint]) as refused:
+                with pytest.raises(DroppedSampleError, match=arm.joint_names[joint]) as refused:
                     check.check(later, 10.0 + step, 0.1)
                 assert refused.value.cause == "position_jump"
                 with pytest.raises(DroppedSampleError):  # until the time-out has passed
@@ -215,12 +225,12 @@ def test_reported_and_observed_velocity_may_differ_by_half_of_the_larger():
         (0.0, True), (0.3, False), (1.0, False), (2.4, False), (2.6, True), (-1.0, True),
         (57.3, True),
     ):  # fmt: skip
-        check = MotionCheck(("a",))
+        check = MotionCheck(ARM)
         for k in range(400):
-            velocity = np.array([factor * speed])
-            sample = Sample(round(k * step * 1e9), np.array([k * step * speed]), velocity, None)
+            velocity, position = np.full(7, factor * speed), np.full(7, k * step * speed)
+            sample = Sample(round(k * step * 1e9), position, velocity, None)
             believed = check.check(sample, 10.0 + k * step, 0.1)
-        assert check.doubtful.tolist() == [wrong], factor
+        assert check.doubtful.tolist() == [wrong] * 7, factor
         assert believed.velocity[0] == pytest.approx(0.0 if wrong else factor * speed)
         assert check.velocity[0] == pytest.approx(speed if wrong else factor * speed, rel=1e-3)
 
@@ -232,7 +242,7 @@ def test_a_pose_five_degrees_outside_the_limits_is_reported():
             position = Q.copy()
             position[5] = edge[5] + way * beyond
             assert loop.first(position=position) is not None
-            assert loop.supervisor.outside.tolist() == [*[False] * 5, outside, False]
+            assert loop.supervisor.compensation.outside.tolist() == [*[False] * 5, outside, False]
 
 
 def test_messages_that_come_later_and_later_are_stale_though_clocks_may_drift_apart():

@@ -21,9 +21,9 @@ from supervisor_loop import (
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate import (
     CONSIDERABLE,
+    CommandRefusedError,
     SampleReader,
     Settings,
-    StartRefusedError,
     Status,
     Supervisor,
     require_within,
@@ -149,7 +149,7 @@ def test_twenty_degrees_outside_the_limits_may_be_a_wrong_zero_and_more_is_anoth
             position[joint] = limit[joint] + way * np.radians(20.0)
             require_within(ARM, position)
             position[joint] = limit[joint] + way * np.radians(20.2)
-            with pytest.raises(StartRefusedError, match=ARM.joint_names[joint]):
+            with pytest.raises(CommandRefusedError, match=ARM.joint_names[joint]):
                 require_within(ARM, position)
 
 
@@ -165,7 +165,7 @@ def started_with_weight(factor: float, pose: np.ndarray = UR5_POSE, **further) -
         for name, value in stated.parameters().items()
     }
     settings = Settings.from_parameters(values | further)
-    supervisor, reader = Supervisor(settings), SampleReader(settings.model.arm.joint_names)
+    supervisor, reader = Supervisor(settings), SampleReader(settings.model.arm)
     weight = factor * stated_weight(Arm.load(UR5), pose)
     for k in range(60):
         stamp = 10**12 + k * 2_000_000
@@ -269,12 +269,12 @@ def test_a_hiccup_of_the_input_is_not_time_for_the_torque_to_run_on():
 def test_what_the_limits_cut_is_reported_joint_by_joint_also_in_the_motors():
     loop = SupervisorInLoop(effort_limit=[5, 5, 5, 5, 0.02, 5, 5], **AT_ONCE)
     loop.first()
-    assert loop.supervisor.saturated.tolist() == [False] * 4 + [True] + [False] * 2
+    assert loop.supervisor.compensation.saturated.tolist() == [False] * 4 + [True] + [False] * 2
     loop = SupervisorInLoop(**AT_ONCE)
     loop.first()
     loop.configure(actuator_effort_limit=[5, 0.05, 5, 5, 5, 5, 5], **AT_ONCE)
     loop.run(0.5)
-    assert loop.supervisor.saturated.tolist() == [False, True] + [False] * 5
+    assert loop.supervisor.compensation.saturated.tolist() == [False, True] + [False] * 5
 
 
 def test_limits_above_the_arm_s_own_are_the_arm_s_own():

@@ -294,7 +294,7 @@ def ran(twin: Twin, seed: int) -> list[tuple[Status, Array | None]]:
     values = twin.model().parameters() | {"ramp_time": 0.2, "slew_limit": [50.0 * twin.scale] * 4}
     supervisor = Supervisor(Settings.from_parameters(values | {"timeout": 0.1}))
     supervisor.enable()
-    reader, now, answers = SampleReader(twin.arm.joint_names), 100.0, []
+    reader, now, answers = SampleReader(twin.arm), 100.0, []
     way, angle = 0.5 * random.uniform(-1.0, 1.0, 4) * HALF, 0.01 * np.arange(-60.0, 240.0)
     angle = np.maximum(angle, 0.0)
     q = MIDDLE + 0.5 * (1.0 - np.cos(angle))[:, None] * way

@@ -145,7 +145,7 @@ class Judge:
     excess: float = 0.0  # N·m by which the command passed new limits when they came
     enabled: bool = True
     fault: str = ""  # "input" or "own": what has to end before commands may come again
-    reader: SampleReader = field(default_factory=lambda: SampleReader(JOINT_NAMES))
+    reader: SampleReader = field(default_factory=lambda: SampleReader(ARM))
 
     def play(self, sequence: list[tuple[Any, ...]]) -> None:
         """Play the events of a sequence, checking each answer."""

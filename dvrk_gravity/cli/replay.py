@@ -138,7 +138,7 @@ def _expected(bag: Path, topic: str, model: TorqueModel) -> list[Sample]:
     from dvrk_gravity.compensate import DroppedSampleError, SampleReader
     from dvrk_gravity.recording import read_joint_states
 
-    reader = SampleReader(model.arm.joint_names, held=model.arm.held)
+    reader = SampleReader(model.arm)
     samples: list[Sample] = []
     first: DroppedSampleError | None = None
     for state in read_joint_states(bag, topic):

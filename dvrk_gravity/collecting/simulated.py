@@ -11,12 +11,12 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting.driver import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
+    CommandRefusedError,
     DroppedSampleError,
     FollowingErrorCheck,
     InputGate,
     MotionError,
     Sample,
-    StartRefusedError,
     require_within,
 )
 from dvrk_gravity.errors import ConfigError
@@ -107,7 +107,7 @@ class SimulatedDriver:
         try:
             position = self._following.rest_position(np.array(heard))
             require_within(self._type, position)
-        except (MotionError, StartRefusedError) as error:
+        except (MotionError, CommandRefusedError) as error:
             raise MotionError(f"{self.topic}: {error}") from error
         return position
 
@@ -138,7 +138,9 @@ class SimulatedDriver:
         """Hold the arm where it comes to rest, if it was moved: :meth:`Driver.hold`."""
         if self._commanded is None:
             return False
-        self.arm.servo_jp(self._following.resting_place(*self._commanded, self._gate.velocity))
+        self.arm.servo_jp(
+            self._following.resting_place(*self._commanded, self._gate.motion.velocity)
+        )
         self._commanded = None
         for _ in range(round(LISTEN * self._rate)):  # until it rests
             self._listen(None, None)
@@ -171,11 +173,11 @@ class SimulatedDriver:
             record(encode_joint_state(stamp, self._type.joint_names, *fields))
         active = self._commanded is not None
         try:
-            admitted = self._gate.admit(sample, measured.time, stamp, TIMEOUT, 0.0, active)
+            believed = self._gate.admit(sample, measured.time, stamp, TIMEOUT, 0.0, active)
         except DroppedSampleError as error:
             if active and error.cause == "position_jump":
                 raise MotionError(f"{self.topic}: {error}") from error
             return
-        self._following.add(admitted.sample)
+        self._following.add(believed)
         if watch is not None and self._commanded is not None:
-            watch(admitted.sample, self._moment)
+            watch(believed, self._moment)

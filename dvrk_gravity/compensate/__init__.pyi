@@ -3,6 +3,7 @@ from .command_order import CommandSubscribers as CommandSubscribers
 from .command_order import order_mismatch as order_mismatch
 from .command_order import stated_order as stated_order
 from .command_watch import CommandWatch as CommandWatch
+from .compensation import HANDS_OFF as HANDS_OFF
 from .constant_check import ConstantCheck as ConstantCheck
 from .following_error import LAG as LAG
 from .following_error import FollowingErrorCheck as FollowingErrorCheck
@@ -24,9 +25,8 @@ from .simulation_check import simulate_release as simulate_release
 from .simulation_check import with_simulation as with_simulation
 from .speed_guard import SpeedGuard as SpeedGuard
 from .start import DRY_SPEED as DRY_SPEED
-from .start import StartRefusedError as StartRefusedError
+from .start import CommandRefusedError as CommandRefusedError
 from .start import require_within as require_within
-from .supervisor import HANDS_OFF as HANDS_OFF
 from .supervisor import Status as Status
 from .supervisor import Supervisor as Supervisor
 from .watchdogs import SAME_TOPIC as SAME_TOPIC

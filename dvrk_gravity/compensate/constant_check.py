@@ -33,6 +33,9 @@ class ConstantCheck:
 
     One that is on its way, or at its stop, is watched on. Time counts where it passes for the arm,
     too: a simulated one may be slow, and has then not had the time to move.
+
+    Attributes:
+        constant: (n,) N·m or N; zero where none is in doubt.
     """
 
     def __init__(self, arm: Arm, constant: Array, position: Array) -> None:
@@ -40,10 +43,10 @@ class ConstantCheck:
 
         Args:
             arm: The arm.
-            constant: (n,) N·m or N; zero where none is in doubt.
+            constant: (n,) N·m or N.
             position: (n,) where it is released, rad or m.
         """
-        self._arm, self._constant = arm, constant
+        self._arm, self.constant = arm, constant
         self._doubt = constant != 0.0
         self._at, self._mark = position, position.copy()
         self._last: tuple[int, float] | None = None  # stamp, ns, and arrival, s
@@ -77,7 +80,7 @@ class ConstantCheck:
             worst = int(np.argmax(begun * size))
             joint = self._arm.joints[worst]
             return (
-                f"the model pushes {joint.name} by {self._constant[worst]:.2g} "
+                f"the model pushes {joint.name} by {self.constant[worst]:.2g} "
                 f"{joint.effort_unit}, and hands off it moves: {WAY_OUT}"
             )
         on_its_way = np.abs(position - self._mark) > BEGUN * self._arm.scale

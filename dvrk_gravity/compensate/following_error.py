@@ -33,11 +33,7 @@ class MotionError(DvrkGravityError):
 
 
 class FollowingErrorCheck:
-    """Compares set points with measured positions.
-
-    Attributes:
-        last: The last believed measurement; ``None`` before the first.
-    """
+    """Compares set points with measured positions."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -45,24 +41,25 @@ class FollowingErrorCheck:
         lower, upper = arm.range
         self._error = np.minimum(error, MOST_OF_RANGE * (upper - lower))
         self._recent: deque[Sample] = deque(maxlen=AGREE)
-        self.last: Sample | None = None
 
     def add(self, sample: Sample) -> None:
         """Add a believed measurement."""
-        self.last = sample
         self._recent.append(sample)
 
     @property
+    def last(self) -> Sample | None:
+        """The last believed measurement; ``None`` before the first."""
+        return self._recent[-1] if self._recent else None
+
+    @property
     def position(self) -> Array:
-        """(n,) of the last measurement, rad or m."""
-        assert self.last is not None  # the caller has waited for it
-        return self.last.position
+        """(n,) of the last measurement, which the caller has waited for, rad or m."""
+        return self._recent[-1].position
 
     @property
     def time(self) -> float:
         """The arm's own time, s."""
-        assert self.last is not None
-        return self.last.stamp * 1e-9
+        return self._recent[-1].stamp * 1e-9
 
     def rest_position(self, heard: Array) -> Array:
         """Return the (n,) median of (N, n) positions of an arm at rest, rad or m.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,51 +36,27 @@ SLOW, TRUSTED, ASTRAY, LATE, RECENT = 0.02, 0.7, 0.02, 0.12, 0.2
 SOONEST = 0.2
 
 
-class AdmittedSample(NamedTuple):
-    """A measurement that is believed.
-
-    Attributes:
-        sample: It, with velocity zero at joints where the reported one cannot be true.
-        step: Time since the last admitted one, s.
-        gap: Time since the stamp last advanced before it, s.
-    """
-
-    sample: Sample
-    step: float
-    gap: float
-
-
 class InputGate:
     """Admits current samples whose positions each joint can have reached since the last one.
 
     Stamps are checked against each other, the node's clock and the time that passes. Times are
     seconds of a monotonic clock: a step of the wall clock or of simulated time neither hides stale
     input nor makes fresh input look stale.
+
+    Attributes:
+        motion: What the positions say of the motion, and whether the velocities agree.
+        step: Time since the message before the last admitted one, s.
     """
 
     def __init__(self, arm: Arm) -> None:
-        self._motion = MotionCheck(arm.joint_names, scale=arm.scale)
+        self.motion = MotionCheck(arm)
+        self.step = math.inf
         self._valid = -math.inf  # when the last message with a good stamp came
         self._advance = -math.inf  # when the stamp last advanced
         self._advanced_to = -(2**63)
         self._stamp = 0  # of the last admitted message
         self._seen = 0  # of the last message, admitted or not
         self._quickest = math.inf  # least age of a message by the two clocks, s
-
-    @property
-    def velocity(self) -> Array:
-        """(n,) of the last sample, rad/s or m/s; from positions where the reported is doubtful."""
-        return self._motion.velocity
-
-    @property
-    def doubtful(self) -> NDArray[np.bool_]:
-        """(n,) joints whose reported velocity was not believed in the last sample."""
-        return self._motion.doubtful
-
-    @property
-    def contradiction(self) -> str:
-        """Which joint's positions and velocities are of two motions; ``""``: none's."""
-        return self._motion.contradiction
 
     def silence(self, now: float, timeout: float) -> str:
         """Return what has been missing for longer than ``timeout`` seconds, ``""``: nothing."""
@@ -93,8 +68,8 @@ class InputGate:
 
     def admit(
         self, sample: Sample, now: float, clock: int, timeout: float, oldest: float, active: bool
-    ) -> AdmittedSample:
-        """Return the sample if it is believed.
+    ) -> Sample:
+        """Return the sample if it is believed, as :meth:`MotionCheck.check` does.
 
         Args:
             sample: The sample.
@@ -120,19 +95,19 @@ class InputGate:
         if oldest > 0.0:
             _require_recent(stamp, clock, oldest)
             self._require_prompt((clock - stamp) * 1e-9, now, timeout, active)
-        step, gap = now - self._valid, now - self._advance
+        gap = now - self._advance
         due = LEAST_PACE * min(gap, timeout)
         advances = stamp not in known and (stamp - self._advanced_to) * 1e-9 >= due
         if not advances and gap > timeout:
             self._valid = now
             raise DroppedSampleError("stamp_repeated", "the stamp does not advance")
-        believed = self._motion.check(sample, now, timeout)
+        believed = self.motion.check(sample, now, timeout)
         # A message that waited in a queue while the process or the arm stood still is the first
         # after a gap, and is not answered: times count for messages that pass.
-        self._valid, self._stamp = now, stamp
+        self.step, self._valid, self._stamp = now - self._valid, now, stamp
         if advances:
             self._advance, self._advanced_to = now, stamp
-        return AdmittedSample(believed, step, gap)
+        return believed
 
     def _require_prompt(self, age: float, now: float, timeout: float, active: bool) -> None:
         """Refuse a message that has been on its way for longer than others, by the time-out."""
@@ -173,20 +148,19 @@ class MotionCheck:
         contradiction: Which joint's positions and velocities are of two motions, in words; ``""``.
     """
 
-    def __init__(self, joint_names: tuple[str, ...], scale: Array | None = None) -> None:
-        """Start without history; ``scale`` (n,): what counts as much as a rad, ``Arm.scale``."""
-        self._names = joint_names
-        self._scale = np.ones(len(joint_names)) if scale is None else scale
+    def __init__(self, arm: Arm) -> None:
+        """Start without history."""
+        self._arm, self._scale = arm, arm.scale
         self._least = float(self._scale.min())
         self._last: Sample | None = None
         self._time = 0.0  # monotonic, of the last one's arrival
         self._dropped: Sample | None = None  # the last one, if it was out of reach
         self._anchor: Sample | None = None  # the last one at which velocities were compared
-        self._observed = self._reported = self.velocity = np.zeros(len(joint_names))
-        self.doubtful: NDArray[np.bool_] = np.zeros(len(joint_names), dtype=bool)
+        self._observed = self._reported = self.velocity = np.zeros(arm.n)
+        self.doubtful: NDArray[np.bool_] = np.zeros(arm.n, dtype=bool)
         self._any_doubtful = False
-        self._astray = np.zeros((2, len(joint_names)))  # upwards, downwards
-        self._fastest = np.zeros(len(joint_names))
+        self._astray = np.zeros((2, arm.n))  # upwards, downwards
+        self._fastest = np.zeros(arm.n)
         self.contradiction = ""
 
     def check(self, sample: Sample, now: float, timeout: float) -> Sample:
@@ -201,9 +175,9 @@ class MotionCheck:
         last = self._last
         if last is None or now - self._time > timeout:
             self._anchor = sample
-            self._observed = self._reported = np.zeros(len(self._names))
-            self._astray, self.contradiction = np.zeros((2, len(self._names))), ""
-            self.doubtful, self._any_doubtful = np.zeros(len(self._names), dtype=bool), False
+            self._observed = self._reported = np.zeros(self._arm.n)
+            self._astray, self.contradiction = np.zeros((2, self._arm.n)), ""
+            self.doubtful, self._any_doubtful = np.zeros(self._arm.n, dtype=bool), False
         else:
             step = (sample.stamp - last.stamp) * 1e-9
             if step < 0.0:
@@ -268,12 +242,12 @@ class MotionCheck:
         if not over.any():
             self.contradiction = ""
             return
-        joint = int(np.argmax(over))
-        unit = "rad" if self._scale[joint] == 1.0 else "m"
+        worst = int(np.argmax(over))
+        joint = self._arm.joints[worst]
         self.contradiction = (
-            f"{self._names[joint]}: positions move by {self._observed[joint]:.2g} {unit}/s, "
-            f"velocities are {self._reported[joint]:.2g} {unit}/s: an encoder that stands still or "
-            "drifts? Move the joint by hand, and compare both with it"
+            f"{joint.name}: positions move by {self._observed[worst]:.2g} {joint.unit}/s, "
+            f"velocities are {self._reported[worst]:.2g} {joint.unit}/s: an encoder that stands "
+            "still or drifts? Move the joint by hand, and compare both with it"
         )
 
     def _with_believed_velocity(self, sample: Sample) -> Sample:
@@ -297,11 +271,11 @@ class MotionCheck:
         return bool((np.abs(sample.position - last.position) <= farthest).all())
 
     def _jump_error(self, change: Array, step: float) -> DroppedSampleError:
-        joint = int(np.argmax(np.abs(change / self._scale)))
-        unit = "rad" if self._scale[joint] == 1.0 else "m"
+        worst = int(np.argmax(np.abs(change / self._scale)))
+        joint = self._arm.joints[worst]
         return DroppedSampleError(
             "position_jump",
-            f"{self._names[joint]} by {change[joint]:.3g} {unit} in {step * 1e3:.3g} ms, faster "
-            f"than {FASTEST * self._scale[joint]:g} {unit}/s: a broken encoder, or another arm's "
-            "messages?",
+            f"{joint.name} by {change[worst]:.3g} {joint.unit} in {step * 1e3:.3g} ms, faster "
+            f"than {FASTEST * self._scale[worst]:g} {joint.unit}/s: a broken encoder, or another "
+            "arm's messages?",
         )

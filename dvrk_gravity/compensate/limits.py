@@ -86,13 +86,9 @@ class EffortLimits:
         mixed = self.arm.actuator_to_joint != np.diag(np.diag(self.arm.actuator_to_joint))
         return mixed.any(axis=0) | mixed.any(axis=1)
 
-    def contains(self, torque: Array, tolerance: float = 1e-9) -> bool:
+    def contains(self, torque: Array) -> bool:
         """Return whether (n,) joint torques are within both boxes."""
-        motor = self.arm.actuator_effort(torque)
-        return bool(
-            (np.abs(torque) <= self.joint + tolerance).all()
-            and (np.abs(motor) <= self.actuator + tolerance).all()
-        )
+        return bool((self._to_bounds @ torque <= self._bounds + _NO_DIFFERENCE).all())
 
 
 def slew(previous: Array, target: Array, step: Array, limits: EffortLimits) -> Array:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arms import STAYS, other_arm
+from dvrk_gravity.arms import STAYS, Arm, other_arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import DvrkGravityError
 
@@ -67,35 +67,16 @@ class Sample:
 class SampleReader:
     """Picks the arm's joints out of messages, by name and in any order."""
 
-    def __init__(
-        self,
-        joint_names: Sequence[str],
-        lower: ArrayLike = -np.inf,
-        upper: ArrayLike = np.inf,
-        units: Sequence[str] = (),
-        gains: ArrayLike | None = None,
-        arm: str = "",
-        held: Mapping[str, float] | None = None,
-    ) -> None:
-        """Read samples of these joints, in this order.
+    def __init__(self, arm: Arm, margin: Array | float = np.inf) -> None:
+        """Read samples of an arm.
 
-        Args:
-            joint_names: The joints.
-            lower: (n,) least positions allowed, rad or m.
-            upper: (n,) greatest positions allowed, rad or m.
-            units: Of the positions (default: rad).
-            gains: (n,) factors from efforts as read to N·m or N; ``None``: they are.
-            arm: Name of the arm; of a shipped one, joints of a larger shipped arm are refused.
-            held: Joints that the model holds fixed, and where, rad or m; checked in messages that
-                have them.
+        Joints of a larger shipped arm are refused, a joint that the arm holds fixed where a message
+        has it elsewhere, and positions further than ``margin``, (n,) rad or m, outside the limits.
         """
-        self._arm, self._held = arm, held or {}
-        self._gains = None if gains is None else np.asarray(gains, dtype=float)
-        self._joints = tuple(joint_names)
-        self._units = tuple(units) or ("rad",) * len(self._joints)
+        self._arm, self._joints = arm, arm.joint_names
         # Lists: of so few numbers, Python compares them faster than numpy.
-        self._lower: list[float] = np.broadcast_to(lower, len(self._joints)).tolist()
-        self._upper: list[float] = np.broadcast_to(upper, len(self._joints)).tolist()
+        self._lower: list[float] = (arm.lower - margin).tolist()
+        self._upper: list[float] = (arm.upper + margin).tolist()
         self._names: tuple[str, ...] = self._joints
         self._index: NDArray[np.intp] | None = None  # None: the message's order is the arm's
         self._held_at: list[tuple[int, str, float]] = []  # held joints that the messages have
@@ -133,8 +114,8 @@ class SampleReader:
             applied = self._pick("effort", effort)
         except DroppedSampleError:
             applied = None
-        if applied is not None and self._gains is not None:
-            applied = applied * self._gains
+        if applied is not None:
+            applied = self._arm.torque_of_reading(applied)
         return Sample(stamp, values, self._pick("velocity", velocity), applied)
 
     def _match(self, names: tuple[str, ...]) -> None:
@@ -151,13 +132,15 @@ class SampleReader:
             if count > 1:
                 raise DroppedSampleError("duplicate_joint", f"joint {joint} appears {count} times")
             indices.append(names.index(joint))
-        other = other_arm(self._arm, names)
+        other = other_arm(self._arm.name, names)
         if other:
             raise DroppedSampleError(
-                "other_arm", f"the joints of arm {other}, expected those of {self._arm} alone"
+                "other_arm", f"the joints of arm {other}, expected those of {self._arm.name} alone"
             )
         self._names = names
-        self._held_at = [(names.index(n), n, at) for n, at in self._held.items() if n in names]
+        self._held_at = [
+            (names.index(name), name, at) for name, at in self._arm.held.items() if name in names
+        ]
         self._index = None if names == self._joints else np.array(indices)
 
     def _pick(self, field: str, given: ArrayLike) -> Array | None:
@@ -178,7 +161,7 @@ class SampleReader:
         joint = int(np.argmin((values >= self._lower) & (values <= self._upper)))
         return DroppedSampleError(
             "out_of_range",
-            f"{self._joints[joint]} at {values[joint]:.4g} {self._units[joint]}, expected "
+            f"{self._joints[joint]} at {values[joint]:.4g} {self._arm.units[joint]}, expected "
             f"{self._lower[joint]:.4g} to {self._upper[joint]:.4g}: "
             "the model of another arm, a wrong unit, or a broken encoder?",
         )

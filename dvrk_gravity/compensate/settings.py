@@ -142,6 +142,14 @@ class Settings:
         conservative, friction = self.parts(q, qd)
         return conservative + friction
 
+    def finite(self, torque: Array) -> Array:
+        """Return (n,) torques, N·m, or raise ArithmeticError."""
+        finite = np.isfinite(torque)
+        if not finite.all():
+            joint = self.model.arm.joint_names[int(np.argmin(finite))]
+            raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
+        return torque
+
     def static_torque(self, q: Array) -> Array:
         """Return the (n,) torque within the limits that holds the arm at (n,) positions, N·m."""
         return self.limits.clip(self.torque(q, None))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 
 # All signs must point at the compensator for so long, s. A flick of a hand is beyond the limit for
@@ -23,12 +22,9 @@ class SpeedGuard:
     beyond its limit for as long, along with the command, is stopped as well.
     """
 
-    def __init__(
-        self, joint_names: Sequence[str], speed_limit: Array, units: Sequence[str] = ()
-    ) -> None:
-        """Watch joints with (n,) limits, rad/s or m/s; ``units`` of positions (default: rad)."""
-        self._names = tuple(joint_names)
-        self._units = tuple(units) or ("rad",) * len(self._names)
+    def __init__(self, arm: Arm, speed_limit: Array) -> None:
+        """Watch an arm's joints, with (n,) limits, rad/s or m/s."""
+        self._joints = arm.joints
         self._since: dict[int, tuple[float, float]] = {}  # by joint: time and speed at first
         self.limit(speed_limit)
 
@@ -37,8 +33,8 @@ class SpeedGuard:
         self._limit = np.array(speed_limit)
         self._least = float(np.min(self._limit)) ** 2
 
-    def check(self, velocity: Array, command: Array, now: float) -> str | None:
-        """Return why the arm must be held, ``None`` if all is well.
+    def check(self, velocity: Array, command: Array, now: float) -> str:
+        """Return why the arm must be held, ``""``: all is well.
 
         Args:
             velocity: (n,) rad/s or m/s.
@@ -46,26 +42,27 @@ class SpeedGuard:
             now: Monotonic time, s.
         """
         if not self._since and velocity.dot(velocity) <= self._least:
-            return None
+            return ""
         beyond = np.abs(velocity) > self._limit
         if not np.count_nonzero(beyond):
             self._since.clear()
-            return None
+            return ""
         driven = beyond & (velocity * command > 0.0)
-        for joint, runs in enumerate(driven.tolist()):
+        for index, runs in enumerate(driven.tolist()):
             if not runs:
-                self._since.pop(joint, None)
+                self._since.pop(index, None)
                 continue
-            speed = abs(float(velocity[joint]))
-            start, first = self._since.setdefault(joint, (now, speed))
+            speed = abs(float(velocity[index]))
+            start, first = self._since.setdefault(index, (now, speed))
             if now - start < WINDOW:
                 continue
             if speed >= first:
+                joint = self._joints[index]
                 return (
-                    f"{self._names[joint]} runs away: {speed:.3g} {self._units[joint]}/s, at most "
-                    f"{self._limit[joint]:g}, and the command pushed along for {WINDOW:g} s: is "
+                    f"{joint.name} runs away: {speed:.3g} {joint.unit}/s, at most "
+                    f"{self._limit[index]:g}, and the command pushed along for {WINDOW:g} s: is "
                     "the model's gravity or friction too large, is it another arm, or does a hand "
                     "drive the joint?"
                 )
-            self._since[joint] = (now, speed)  # it slows down: watch on from here
-        return None
+            self._since[index] = (now, speed)  # it slows down: watch on from here
+        return ""

@@ -48,30 +48,32 @@ NEGLIGIBLE = 0.01
 OUTSIDE = 0.35
 
 
-class StartRefusedError(DvrkGravityError):
-    """The arm must not be commanded under these conditions."""
+class CommandRefusedError(DvrkGravityError):
+    """The arm must not be commanded, or not any more."""
 
 
 class Start:
-    """Collects samples of an arm that holds itself, and returns the first command.
+    """Collects samples of an arm that holds itself, and returns the first command."""
 
-    Attributes:
-        begin: Monotonic time of the first sample, s.
-    """
-
-    def __init__(self, now: float, arm: Arm) -> None:
-        self.begin = now
-        self._rest = REST_SPEED * DURATION * arm.scale
+    def __init__(self, settings: Settings, now: float) -> None:
+        """Begin at monotonic time ``now``, s, with the parameters to start with."""
+        self._settings, self._begin = settings, now
+        self._rest = REST_SPEED * DURATION * settings.model.arm.scale
         self._efforts: list[Array] = []
         self._models: list[Array] = []
         self._at: Array | None = None
 
-    def add(self, sample: Sample, torque: Array, now: float) -> None:
-        """Add a sample and the model's (n,) torque at it, N·m; an arm that moves begins again."""
+    def add(self, sample: Sample, now: float) -> None:
+        """Add a sample; an arm that moves begins again.
+
+        Raises:
+            ArithmeticError: The model's torque at it is not finite.
+        """
+        torque = self._settings.finite(self._settings.torque(sample.position, None))
         if self._at is None:
             self._at = sample.position
         elif (np.abs(sample.position - self._at) > self._rest).any():
-            self.begin, self._efforts, self._models = now, [], []
+            self._begin, self._efforts, self._models = now, [], []
             self._at = sample.position
         if sample.effort is not None:
             self._efforts.append(sample.effort)
@@ -79,7 +81,7 @@ class Start:
 
     def complete(self, now: float) -> bool:
         """Return whether there is enough to begin with."""
-        return now - self.begin >= DURATION and len(self._models) >= LEAST_SAMPLES
+        return now - self._begin >= DURATION and len(self._models) >= LEAST_SAMPLES
 
     def has_efforts(self) -> bool:
         """Return whether half of the samples have efforts that are not all exactly zero."""
@@ -91,11 +93,12 @@ class Start:
         assert self._at is not None  # there is a sample
         return self._at
 
-    def _mean(self, settings: Settings) -> Array:
+    def _mean(self) -> Array:
         """Return the (n,) mean of what holds the arm, with the weight that it does not read."""
-        return np.asarray(np.mean(self._efforts, axis=0) + _unread_weight(settings, self._position))
+        unread = _unread_weight(self._settings, self._position)
+        return np.asarray(np.mean(self._efforts, axis=0) + unread)
 
-    def origin(self, settings: Settings, tolerance: float) -> tuple[Array, str]:
+    def origin(self, accepted: Settings | None) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and its source in words.
 
         It is the model's torque plus the difference to the mean measured effort, up to what dry
@@ -104,14 +107,25 @@ class Start:
         effort. An arm that does not measure its efforts (none in half of the samples, or all of
         them exactly zero) begins with the model's torque.
 
+        Where nobody has asked for this start (the arm was held for some reason, perhaps for changed
+        parameters), ``accepted`` are the parameters of the last one: the measured effort has to
+        support what has changed since. ``None``: a person has asked for it.
+
         Raises:
-            StartRefusedError: The arm is where this one cannot be, measured and modelled efforts
-                differ by more than ``tolerance``, a part of the effort limits, the model holds next
-                to nothing of the weight, or another weight than the masses in the arm's file have,
-                or the limits cut the holding effort.
+            CommandRefusedError: The arm is where this one cannot be, measured and modelled efforts
+                differ by more than ``start_tolerance``, the model holds next to nothing of the
+                weight, or another weight than the masses in the arm's file have, the limits cut the
+                holding effort, or no measurement supports a change.
         """
+        settings, position = self._settings, self._position
+        tolerance = settings.start_tolerance
+        changed = None if accepted is None else deviation(accepted, settings, position)
+        if accepted is not None and changed is not None:
+            tolerance = _tolerance(accepted, settings)
+            if not settings.weightless:  # a wish with a flag of its own: no measurement supports it
+                self._require_support(accepted, changed.measurable)
         model = np.mean(self._models, axis=0)
-        arm, position = settings.model.arm, self._position
+        arm = settings.model.arm
         require_within(arm, position)
         weight = settings.weight(position)
         if not settings.weightless:
@@ -121,7 +135,7 @@ class Start:
         elif settings.weightless and not arm.gravity_in_command:
             origin, source = model, "the model's torque: the arm holds its own weight"
         else:
-            mean = self._mean(settings)
+            mean = self._mean()
             whole = model if arm.gravity_in_command else model + weight
             difference = mean - whole
             if not settings.weightless:
@@ -133,54 +147,45 @@ class Start:
         worst = int(np.argmax(cut))
         if not cut[worst] <= CONSIDERABLE:
             joint = arm.joints[worst]
-            raise StartRefusedError(
+            raise CommandRefusedError(
                 f"{joint.name} takes {origin[worst]:.4g} {joint.effort_unit} to hold, beyond its "
                 "effort limits: it would fall"
             )
         return settings.limits.clip(origin), source
 
-    def confirmed_origin(
-        self, settings: Settings, before: Settings, tolerance: float, measurable: bool
-    ) -> tuple[Array, str]:
-        """Return :meth:`origin` where the measured efforts support changed parameters.
+    def _require_support(self, accepted: Settings, measurable: bool) -> None:
+        """Refuse changed parameters that hold the arm less well than those accepted before.
 
-        Nobody has asked for this start: the arm was held for some reason, perhaps for the change
-        since the last start accepted ``before``; ``measurable``: it acts on an arm at rest.
-
-        Raises:
-            StartRefusedError: As :meth:`origin`, or no measurement supports the change.
+        ``measurable``: the change acts on an arm at rest.
         """
         why = ""
-        if settings.weightless:  # a wish with a flag of its own, which no measurement can support
-            return self.origin(settings, tolerance)
         if not measurable:
             why = "no measurement at rest supports them"
         elif not self.has_efforts():
             why = "measured_js has no usable effort to compare them with"
         else:
-            limit, mean = settings.model.arm.effort_limit, self._mean(settings)
+            limit, mean = accepted.model.arm.effort_limit, self._mean()
             was, now = (
                 np.linalg.norm((mean - each.holding_effort(self._position)) / limit)
-                for each in (before, settings)
+                for each in (accepted, self._settings)
             )
             if now > was:
                 why = "the measured effort agrees better with those of the last start"
         if why:
-            raise StartRefusedError(f"parameters have changed, and {why}: ~/enable accepts them")
-        return self.origin(settings, tolerance)
+            raise CommandRefusedError(f"parameters have changed, and {why}: ~/enable accepts them")
 
 
 def require_within(arm: Arm, position: Array) -> None:
     """Refuse to command an arm at (n,) positions that this arm cannot reach, rad or m.
 
     Raises:
-        StartRefusedError: Further than 20 deg (35 mm) outside the arm's limits.
+        CommandRefusedError: Further than 20 deg (35 mm) outside the arm's limits.
     """
     beyond = np.maximum(arm.lower - position, position - arm.upper)
     worst = int(np.argmax(beyond / arm.scale))
     if not beyond[worst] <= OUTSIDE * arm.scale[worst]:
         joint = arm.joints[worst]
-        raise StartRefusedError(
+        raise CommandRefusedError(
             f"{joint.name} is at {joint.shown(position[worst])}, {joint.shown(beyond[worst])} "
             f"outside the limits of {arm.name}: the arm of the other side?"
         )
@@ -190,14 +195,14 @@ def _unread_weight(settings: Settings, position: Array) -> Array:
     """Return the (n,) holding efforts that the arm's readings leave out, N·m.
 
     Raises:
-        StartRefusedError: They leave out its weight, which nothing states.
+        CommandRefusedError: They leave out its weight, which nothing states.
     """
     arm = settings.model.arm
     if arm.gravity_in_reading:
         return np.zeros(arm.n)
     stated = stated_weight(arm, position)
     if stated is None and settings.weightless:
-        raise StartRefusedError(
+        raise CommandRefusedError(
             "efforts are read without gravity (effort_has_gravity), and neither the model nor the "
             "arm's file states the arm's weight: it would fall"
         )
@@ -231,7 +236,7 @@ def _compare_with_masses(settings: Settings, position: Array) -> None:
             np.sum(arm.scale**2 * settings.weight(poses) * drawn) / np.sum((arm.scale * drawn) ** 2)
         )
         if not WEIGHT.least <= ratio <= WEIGHT.most_loaded:
-            raise StartRefusedError(
+            raise CommandRefusedError(
                 f"over the arm's range the model's weight is {ratio:.2g} times that of the masses "
                 f"in its file: {hint}"
             )
@@ -248,7 +253,7 @@ def _compare_with_masses(settings: Settings, position: Array) -> None:
         if ratio >= WEIGHT.least:
             return
     joint = arm.joints[worst]
-    raise StartRefusedError(
+    raise CommandRefusedError(
         f"the model holds {ratio:.2g} times what the masses in the arm's file weigh here "
         f"({joint.name}: {held[worst]:.3g} of {weight[worst]:.3g} {EFFORT_UNITS[joint.kind]}): "
         f"{hint}"
@@ -264,7 +269,7 @@ def _compare(mean: Array, model: Array, settings: Settings, tolerance: float) ->
     worst = int(np.argmax(excess))
     if not excess[worst] <= tolerance:
         joint = arm.joints[worst]
-        raise StartRefusedError(
+        raise CommandRefusedError(
             f"{joint.name} is held with {mean[worst]:.4g} {joint.effort_unit} as measured, "
             f"{model[worst]:.4g} by the model, more than {tolerance:g} of its effort_limit apart "
             f"(start_tolerance): {hint}"
@@ -275,7 +280,7 @@ def _compare(mean: Array, model: Array, settings: Settings, tolerance: float) ->
     if size > FELT**2 and part < LEAST_PART:
         worst = int(np.argmax(np.abs(held)))
         joint = arm.joints[worst]
-        raise StartRefusedError(
+        raise CommandRefusedError(
             f"the model holds {100 * part:.1f} % of what the arm is held with as measured "
             f"({joint.name}: {model[worst]:.3g} of {mean[worst]:.3g} {joint.effort_unit}): {hint}"
         )
@@ -300,104 +305,74 @@ class Deviation(NamedTuple):
     measurable: bool
 
 
-class AcceptedParameters:
-    """The parameters of the last accepted start, beside those in force.
+def deviation(accepted: Settings, settings: Settings, position: Array) -> Deviation | None:
+    """Return torque of settings at (n,) positions beyond what was accepted, ``None``: none.
 
-    Parameters that change after a start are compared with those it accepted, at the arm's present
-    position.
-
-    Attributes:
-        settings: Those that the last start accepted.
+    Compared with the parameters that the last start accepted are the torque at rest, and the
+    friction that is compensated at a speed at which it is whole.
     """
-
-    def __init__(self, settings: Settings) -> None:
-        self.settings = settings
-
-    def _tolerance(self, settings: Settings) -> float:
-        # A tolerance that is raised waits for a person, as all else does.
-        return min(self.settings.start_tolerance, settings.start_tolerance)
-
-    def origin(
-        self, start: Start, settings: Settings, position: Array, asked: bool
-    ) -> tuple[Array, str]:
-        """Return :meth:`Start.origin`; of settings not yet accepted :meth:`Start.confirmed_origin`.
-
-        ``asked``: a person has asked for this start, with the present parameters. ``position`` is
-        (n,), rad or m.
-
-        Raises:
-            StartRefusedError: As these.
-        """
-        unconfirmed = None if asked else self.deviation(settings, position)
-        if unconfirmed is None:
-            return start.origin(settings, settings.start_tolerance)
-        return start.confirmed_origin(
-            settings, self.settings, self._tolerance(settings), unconfirmed.measurable
-        )
-
-    @np.errstate(over="ignore", invalid="ignore")
-    def deviation(self, settings: Settings, position: Array) -> Deviation | None:
-        """Return torque of settings at (n,) positions beyond what was accepted, ``None``: none.
-
-        Compared are the torque at rest, and the friction that is compensated at a speed at which
-        it is whole.
-        """
-        before = self.settings
-        if settings.commands_like(before):
-            return None
-        tolerance = self._tolerance(settings)
-        worst, held, asked = self._furthest(
-            before.static_torque(position), settings.static_torque(position)
-        )
-        joint = settings.model.arm.joints[worst]
-        if not abs(asked - held) <= tolerance * joint.effort_limit:
-            return Deviation(
-                f"changed parameters command {asked:.3g} {joint.effort_unit} at {joint.name}, "
-                f"those of the last start {held:.3g}: more than start_tolerance apart",
-                measurable=True,
-            )
-        left_out = settings.clipped_share(position)
-        worst = int(np.argmax(left_out))
-        # As at a start; where the limits of before leave out as much, nothing has changed.
-        if left_out[worst] > max(CONSIDERABLE, before.clipped_share(position)[worst]):
-            joint = settings.model.arm.joints[worst]
-            held, wanted = (
-                settings.static_torque(position)[worst],
-                settings.torque(position, None)[worst],
-            )
-            return Deviation(
-                f"changed effort limits leave {held:.3g} of the {wanted:.3g} {joint.effort_unit} "
-                f"that hold {joint.name}: it would fall",
-                measurable=True,
-            )
-        for way in (1.0, -1.0):
-            speed = way * DRY_SPEED * settings.model.arm.scale
-            old, new = (way * each.parts(position, speed)[1] for each in (before, settings))
-            # Less of it leaves the arm with more friction, which moves nothing.
-            worst, less, more = self._furthest(old, np.maximum(new, old))
-            joint = settings.model.arm.joints[worst]
-            if not more - less <= tolerance * joint.effort_limit:
-                return Deviation(
-                    f"changed parameters compensate {more:.3g} {joint.effort_unit} of friction at "
-                    f"{joint.name}, those of the last start {less:.3g}: more than start_tolerance "
-                    "apart, and friction cannot be measured at rest",
-                    measurable=False,
-                )
+    if settings.commands_like(accepted):
         return None
-
-    def change(self, settings: Settings, position: Array) -> str:
-        """Return in words how settings change the support of the arm at (n,) positions."""
-        before, after = self.settings.static_torque(position), settings.static_torque(position)
-        worst, old, new = self._furthest(before, after)
-        joint = settings.model.arm.joints[worst]
-        if not abs(new - old) > CONSIDERABLE * joint.effort_limit:
-            return ""
-        return (
-            f"parameters have changed: {joint.name} is held with {new:.3g} {joint.effort_unit} "
-            f"instead of {old:.3g}"
+    tolerance = _tolerance(accepted, settings)
+    joints = settings.model.arm.joints
+    worst, held, asked = _furthest(accepted, settings, position)
+    joint = joints[worst]
+    if not abs(asked - held) <= tolerance * joint.effort_limit:
+        return Deviation(
+            f"changed parameters command {asked:.3g} {joint.effort_unit} at {joint.name}, "
+            f"those of the last start {held:.3g}: more than start_tolerance apart",
+            measurable=True,
         )
+    left_out = settings.clipped_share(position)
+    worst = int(np.argmax(left_out))
+    # As at a start; where the accepted limits leave out as much, nothing has changed.
+    if left_out[worst] > max(CONSIDERABLE, accepted.clipped_share(position)[worst]):
+        joint = joints[worst]
+        held, wanted = (
+            settings.static_torque(position)[worst],
+            settings.torque(position, None)[worst],
+        )
+        return Deviation(
+            f"changed effort limits leave {held:.3g} of the {wanted:.3g} {joint.effort_unit} "
+            f"that hold {joint.name}: it would fall",
+            measurable=True,
+        )
+    for way in (1.0, -1.0):
+        speed = way * DRY_SPEED * settings.model.arm.scale
+        old, new = (way * each.parts(position, speed)[1] for each in (accepted, settings))
+        # Less of it leaves the arm with more friction, which moves nothing.
+        more = np.maximum(new - old, 0.0)
+        worst = int(np.argmax(more / settings.model.arm.effort_limit))
+        joint = joints[worst]
+        if not more[worst] <= tolerance * joint.effort_limit:
+            return Deviation(
+                f"changed parameters compensate {new[worst]:.3g} {joint.effort_unit} of friction "
+                f"at {joint.name}, those of the last start {old[worst]:.3g}: more than "
+                "start_tolerance apart, and friction cannot be measured at rest",
+                measurable=False,
+            )
+    return None
 
-    def _furthest(self, old: Array, new: Array) -> tuple[int, float, float]:
-        """Return the joint at which (n,) torques differ most, by their limits, and both there."""
-        worst = int(np.argmax(np.abs(new - old) / self.settings.model.arm.effort_limit))
-        return worst, float(old[worst]), float(new[worst])
+
+def changed_support(accepted: Settings, settings: Settings, position: Array) -> str:
+    """Return in words how settings change the support of the arm at (n,) positions."""
+    worst, old, new = _furthest(accepted, settings, position)
+    joint = settings.model.arm.joints[worst]
+    if not abs(new - old) > CONSIDERABLE * joint.effort_limit:
+        return ""
+    return (
+        f"parameters have changed: {joint.name} is held with {new:.3g} {joint.effort_unit} "
+        f"instead of {old:.3g}"
+    )
+
+
+def _tolerance(accepted: Settings, settings: Settings) -> float:
+    """Return the lesser one: a tolerance that is raised waits for a person, as all else does."""
+    return min(accepted.start_tolerance, settings.start_tolerance)
+
+
+def _furthest(accepted: Settings, settings: Settings, position: Array) -> tuple[int, float, float]:
+    """Return the joint at which two static torques differ most, by the limits, and both there."""
+    old, new = accepted.static_torque(position), settings.static_torque(position)
+    worst = int(np.argmax(np.abs(new - old) / accepted.model.arm.effort_limit))
+    return worst, float(old[worst]), float(new[worst])

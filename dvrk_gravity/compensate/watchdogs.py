@@ -73,13 +73,13 @@ class Watchdogs:
         """
         self._topic, self._hold, self._appear = topic, hold, appear
         self._own: Collection[str] = ()  # our publishers there
-        self._status: dict[str, WatchdogStatus] = {}
-        self._heard: dict[str, float] = {}  # when, s of a monotonic clock
+        # What each has said last, by name, and when, s of a monotonic clock.
+        self._said: dict[str, tuple[WatchdogStatus, float]] = {}
         self._present: Collection[str] = ()
 
     def note(self, status: WatchdogStatus, now: float) -> None:
         """Note what a watchdog says: it replaces what one of that name said before."""
-        self._status[status.node], self._heard[status.node] = status, now
+        self._said[status.node] = status, now
 
     def look(self, present: Collection[str], own: Collection[str]) -> None:
         """Note the full names of the watchdogs that are there, and our publishers by number.
@@ -88,11 +88,11 @@ class Watchdogs:
         may arrive before its publisher is known.
         """
         for name in set(self._present).difference(present):
-            self._status.pop(name, None)
+            self._said.pop(name, None)
         self._present, self._own = present, own
 
     def _known(self) -> list[WatchdogStatus]:
-        return [self._status[name] for name in sorted(self._present) if name in self._status]
+        return [self._said[name][0] for name in sorted(self._present) if name in self._said]
 
     def _own_watchdogs(self) -> list[WatchdogStatus]:
         return [
@@ -102,7 +102,7 @@ class Watchdogs:
     def unwatched_reason(self, now: float) -> str:
         """Return for a person that no watchdog watches our commands, ``""``: one does."""
         ours = self._own_watchdogs()
-        speaking = [each for each in ours if now - self._heard[each.node] < SILENCE]
+        speaking = [each for each in ours if now - self._said[each.node][1] < SILENCE]
         if speaking:
             return (
                 "" if self._hears_us(speaking) else f"{self._deaf_reason(speaking[0])}: {UNWATCHED}"

@@ -58,18 +58,6 @@ SETTINGS = ModelCheckSettings()
 _K2 = 16  # place of joint 2's linear coefficient among the console's parameters
 
 
-def check_model(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
-    """Yield what the model does that it should not, within the arm's limits.
-
-    Args:
-        console: The file.
-        model: Its model.
-    """
-    yield from _clipping(console, model)
-    yield from _growth(console, model)
-    yield from _pair(console, model)
-
-
 def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
     """Yield safe limits that the model passes inside its range, or never comes near."""
     torques = sample_torques(model)
@@ -231,7 +219,9 @@ def check(document: Mapping[str, Any]) -> Iterator[ConsoleFinding]:
     except ConfigError as error:
         yield ConsoleFinding("gravity_differs", Severity.SERIOUS, error.field, str(error))
         return
-    yield from check_model(console, model)
+    yield from _clipping(console, model)
+    yield from _growth(console, model)
+    yield from _pair(console, model)
 
 
 def _text(oddity: json_file.Oddity) -> ConsoleFinding:

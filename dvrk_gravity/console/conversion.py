@@ -1,6 +1,6 @@
 """Any torque model as the dVRK console's calibration file: what it costs, and what is refused.
 
-A model in the console's form (:mod:`.exported`) goes into the file number by number, any
+A model in the console's form (:mod:`.document`) goes into the file number by number, any
 other by least squares (:mod:`.projection`). Either way the file is read again and compared
 with what the compensator would command.
 """

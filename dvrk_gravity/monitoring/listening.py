@@ -143,9 +143,7 @@ class Listener:
         _require_monitorable(model)
         self._settings = settings or MonitorSettings()
         self._tip = None if arm.read_in else Tip(arm, tip)
-        self._read = SampleReader(
-            arm.joint_names, units=arm.units, gains=arm.drive_gains, arm=arm.name, held=arm.held
-        ).read
+        self._read = SampleReader(arm).read
         self._timeout, sampling = timeout, self._settings.sampling
         self._gate = InputGate(arm)
         self._maker = RowMaker(sampling.row_rate)
@@ -211,7 +209,7 @@ class Listener:
             passed = max(round((now - self._now) * 1e9), 1_000_000_000)
             self._origin -= self._stamp + passed - sample.stamp
         self._stamp, self._now = sample.stamp, now
-        velocity = None if sample.velocity is None else self._gate.velocity
+        velocity = None if sample.velocity is None else self._gate.motion.velocity
         row = self._maker.add(
             (sample.stamp - self._origin) * 1e-9, sample.position, velocity, sample.effort
         )

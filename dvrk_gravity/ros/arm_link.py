@@ -6,7 +6,7 @@ package publishes a motion command.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from dvrk_gravity.ros.foreign_commands import OtherTopicCommands, SameTopicComma
 from dvrk_gravity.ros.hold import Hold
 from dvrk_gravity.ros.joint_order_queries import JointOrderQueries
 from dvrk_gravity.ros.presence import Presence, on_operating_state
-from dvrk_gravity.ros.wire import CommandTopic, CommandWriter, JointStateReader, Stamp
+from dvrk_gravity.ros.wire import CommandTopic, CommandWriter, JointStateReader
 
 # DDS repeats lost messages seconds later: an old command must not follow a hold.
 _COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))
@@ -49,12 +49,12 @@ class ArmLink:
         node: Node,
         arm: Arm,
         topic: CommandTopic,
+        *,
+        on_other: Callable[[], None],
+        on_same_topic: Callable[[], None],
+        on_state: Callable[[str], None],
         margin: NDArray[np.float64] | float = np.inf,
-        on_other: Callable[[], None] = lambda: None,
-        on_same_topic: Callable[[], None] = lambda: None,
-        on_state: Callable[[str], None] = lambda reason: None,
         order: tuple[str, ...] = (),
-        watchdogs: Callable[[], Collection[str]] = tuple,
     ) -> None:
         """Connect the topics of the node's namespace.
 
@@ -62,8 +62,7 @@ class ArmLink:
         ``on_other`` is called for a command of another node on another topic than ours,
         ``on_same_topic`` for one on ours, and ``on_state`` with why the arm's operating state
         forbids commands, ``""``: it does not. A person may have stated the ``order`` of joints in
-        which commands are taken. ``watchdogs`` returns full names of nodes that subscribe to them
-        and apply none.
+        which commands are taken.
         """
         self._as_array = topic.as_array
         self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)
@@ -78,13 +77,10 @@ class ArmLink:
         self.other_topics = OtherTopicCommands(node, self.topic, self.hold.is_echo, on_other)
         on_operating_state(node, on_state)
         self._unpack = JointStateReader().read
-        self._read = SampleReader(
-            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
-            arm.name, arm.held,
-        ).read  # fmt: skip
+        self._read = SampleReader(arm, margin).read
         self._joints, self._fields, self._stated = arm.joint_names, topic.fields, order
         self._joint_order_queries = (
-            JointOrderQueries(node, self.topic, order or arm.joint_names, bool(order), watchdogs)
+            JointOrderQueries(node, self.topic, order or arm.joint_names, bool(order))
             if topic.as_array
             else None
         )
@@ -104,23 +100,17 @@ class ArmLink:
             and self.presence.arm_hears_hold()
         )
 
-    def publisher_conflict(self, info: Mapping[str, Any]) -> str:
-        """Return which nodes measure if several do; ``info`` is the middleware's on a message."""
-        return self.presence.note_number(info["publication_sequence_number"])
-
-    def read(self, data: bytes) -> tuple[Sample, Stamp]:
-        """Return the sample and the stamp in the bytes of a message of ``measured_js``.
+    def read(self, data: bytes) -> Sample:
+        """Return the sample in the bytes of a message of ``measured_js``.
 
         Raises:
             DroppedSampleError: No command may answer it.
         """
         fields = self._unpack(data)
-        sample = self._read(
-            fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
-        )
+        sample = self._read(*fields)
         if fields.names is not self.measured:
             self._set_order(fields.names)
-        return sample, fields.stamp
+        return sample
 
     def _set_order(self, names: tuple[str, ...]) -> None:
         """Write commands in the stated order, or in that of ``measured_js``.
@@ -136,8 +126,8 @@ class ArmLink:
         self._order = None if ours == self._joints else [self._joints.index(name) for name in ours]
         self._writer = CommandWriter(ours, self.same_topic.mark, self._fields)
 
-    def publish(self, stamp: Stamp, *values: Any) -> None:
-        """Command the arm: (n,) numbers for each field of its topic."""
+    def publish(self, stamp: int, *values: Any) -> None:
+        """Command the arm: a stamp, ns, and (n,) numbers for each field of its topic."""
         ordered = values if self._order is None else [each[self._order] for each in values]
         if self._as_array:
             (effort,) = ordered
@@ -147,11 +137,14 @@ class ArmLink:
         else:
             self._command.publish(self._writer.write(stamp, *ordered))
 
-    def look(self, active: bool, measuring: bool) -> dict[str, str]:
+    def look(
+        self, active: bool, measuring: bool, watchdogs: Collection[str] = ()
+    ) -> dict[str, str]:
         """Repeat a pending hold, and look for other nodes; to be called a few times a second.
 
         Returns by cause why the arm must not be commanded; ``""``: it may. When we are
         ``measuring``, subscribed to ``measured_js``, DDS knows the arm's subscriptions.
+        ``watchdogs`` are full names of nodes that subscribe to commands and apply none.
         """
         self.hold.look()
         self.same_topic.watch(active)
@@ -162,7 +155,7 @@ class ArmLink:
             "hold": self.presence.no_hold_reason() if deaf else "",
             "joint_order": self.order_mismatch
             if self._joint_order_queries is None
-            else self._joint_order_queries.look(active),
+            else self._joint_order_queries.look(active, watchdogs),
             "measured_js": self.presence.publisher_conflict()
             or self.presence.replaced_publisher(active),
         }
@@ -170,6 +163,10 @@ class ArmLink:
     def commanded_by_others(self) -> bool:
         """Return whether another node has just commanded the arm."""
         return self.other_topics.heard_lately() or self.same_topic.heard_lately()
+
+    def freed_by_others(self) -> bool:
+        """Return whether another node has just freed the arm."""
+        return self.other_topics.heard_lately() and self.other_topics.command == "free"
 
     def has_listened(self) -> bool:
         """Return whether other nodes have had the time to be heard."""

@@ -88,9 +88,9 @@ class Client:
                 raise ProcessError(f"timed out after {timeout:g} s waiting for {what}")
             self.spin_once()
 
-    def connected(self, publisher: Any, *others: Any) -> bool:
+    def connected(self, *publishers: Any) -> bool:
         """Return whether each publisher has a subscriber."""
-        return all(item.get_subscription_count() > 0 for item in (publisher, *others))
+        return all(each.get_subscription_count() > 0 for each in publishers)
 
     def call(self, kind: Any, name: str, request: Any = None, timeout: float = 20.0) -> Any:
         """Call a service and return its answer, for which each step may take ``timeout`` s."""

@@ -30,8 +30,8 @@ from dvrk_gravity.model import all_parameters
 from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
-from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
-from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics, supervisor_state
+from dvrk_gravity.ros.executor import PromptNode, subscribe_raw
 from dvrk_gravity.ros.foreign_commands import LATELY, Endpoints
 from dvrk_gravity.ros.presence import HOLD, MEASURED, busy_advice, require_own
 from dvrk_gravity.ros.watchdog_node import WATCHDOG_TOPIC
@@ -72,7 +72,6 @@ class Compensator(PromptNode):
         self._reported: tuple[Status, str, str] | None = None
         self._warned_of_velocity = False
         self._unwatched = ""  # where no watchdog watches our commands, in words
-        self._watchdog_nodes: set[str] = set()
         self._connect()
         self.add_pre_set_parameters_callback(self._look_for_the_end)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -91,12 +90,11 @@ class Compensator(PromptNode):
             self,
             arm,
             self._command_topic(),
-            settings.position_margin * arm.scale,
             on_other=self._on_other,
             on_same_topic=self._refuse_same_topic,
             on_state=lambda reason: self._obstruct("operating_state", reason),
+            margin=settings.position_margin * arm.scale,
             order=stated_order(arm.joint_names, self.get_parameter(STATEMENT).value),
-            watchdogs=lambda: self._watchdog_nodes,
         )
         self._watchdogs = Watchdogs(
             self._arm.topic,
@@ -108,7 +106,7 @@ class Compensator(PromptNode):
         )
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
-        self._diagnostics = Diagnostics(self)
+        self._diagnostics = Diagnostics(self, arm.name)
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
         )
@@ -120,22 +118,19 @@ class Compensator(PromptNode):
         )
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four checks within the time-out notice a silence at most a quarter late.
-        self._watch = self._timer(settings.timeout / 4, self._on_watch)
-        self._timer(LATELY / 4, self._on_listen)
-        self._timer(1.0, self._publish_diagnostics)
-
-    def _timer(self, period: float, callback: Any) -> Any:
-        return self.create_timer(period, callback, clock=runtime.STEADY_CLOCK)
+        self._watch = runtime.every(self, settings.timeout / 4, self._on_watch)
+        runtime.every(self, LATELY / 4, self._on_listen)
+        runtime.every(self, 1.0, self._publish_diagnostics)
 
     # --- input ---------------------------------------------------------------------------
 
     def _on_measured(self, data: bytes, info: dict[str, Any]) -> None:
         now = time.monotonic()
-        several = self._arm.publisher_conflict(info)
+        several = self._arm.presence.note_message(info)
         if several:
             self._supervisor.obstruct("measured_js", several)
         try:
-            sample, stamp = self._arm.read(data)
+            sample = self._arm.read(data)
             if self._arm.order_mismatch:
                 self._supervisor.obstruct("joint_order", self._arm.order_mismatch)
             effort = self._supervisor.command(sample, now, self._now())
@@ -151,7 +146,7 @@ class Compensator(PromptNode):
             )
         else:
             if effort is not None and self._supervisor.in_time(time.monotonic()):
-                self._arm.publish(stamp, self._as_taken(effort))
+                self._arm.publish(sample.stamp, self._as_taken(effort))
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
             if sample.velocity is None and not self._warned_of_velocity:
@@ -199,12 +194,12 @@ class Compensator(PromptNode):
         sees the subscription may rely on answers.
         """
         active = self._supervisor.active
-        self._watchdog_nodes = {*self._of_watchdogs.nodes(seldom=active).values()}
-        obstacles = self._arm.look(active, measuring=self.prompt is not None)
+        watchdogs = {*self._of_watchdogs.nodes(seldom=active).values()}
+        obstacles = self._arm.look(active, self.prompt is not None, watchdogs)
         us = self.get_fully_qualified_name()
         commanders = self._commanders.nodes(seldom=active)
         own = {number.hex() for number, name in commanders.items() if name == us}
-        self._watchdogs.look(self._watchdog_nodes, own)
+        self._watchdogs.look(watchdogs, own)
         self._unwatched = self._watchdogs.unwatched_reason(time.monotonic())
         if not active:
             self._supervisor.busy_advice = busy_advice(self)
@@ -225,8 +220,7 @@ class Compensator(PromptNode):
 
     def _subscribe(self, topic: str) -> None:
         depth = int(self.get_parameter("input_depth").value)
-        on_measured: Any = self._on_measured  # takes the message's information, too
-        self.prompt = self.create_subscription(JointState, topic, on_measured, depth, raw=True)
+        self.prompt = subscribe_raw(self, JointState, topic, self._on_measured, depth)
         self._settle()
 
     def _on_other(self) -> None:
@@ -347,7 +341,7 @@ class Compensator(PromptNode):
     def _publish_diagnostics(self) -> None:
         statistics = self._statistics.take(time.monotonic())
         self._diagnostics.publish(
-            self._supervisor, statistics, self._arm.hold.missing, self._unwatched
+            *supervisor_state(self._supervisor, statistics, self._arm.hold.missing, self._unwatched)
         )
 
     def finish(self) -> bool:

@@ -9,7 +9,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -162,8 +162,8 @@ class Scenario:
             simulated = {"rate": 200.0, "friction_scale": self._friction_scale, **output}
             plant = {"plant": stage.plant} if stage.plant else {"arm": stage.arm.source}
             self._processes = stack.enter_context(ExitStack())
-            self.simulator = self._begin("simulator", _arguments(simulated | plant))
-            self._begin("watchdog", ["--params-file", str(stage.model), *_arguments(output)])
+            self.simulator = self._begin("simulator", None, simulated | plant)
+            self._begin("watchdog", stage.model, output)
             self._begin_compensator()
             self._connect()
             self._stack = stack.pop_all()
@@ -172,8 +172,11 @@ class Scenario:
     def __exit__(self, *error: Any) -> None:
         self._stack.__exit__(*error)
 
-    def _begin(self, verb: str, arguments: Sequence[str]) -> NodeProcess:
-        process = NodeProcess(verb, *arguments, namespace=self._stage.namespace)
+    def _begin(self, verb: str, model: Path | None, parameters: dict[str, Any]) -> NodeProcess:
+        of_model = () if model is None else ("--params-file", str(model))
+        process = NodeProcess(
+            verb, *of_model, namespace=self._stage.namespace, parameters=parameters
+        )
         return self._processes.enter_context(process)
 
     def _begin_compensator(self) -> None:
@@ -181,8 +184,7 @@ class Scenario:
         given = {
             "enabled": "false", "ramp_time": 0.5, "max_stamp_age": 0.0, "output": self._output,
         }  # fmt: skip
-        model = ["--params-file", str(self._stage.model)]
-        self._compensator = self._begin("compensator", [*model, *_arguments(given)])
+        self._compensator = self._begin("compensator", self._stage.model, given)
 
     def _connect(self) -> None:
         node = self._client.node
@@ -283,7 +285,7 @@ class Scenario:
                 JointState, f"monitor/{name}", partial(_note_torque, heard), 100
             )
         node.create_subscription(String, "monitor/events", self._on_event, 100)
-        self._begin("monitor", ["--params-file", str(self._monitored)])
+        self._begin("monitor", self._monitored, {})
 
     def _on_event(self, message: Any) -> None:
         self._monitor_events.append(json.loads(message.data))
@@ -447,7 +449,3 @@ def _note_torque(heard: list[tuple[float, list[float]]], message: JointState) ->
 
 def _seconds(message: JointState) -> float:
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
-
-
-def _arguments(parameters: dict[str, Any]) -> Sequence[str]:
-    return [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]

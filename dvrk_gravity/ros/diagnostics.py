@@ -1,4 +1,4 @@
-"""The compensator's state on /diagnostics."""
+"""What nodes say on /diagnostics, and the compensator's state there."""
 
 from __future__ import annotations
 
@@ -52,55 +52,70 @@ class Statistics:
 
 
 class Diagnostics:
-    """Publishes a supervisor's state with warnings for a person."""
+    """Publishes a node's state on /diagnostics."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, arm: str) -> None:
+        self._node, self._arm = node, arm
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
-    def publish(
-        self,
-        supervisor: Supervisor,
-        statistics: Mapping[str, str],
-        not_held: bool,
-        unwatched: str,
-    ) -> None:
-        """Publish the state, further figures by name, and whether a hold has no receiver.
-
-        ``unwatched``: in words, that no watchdog watches the commands.
-        """
-        warned = warnings(supervisor)
-        if unwatched and supervisor.active:
-            warned.insert(0, unwatched)
-        if not_held:
-            warned.insert(0, "hold has no subscriber: the arm may keep its last effort")
-        state = f"{supervisor.status.value}: {supervisor.reason}"
-        values = {
-            "state": supervisor.status.value,
-            "reason": supervisor.reason,
-            "warnings": "; ".join(warned) or "none",
-            **statistics,
-            "watchdog": unwatched or "watches our commands",
-            "started from": supervisor.origin or "not started",
-            "saturated joints": _joints(supervisor, supervisor.saturated) or "none",
-            "builtin compensation": "on" if supervisor.builtin_active else "off or not seen",
-            **{f"dropped {cause}": str(count) for cause, count in supervisor.dropped.items()},
-        }
-        status = DiagnosticStatus(
-            level=_level(supervisor.status, bool(warned), not_held),
-            name=self._node.get_fully_qualified_name(),
-            message="; ".join([state, *warned]),
-            hardware_id=supervisor.settings.model.arm.name,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+    def publish(self, level: bytes, message: str, values: Mapping[str, str]) -> None:
+        """Publish a level, a message for a person, and figures by name."""
+        status = status_message(self._node, level, message, values, self._arm)
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
 
 
-def warnings(supervisor: Supervisor) -> list[str]:
+def status_message(
+    node: Node, level: bytes, message: str, values: Mapping[str, str], hardware: str = ""
+) -> DiagnosticStatus:
+    """Return a node's state as ROS has it."""
+    return DiagnosticStatus(
+        level=level,
+        name=node.get_fully_qualified_name(),
+        message=message,
+        hardware_id=hardware,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+
+
+def supervisor_state(
+    supervisor: Supervisor, statistics: Mapping[str, str], not_held: bool, unwatched: str
+) -> tuple[bytes, str, dict[str, str]]:
+    """Return a supervisor's state with warnings for a person: level, message and figures.
+
+    Args:
+        supervisor: It.
+        statistics: Further figures.
+        not_held: A hold has no receiver.
+        unwatched: In words, that no watchdog watches the commands; ``""``: one does.
+    """
+    warned = _warnings(supervisor)
+    if unwatched and supervisor.active:
+        warned.insert(0, unwatched)
+    if not_held:
+        warned.insert(0, "hold has no subscriber: the arm may keep its last effort")
+    compensation = supervisor.compensation
+    saturated = compensation and _joints(supervisor, compensation.saturated)
+    state = f"{supervisor.status.value}: {supervisor.reason}"
+    values = {
+        "state": supervisor.status.value,
+        "reason": supervisor.reason,
+        "warnings": "; ".join(warned) or "none",
+        **statistics,
+        "watchdog": unwatched or "watches our commands",
+        "started from": supervisor.origin or "not started",
+        "saturated joints": saturated or "none",
+        "builtin compensation": "on" if supervisor.builtin_active else "off or not seen",
+        **{f"dropped {cause}": str(count) for cause, count in supervisor.dropped.items()},
+    }
+    return _level(supervisor.status, bool(warned), not_held), "; ".join([state, *warned]), values
+
+
+def _warnings(supervisor: Supervisor) -> list[str]:
     """Return warnings to a person at an arm under command."""
-    if not supervisor.active:
+    compensation = supervisor.compensation
+    if compensation is None:
         return []
     arm = supervisor.settings.model.arm
     found = []
@@ -109,18 +124,18 @@ def warnings(supervisor: Supervisor) -> list[str]:
     if supervisor.change:
         found.append(supervisor.change)
     for joints, text in (
-        (supervisor.saturated, "{} saturated at the effort limits"),
+        (compensation.saturated, "{} saturated at the effort limits"),
         (
             supervisor.doubtful,
             "velocity of {} contradicts the positions: friction there is not compensated",
         ),
         (
-            supervisor.outside,
+            compensation.outside,
             f"{{}} outside the position limits of {arm.name}: another arm's model, or a wrong "
             "encoder zero?",
         ),
         (
-            supervisor.friction_held_back,
+            compensation.friction_held_back,
             "friction compensation of {} is reduced: it may feed energy into the motion",
         ),
     ):

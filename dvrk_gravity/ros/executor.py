@@ -13,12 +13,13 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 # All but the prompt subscription and timers is checked so often, s.
@@ -28,6 +29,27 @@ _WAKE = 0.05
 # Messages of one subscription that are processed at a check.
 _MOST = 100
 _KINDS = ("subscription", "guard_condition", "client", "service")
+
+
+def subscribe_raw(
+    node: Node,
+    kind: Any,
+    topic: str,
+    callback: Callable[[bytes, dict[str, Any]], None],
+    profile: QoSProfile | int,
+) -> Subscription:
+    """Have messages called back as bytes, with the middleware's information on each."""
+    of_both: Any = callback  # rclpy's types know callbacks of messages alone
+    return node.create_subscription(kind, topic, of_both, profile, raw=True)
+
+
+def arrived(subscription: Subscription, most: int) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Yield messages that a subscription has received, and the middleware's information on each."""
+    for _ in range(most):
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return
+        yield taken
 
 
 @contextlib.contextmanager
@@ -119,11 +141,8 @@ class PromptExecutor(SingleThreadedExecutor):
             if subscription is self._node.prompt or subscription.handle.pointer not in ready:
                 continue
             ready.remove(subscription.handle.pointer)
-            for _ in range(_MOST):
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is None:
-                    break
-                subscription.callback(taken[0])
+            for message, _ in arrived(subscription, _MOST):
+                subscription.callback(message)
 
     def _wait_for_prompt(self, prompt: Subscription, timeout: int) -> bool:
         """Wait at most some ns for a message, or to be woken; return whether a message is there."""

@@ -238,7 +238,7 @@ class SameTopicCommands(_ForeignCommands):
         self._subscription: Any = None
         self._first = -math.inf  # when the first of the last commands in a row was heard
         self.elder = False
-        self._commanding, self._commanding_since = False, -math.inf
+        self._commanding_since = math.inf  # we do not command
         self._since = time.monotonic()
         self._others = False
         self.watch(commanding=False)
@@ -248,9 +248,10 @@ class SameTopicCommands(_ForeignCommands):
         others = self._node.count_publishers(self.topic) > 1
         if others and not self._others:
             self._since = time.monotonic()  # it may just not have been heard yet
-        if commanding and not self._commanding:
-            self._commanding_since = time.monotonic()
-        self._others, self._commanding = others, commanding
+        self._others = others
+        self._commanding_since = (
+            min(self._commanding_since, time.monotonic()) if commanding else math.inf
+        )
         wanted = others or not commanding
         if wanted and self._subscription is None:
             self._subscription = self._node.create_subscription(
@@ -280,8 +281,9 @@ class SameTopicCommands(_ForeignCommands):
         mark = _MARK.search(data)
         later = mark is not None and int(mark[1]) > self._start
         # An elder may be heard late; much later it is no compensator but its recording.
-        young = not self._commanding or now - self._commanding_since < _INTRODUCTION
+        young = now - self._commanding_since < _INTRODUCTION
         self.elder = mark is not None and not later and young
-        if later and self._commanding and now - self._first < PATIENCE:
+        commanding = self._commanding_since < math.inf
+        if later and commanding and now - self._first < PATIENCE:
             return
         self._heard()

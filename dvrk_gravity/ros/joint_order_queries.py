@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType
@@ -27,19 +27,9 @@ class JointOrderQueries:
     Questions are sent and answers fetched without waiting: see :meth:`look`.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        topic: str,
-        order: Sequence[str],
-        stated: bool,
-        watchdogs: Callable[[], Collection[str]],
-    ) -> None:
-        """Expect subscribers to ``topic`` to take efforts in ``order``, which may be ``stated``.
-
-        ``watchdogs`` returns the full names of nodes that subscribe to it and apply nothing.
-        """
-        self._node, self._watchdogs = node, watchdogs
+    def __init__(self, node: Node, topic: str, order: Sequence[str], stated: bool) -> None:
+        """Expect subscribers to ``topic`` to take efforts in ``order``, which may be ``stated``."""
+        self._node = node
         self._subscriptions = Endpoints(
             topic, node.count_subscribers, node.get_subscriptions_info_by_topic
         )
@@ -47,10 +37,13 @@ class JointOrderQueries:
         # Clients, the questions that they have sent, and when.
         self._queries: dict[bytes, tuple[Any, Any, float]] = {}
 
-    def look(self, active: bool) -> str:
-        """Return why the arm must not be commanded, ``""``: it may; to be called now and then."""
+    def look(self, active: bool, watchdogs: Collection[str]) -> str:
+        """Return why the arm must not be commanded, ``""``: it may; to be called now and then.
+
+        ``watchdogs`` are full names of nodes that subscribe to the topic and apply nothing.
+        """
         now = time.monotonic()
-        excluded = {self._node.get_fully_qualified_name(), *self._watchdogs()}
+        excluded = {self._node.get_fully_qualified_name(), *watchdogs}
         found = self._subscriptions.nodes(seldom=active).items()
         self._subscribers.look({each: name for each, name in found if name not in excluded}, now)
         for subscriber in self._queries.keys() - self._subscribers.unanswered().keys():

@@ -19,6 +19,7 @@ from dvrk_gravity.compensate import (
     SampleReader,
 )
 from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.executor import subscribe_raw
 from dvrk_gravity.ros.presence import MEASURED, Presence
 from dvrk_gravity.ros.runtime import catch_end_signals
 from dvrk_gravity.ros.wire import JointStateReader
@@ -35,21 +36,17 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
     """
     presence = Presence(client.node, any_subscriber=False)
     unpack, gate = JointStateReader().read, InputGate(arm)
-    read = SampleReader(arm.joint_names, units=arm.units, arm=arm.name, held=arm.held).read
+    read = SampleReader(arm).read
     heard, jump = -math.inf, ""
 
     def believe(data: bytes, info: Mapping[str, Any]) -> None:
         nonlocal heard, jump
-        if several := presence.note_number(info["publication_sequence_number"]):
+        if several := presence.note_message(info):
             raise MotionError(several)
         now = time.monotonic()
         try:
-            fields = unpack(data)
-            sample = read(
-                fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
-            )
             clock = client.node.get_clock().now().nanoseconds
-            admitted = gate.admit(sample, now, clock, _TIMEOUT, 0.0, False)
+            believed = gate.admit(read(*unpack(data)), now, clock, _TIMEOUT, 0.0, False)
         except DroppedSampleError as error:
             if error.cause == "position_jump":
                 jump = jump or str(error)
@@ -57,10 +54,9 @@ def on_sample(client: Client, arm: Arm, receive: Callable[[Sample], None]) -> No
         if jump and now - heard > _TIMEOUT:  # compared with none before
             raise MotionError(f"{topic.topic_name}: {jump} It stays there: begin again")
         heard, jump = now, ""
-        receive(admitted.sample)
+        receive(believed)
 
-    on_measured: Any = believe  # takes the message's information, too
-    topic = client.node.create_subscription(JointState, MEASURED, on_measured, 100, raw=True)
+    topic = subscribe_raw(client.node, JointState, MEASURED, believe, 100)
 
 
 def listen(client: Client, arm: Arm) -> Iterator[Array | None]:

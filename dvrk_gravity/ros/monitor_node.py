@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -19,13 +18,12 @@ from std_srvs.srv import Trigger
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate import DroppedSampleError
-from dvrk_gravity.model import BY_EFFECTS
 from dvrk_gravity.monitoring import Listener, Reading, Sampling
-from dvrk_gravity.parameters import Parameter, check_all
+from dvrk_gravity.parameters import Parameter
 from dvrk_gravity.report import event_json, event_text
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.diagnostics import Statistics
-from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.diagnostics import Diagnostics, Statistics
+from dvrk_gravity.ros.executor import PromptNode, arrived, subscribe_raw
 from dvrk_gravity.ros.message_buffer import MessageBuffer
 from dvrk_gravity.ros.presence import MEASURED, Presence
 from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
@@ -92,10 +90,7 @@ class Monitor(PromptNode):
         # A file for all nodes (`/**`) has the compensator's parameters, too.
         own = {name: value for name, value in given.items() if name in MONITOR_PARAMETERS}
         others = {name: value for name, value in given.items() if name not in own}
-        value: dict[str, Any] = {name: entry.default for name, entry in MONITOR_PARAMETERS.items()}
-        value |= check_all(MONITOR_PARAMETERS, own, BY_EFFECTS)
-        runtime.declare(self, MONITOR_PARAMETERS, value)
-        self.add_on_set_parameters_callback(self._refuse_parameters)
+        value = runtime.declare_constants(self, MONITOR_PARAMETERS, own, others)
         model = runtime.model_of(others)
         self._listener = Listener(model, value["tip"], timeout=value["silence"])
         self._unpack = JointStateReader().read
@@ -113,7 +108,7 @@ class Monitor(PromptNode):
 
     def _connect(self, seconds: float) -> None:
         names = self._listener.model.arm.joint_names
-        self._write = CommandWriter(names, "", ("effort",)).write
+        self._write = CommandWriter(names, "").write
         self._torques = (
             self.create_publisher(JointState, "~/expected_js", 10),
             self.create_publisher(JointState, "~/external_js", 10),
@@ -125,63 +120,54 @@ class Monitor(PromptNode):
         )
         self._heard: set[Any] = set()  # publishers with subscribers
         self._events = self.create_publisher(String, "~/events", _EVENTS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = Diagnostics(self, self._listener.model.arm.name)
         self.create_service(Trigger, "~/save", self._on_save)
         self._minutes = MessageBuffer(
             self._listener.model, self.resolve_topic_name(MEASURED), seconds
         )
-        on_measured: Any = self._on_measured  # takes the message's information, too
-        self.prompt = self.create_subscription(
-            JointState, MEASURED, on_measured, _MEASURED, raw=True
-        )
-        self.create_timer(_LOOK, self._on_look, clock=runtime.STEADY_CLOCK)
-        self.create_timer(1.0, self._publish_diagnostics, clock=runtime.STEADY_CLOCK)
+        self.prompt = subscribe_raw(self, JointState, MEASURED, self._on_measured, _MEASURED)
+        runtime.every(self, _LOOK, self._on_look)
+        runtime.every(self, 1.0, self._publish_diagnostics)
 
     def _on_measured(self, data: bytes, info: Mapping[str, Any]) -> None:
         """Read a message, and those that come within a moment."""
         assert self.prompt is not None  # it called us
         self._read(data, info)
         time.sleep(_GATHER)
-        for _ in range(_MOST):
-            taken = self.prompt.handle.take_message(JointState, True)
-            if taken is None:
-                break
-            self._read(*taken)
+        for received in arrived(self.prompt, _MOST):
+            self._read(*received)
 
     def _read(self, data: bytes, info: Mapping[str, Any]) -> None:
         now = time.monotonic()
         self._statistics.received(now)
         self._minutes.add(data, time.time_ns())
         try:
-            if several := self._presence.note_number(info["publication_sequence_number"]):
+            if several := self._presence.note_message(info):
                 raise DroppedSampleError("several_publishers", several)
             fields = self._unpack(data)
         except DroppedSampleError as error:
             self._listener.drop(error)
             return
-        for reading in self._listener.receive(
-            fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort, now
-        ):
+        for reading in self._listener.receive(*fields, now):
             self._count += 1
             if self._count % self._every == 0:
                 self._publish(reading)
         self._statistics.computed(time.monotonic() - now)
 
     def _publish(self, reading: Reading) -> None:
-        stamp = divmod(reading.stamp, 1_000_000_000)
         values = (reading.expected, reading.external, reading.deviation)
         for publisher, torque in zip(self._torques, values, strict=True):
             if torque is not None and publisher in self._heard:
-                publisher.publish(self._write(stamp, torque))
+                publisher.publish(self._write(reading.stamp, torque))
         if reading.wrench is not None:
             of_wrench = (reading.wrench.value, reading.wrench.deviation)
             for wrenches, vector in zip(self._wrenches, of_wrench, strict=True):
                 if wrenches in self._heard:
-                    wrenches.publish(self._wrench(stamp, vector))
+                    wrenches.publish(self._wrench(reading.stamp, vector))
 
-    def _wrench(self, stamp: tuple[int, int], vector: Array) -> WrenchStamped:
+    def _wrench(self, stamp: int, vector: Array) -> WrenchStamped:
         message = WrenchStamped()
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         message.header.frame_id = self._frame
         for part, numbers in (
             (message.wrench.force, vector[:3]), (message.wrench.torque, vector[3:])
@@ -225,14 +211,7 @@ class Monitor(PromptNode):
             **self._statistics.take(now),
             **{f"dropped {cause}": str(count) for cause, count in listener.dropped.items()},
         }
-        status = DiagnosticStatus(
-            level=level, name=self.get_fully_qualified_name(), message=f"{meaning} {text}".rstrip(),
-            hardware_id=arm.name,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )  # fmt: skip
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(level, f"{meaning} {text}".rstrip(), values)
 
     def _wrench_values(self) -> dict[str, str]:
         last = self._listener.last
@@ -248,14 +227,6 @@ class Monitor(PromptNode):
         folder = Path(str(self.get_parameter("save_folder").value)).expanduser()
         response.success, response.message = self._minutes.save(folder)
         return response
-
-    def _refuse_parameters(self, changes: list[Any]) -> SetParametersResult:
-        for change in changes:
-            if not change.name.startswith(runtime.OF_RCLPY):
-                return SetParametersResult(
-                    successful=False, reason=f"{change.name} is read only at the start"
-                )
-        return SetParametersResult(successful=True)
 
     def finish(self) -> bool:
         """End the tests and what is being diagnosed; return whether that went well."""

@@ -15,16 +15,17 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.collecting import Path, Watch, hold_on_error
 from dvrk_gravity.compensate import (
+    CommandRefusedError,
     DroppedSampleError,
     FollowingErrorCheck,
     InputGate,
     MotionError,
     Sample,
-    StartRefusedError,
     require_within,
 )
 from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.executor import arrived, subscribe_raw
 from dvrk_gravity.ros.foreign_commands import LATELY
 from dvrk_gravity.ros.presence import MEASURED, simulator_of
 from dvrk_gravity.ros.processes import ProcessError
@@ -82,10 +83,7 @@ class Mover:
         # (n,) last set point and its velocity, until the arm is held.
         self._commanded: tuple[Array, Array] | None = None
         self.interrupted = False
-        on_measured: Any = self._on_measured  # takes the message's information, too
-        self._input = client.node.create_subscription(
-            JointState, MEASURED, on_measured, _QUEUE, raw=True
-        )
+        self._input = subscribe_raw(client.node, JointState, MEASURED, self._on_measured, _QUEUE)
 
     def __enter__(self) -> Mover:
         def interrupt() -> None:
@@ -158,7 +156,7 @@ class Mover:
         try:
             position = self._following.rest_position(np.array([each.position for each in heard]))
             require_within(self._arm, position)
-        except (MotionError, StartRefusedError) as error:
+        except (MotionError, CommandRefusedError) as error:
             raise MotionError(f"{self.topic}: {error}") from error
         return position
 
@@ -228,11 +226,11 @@ class Mover:
         """
         if self._commanded is None:
             return False
-        if self._link.other_topics.heard_lately() and self._link.other_topics.command == "free":
+        if self._link.freed_by_others():
             self._commanded = None  # the person who freed the arm may have a hand in it
             return False
         if not any(self._against.values()) and time.monotonic() - self._awake < ASLEEP:
-            stop = self._following.resting_place(*self._commanded, self._gate.velocity)
+            stop = self._following.resting_place(*self._commanded, self._gate.motion.velocity)
             self._publish(stop)
         self._commanded = None
         self._link.hold.send()
@@ -248,11 +246,9 @@ class Mover:
         self._publish(position, velocity)
 
     def _publish(self, position: Array, velocity: Array | None = None) -> None:
-        stamp = self._client.node.get_clock().now().to_msg()
+        stamp = self._client.node.get_clock().now().nanoseconds
         at_rest = np.zeros(self._arm.n)
-        self._link.publish(
-            (stamp.sec, stamp.nanosec), position, at_rest if velocity is None else velocity
-        )
+        self._link.publish(stamp, position, at_rest if velocity is None else velocity)
 
     def _listen_until(self, when: float) -> None:
         time.sleep(max(0.0, when - time.monotonic()))
@@ -265,11 +261,8 @@ class Mover:
         machine has no time for that.
         """
         for subscription in list(self._client.node.subscriptions):
-            for _ in range(_QUEUE):
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is None:
-                    break
-                subscription.callback(*taken[: 2 if subscription is self._input else 1])
+            for received in arrived(subscription, _QUEUE):
+                subscription.callback(*received[: 2 if subscription is self._input else 1])
         self._client.spin_once(0.0)
         now = time.monotonic()
         if self._commanded is not None and now - self._awake > ASLEEP:
@@ -284,7 +277,7 @@ class Mover:
         if now >= self._next_look:
             self._next_look = now + LATELY / 4
             self._against |= self._link.look(self._commanded is not None, measuring=True)
-            if not self._link.same_topic.heard_lately():
+            if not self._link.commanded_by_others():
                 self._against["same_topic"] = ""
         reason = next(filter(None, self._against.values()), "")
         if reason:
@@ -299,7 +292,7 @@ class Mover:
                 raise MotionError(f"{self.topic}: {silence}{why}")
 
     def _on_measured(self, data: bytes, info: Mapping[str, Any]) -> None:
-        several = self._link.publisher_conflict(info)
+        several = self._link.presence.note_message(info)
         if self._sink is not None:
             self._sink(data)
         if several:
@@ -310,7 +303,7 @@ class Mover:
         oldest = 0.0 if moved or self._simulated else STAMP_AGE
         joints = self._link.measured
         try:
-            sample, _ = self._link.read(data)
+            sample = self._link.read(data)
             if moved and self._link.measured != joints:
                 # Which order the console takes positions in is not known any more.
                 found, before = (", ".join(names) for names in (self._link.measured, joints))
@@ -318,7 +311,7 @@ class Mover:
                     f"{self.topic}: joints {found}, {before} before: is it another arm?"
                 )
             now = time.monotonic()
-            admitted = self._gate.admit(sample, now, clock, self._timeout, oldest, moved)
+            believed = self._gate.admit(sample, now, clock, self._timeout, oldest, moved)
         except DroppedSampleError as error:
             # That a stamp stands still is what the gate's silence says.
             still = error.cause == "stamp_repeated"
@@ -335,10 +328,10 @@ class Mover:
                     f"{self.topic}: its clock has stepped {ahead:.3g} s forwards: a motion cannot "
                     "be timed by it"
                 )
-            self._following.add(admitted.sample)
+            self._following.add(believed)
             self._dropped = ""
             if self._watch is not None and self._commanded is not None:
-                self._watch(admitted.sample, self._moment)
+                self._watch(believed, self._moment)
 
     def _forbid(self, cause: str, reason: str) -> None:
         self._against[cause] = reason

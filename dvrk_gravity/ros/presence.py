@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.exceptions import InvalidNamespaceException, InvalidTopicNameException
@@ -193,13 +193,13 @@ class Presence:
         who = publishers_of(self._measured, self._node)
         return f"the arm{who} does not subscribe to {self._hold}: in a fault it could not be held"
 
-    def note_number(self, number: int | None) -> str:
-        """Note a message's publication number; return who publishes if several do, else ``""``.
+    def note_message(self, info: Mapping[str, Any]) -> str:
+        """Note a message by its information; return who publishes if several do, else ``""``.
 
-        Every publisher counts its own messages: of two, one is behind the other. ``None``: this
-        middleware does not count.
+        Every publisher counts its own messages: of two, one is behind the other.
         """
-        if number is None:
+        number = info["publication_sequence_number"]
+        if number is None:  # this middleware does not count
             return ""
         mixed, self._number = number <= self._number, number
         if not mixed:

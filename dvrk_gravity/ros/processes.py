@@ -14,6 +14,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from dvrk_gravity.errors import DvrkGravityError
 
@@ -152,11 +153,13 @@ class NodeProcess:
         namespace: str = PRIVATE,
         program: Sequence[str] = ("-m", "dvrk_gravity"),
         of_arm: bool = False,
+        parameters: Mapping[str, Any] | None = None,
     ) -> None:
         """Start ``python PROGRAM VERB --ros-args …`` in this process's ROS domain.
 
         A program that is itself a node takes no verb (``None``). A namespace that an arm may have
-        is for those that are asked to move one (``of_arm``).
+        is for those that are asked to move one (``of_arm``). ``parameters`` by name follow the
+        arguments.
 
         Raises:
             ProcessError: A namespace that an arm may have.
@@ -167,6 +170,8 @@ class NodeProcess:
         self.lines: list[str] = []
         command = [sys.executable, *program, *([] if verb is None else [verb])]
         command += ["--ros-args", "-r", f"__ns:={namespace}", *ros_args]
+        for name, value in (parameters or {}).items():
+            command += ["-p", f"{name}:={value}"]
         # A session of its own: Ctrl-C at the terminal reaches us alone, and we end it in order.
         self.process = subprocess.Popen(
             command,

@@ -26,14 +26,14 @@ class BareModelSupervisor(Supervisor):
     def __init__(self, settings: Settings) -> None:
         super().__init__(settings)
         self._last_stamp = 0
-        self.status, self.reason = Status.COMMANDING, "the bare model, for a replay"
+        self._status, self._reason = Status.COMMANDING, "the bare model, for a replay"
 
     def command(self, sample: Sample, now: float, clock: int) -> Array | None:
         """Return the model's (n,) torque, N·m; see :meth:`Supervisor.command`."""
         if sample.stamp < self._last_stamp:
             raise DroppedSampleError("stamp_backwards", "stamp before the last one")
         self._last_stamp = sample.stamp
-        return self._finite(self.settings.torque(sample.position, sample.velocity))
+        return self.settings.finite(self.settings.torque(sample.position, sample.velocity))
 
     def in_time(self, now: float) -> bool:
         """Send every answer, however late: no arm moves."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -92,8 +92,8 @@ class RosRig:
         }  # fmt: skip
         if self.simulated:
             given["max_stamp_age"] = 0.0
-        words = ["--params-file", str(model), *_words(given)]
-        watching = _words({"watchdog_timeout": self._timeout})
+        of_model = ("--params-file", str(model))
+        watching = {"watchdog_timeout": self._timeout}
         with (
             # Suspended (Ctrl-Z), we would leave it released; a second Ctrl-C would end its holding.
             catch_end_signals(lambda: asked.append(True)),
@@ -104,10 +104,14 @@ class RosRig:
             client.watch_state("compensator")
             with (
                 NodeProcess(
-                    "watchdog", *watching, namespace=self._namespace, of_arm=True
+                    "watchdog", namespace=self._namespace, of_arm=True, parameters=watching
                 ) as watchdog,
                 NodeProcess(
-                    "compensator", *words, namespace=self._namespace, of_arm=True
+                    "compensator",
+                    *of_model,
+                    namespace=self._namespace,
+                    of_arm=True,
+                    parameters=given,
                 ) as compensator,
             ):
 
@@ -195,7 +199,3 @@ class _Drift:
     def away(self) -> bool:
         """Whether it is to be held."""
         return bool((self.way >= self._away).any())
-
-
-def _words(parameters: Mapping[str, Any]) -> list[str]:
-    return [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]

@@ -8,28 +8,28 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import rclpy
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.model import UNCERTAINTY_PARAMETER, TorqueModel, resolve_arm_path
-from dvrk_gravity.parameters import Parameter
+from dvrk_gravity.model import BY_EFFECTS, UNCERTAINTY_PARAMETER, TorqueModel, resolve_arm_path
+from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, keep_awake
 from dvrk_gravity.validation import refuse_json
 
-STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
-"""Timers run on it: a simulated or stepped clock must not stop a watch on the input."""
+_STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Beginnings of the parameters that rclpy itself declares on every node."""
@@ -116,6 +116,14 @@ def _run(
         rclpy.try_shutdown()
 
 
+def every(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Call back every so many seconds, whatever a simulated or stepped clock says.
+
+    No such clock must stop a watch on the input.
+    """
+    return node.create_timer(period, callback, clock=_STEADY_CLOCK)
+
+
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters of files and arguments, by dotted name.
 
@@ -160,6 +168,36 @@ def declare(node: Node, table: Mapping[str, Parameter], values: Mapping[str, Any
             node.undeclare_parameter(name)
         plain_value = list(value) if isinstance(value, tuple) else value
         node.declare_parameter(name, plain_value, _descriptor(table[name]), ignore_override=True)
+
+
+def declare_constants(
+    node: Node, table: Mapping[str, Parameter], given: Mapping[str, Any], others: Iterable[str] = ()
+) -> dict[str, Any]:
+    """Declare parameters that a node reads at its start alone; return all of a table's values.
+
+    Args:
+        node: The node.
+        table: Its parameters.
+        given: Values of some of them.
+        others: Names of parameters that are already declared, and cannot be changed either.
+
+    Raises:
+        ConfigError: An unknown name, or a value that fails its check.
+    """
+    values: dict[str, Any] = {name: entry.default for name, entry in table.items()}
+    values |= check_all(table, given, BY_EFFECTS)
+    declare(node, table, values)
+    constants = {*table, *others}
+
+    def refuse(changes: list[Any]) -> SetParametersResult:
+        for change in changes:
+            if change.name in constants:
+                reason = f"{change.name} is read only at the start"
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(refuse)
+    return values
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -20,8 +20,8 @@ from std_msgs.msg import Bool, Empty, String
 
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.files import json_file
-from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, TorqueModel, all_parameters, arm_of
-from dvrk_gravity.parameters import Parameter, check_all, flatten
+from dvrk_gravity.model import ARM_PARAMETER, TorqueModel, all_parameters, arm_of
+from dvrk_gravity.parameters import Parameter, flatten
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.joint_order_queries import JOINTS
 from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
@@ -97,10 +97,7 @@ class Simulator(Node):
         efforts = CommandTopic.of(
             {name: others[name].check(given.get(name, others[name].default)) for name in PARAMETERS}
         )
-        defaults = {name: entry.default for name, entry in SIMULATOR_PARAMETERS.items()}
-        value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, own_values, BY_EFFECTS)
-        runtime.declare(self, SIMULATOR_PARAMETERS, value)
-        self.add_on_set_parameters_callback(self._refuse_parameters)
+        value = runtime.declare_constants(self, SIMULATOR_PARAMETERS, own_values)
 
         truth = PlantFile.load(value["plant"]) if value["plant"] else PlantFile.of(arm)
         self._truth, self._friction_scale = truth, value["friction_scale"]
@@ -177,7 +174,7 @@ class Simulator(Node):
             ]
         for command in commands:
             self._listen(*command)
-        self._timer = self.create_timer(STEP, self._on_timer, clock=runtime.STEADY_CLOCK)
+        self._timer = runtime.every(self, STEP, self._on_timer)
 
     def _listen(self, message_type: Any, topic: str, command: Callable[[Any], None]) -> None:
         """Subscribe; commands that the arm refuses are logged and change nothing."""
@@ -240,14 +237,6 @@ class Simulator(Node):
         elapsed = Duration(nanoseconds=round(self._steps * STEP * 1e9))
         message.header.stamp = (self._first_stamp + elapsed).to_msg()
         publisher.publish(message)
-
-    def _refuse_parameters(self, parameters: list[Any]) -> SetParametersResult:
-        for parameter in parameters:
-            if parameter.name in SIMULATOR_PARAMETERS:
-                return SetParametersResult(
-                    successful=False, reason=f"{parameter.name} is read only at the start"
-                )
-        return SetParametersResult(successful=True)
 
 
 def _due(rate: float) -> Iterator[bool]:

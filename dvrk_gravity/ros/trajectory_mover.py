@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.mover import TIMEOUT, Mover
 from dvrk_gravity.ros.presence import Presence
-from dvrk_gravity.ros.wire import JointStateReader, Stamp
+from dvrk_gravity.ros.wire import JointStateReader
 
 try:
     from control_msgs.action import FollowJointTrajectory
@@ -38,20 +38,6 @@ EARLY = 0.5
 _REJECTED = 1  # action_msgs/srv/CancelGoal: ERROR_REJECTED; others mean that it has ended
 
 
-class _NoForeignCommands:
-    """Other nodes' commands: a controller takes one goal at a time, and ends ours for another."""
-
-    command = ""
-
-    def heard_lately(self) -> bool:
-        """Return False: no other node's command was heard."""
-        return False
-
-    def reason(self) -> str:
-        """Return no reason."""
-        return ""
-
-
 class TrajectoryLink:
     """The link to an arm whose controller follows goals, with what :class:`Mover` needs of one.
 
@@ -59,8 +45,6 @@ class TrajectoryLink:
         presence: Who measures the arm.
         measured: In which order joints are measured does not matter: goals name theirs ...
         extra_joints: ... nor do joints that the arm does not have.
-        other_topics: Nobody can be heard ...
-        same_topic: ... but in the end of our goal.
         hold: Cancels the goal, after which the controller holds its position.
         missing_connection: What is missing where the arm measures and has no controller.
     """
@@ -81,12 +65,9 @@ class TrajectoryLink:
         self.presence = Presence(node, any_subscriber=True)
         self.measured: tuple[str, ...] = ()
         self.extra_joints: tuple[str, ...] = ()
-        self.other_topics = self.same_topic = _NoForeignCommands()
         self.hold = self
         self._unpack = JointStateReader().read
-        self._read = SampleReader(
-            arm.joint_names, units=arm.units, gains=arm.drive_gains, arm=arm.name, held=arm.held
-        ).read
+        self._read = SampleReader(arm).read
         self.listen: Callable[[], None] = lambda: None
         self._answer: Any = None  # future of the acceptance, while it is open
         self._goal: Any = None
@@ -97,20 +78,18 @@ class TrajectoryLink:
         """Return whether the arm measures, and its controller takes goals."""
         return self.presence.is_there() and bool(self._action.server_is_ready())
 
-    def publisher_conflict(self, info: Mapping[str, Any]) -> str:
-        """Return which nodes measure if several do."""
-        return self.presence.note_number(info["publication_sequence_number"])
+    def read(self, data: bytes) -> Sample:
+        """Return the sample in the bytes of a message."""
+        return self._read(*self._unpack(data))
 
-    def read(self, data: bytes) -> tuple[Sample, Stamp]:
-        """Return the sample and the stamp in the bytes of a message."""
-        fields = self._unpack(data)
-        sample = self._read(
-            fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
-        )
-        return sample, fields.stamp
-
-    def publish(self, stamp: Stamp, *values: Any) -> None:
+    def publish(self, stamp: int, *values: Any) -> None:
         """Do nothing: the controller has its goal."""
+
+    def commanded_by_others(self) -> bool:
+        """Return False: a controller takes one goal at a time, and ends ours for another."""
+        return False
+
+    freed_by_others = commanded_by_others
 
     def begin(self, path: Path, duration: float) -> None:
         """Send a path, and return when it is accepted.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty, Float64, String
@@ -15,7 +14,8 @@ from dvrk_gravity.compensate import CommandWatch, WatchdogStatus, unseen_command
 from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.diagnostics import status_message
+from dvrk_gravity.ros.executor import PromptNode, subscribe_raw
 from dvrk_gravity.ros.foreign_commands import Endpoints, node_names
 from dvrk_gravity.ros.hold import Hold
 from dvrk_gravity.ros.presence import HOLD, Presence, busy_advice
@@ -65,10 +65,7 @@ class Watchdog(PromptNode):
         self._state = self.create_publisher(String, "~/state", latched)
         self._status = self.create_publisher(DiagnosticStatus, WATCHDOG_TOPIC, latched)
         self.create_publisher(Float64, TIMEOUT_TOPIC, latched).publish(Float64(data=timeout))
-        on_command: Any = self._on_command  # takes the message's information, too
-        self.prompt = self.create_subscription(
-            topic.message_type, topic.name, on_command, 1, raw=True
-        )
+        self.prompt = subscribe_raw(self, topic.message_type, topic.name, self._on_command, 1)
         self.create_subscription(Empty, HOLD, self._on_hold, 10)
         self._watching = WatchdogStatus(
             self.get_fully_qualified_name(),
@@ -77,12 +74,12 @@ class Watchdog(PromptNode):
             timeout,
         )
         self._unseen = ""
-        self.create_timer(timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
+        runtime.every(self, timeout / 4, self._on_watch)
         self._commanders = Endpoints(
             self._watching.topic, self.count_publishers, self.get_publishers_info_by_topic
         )
-        self.create_timer(_LISTEN, self._on_listen, clock=runtime.STEADY_CLOCK)
-        self.create_timer(_LOOK, self._on_look, clock=runtime.STEADY_CLOCK)
+        runtime.every(self, _LISTEN, self._on_listen)
+        runtime.every(self, _LOOK, self._on_look)
         self._report(f"watching {topic.name}: hold after {timeout:g} s without a command")
         self._publish_status()
 
@@ -141,15 +138,9 @@ class Watchdog(PromptNode):
         return [topic for topic, types in topics if _COMMANDS.intersection(types)]
 
     def _publish_status(self) -> None:
-        words = self._watching.values().items()
-        self._status.publish(
-            DiagnosticStatus(
-                level=DiagnosticStatus.WARN if self._unseen else DiagnosticStatus.OK,
-                name=self._watching.node,
-                message=self._unseen or f"watching {self._watching.topic}",
-                values=[KeyValue(key=key, value=value) for key, value in words],
-            )
-        )
+        level = DiagnosticStatus.WARN if self._unseen else DiagnosticStatus.OK
+        text = self._unseen or f"watching {self._watching.topic}"
+        self._status.publish(status_message(self, level, text, self._watching.values()))
 
     def _report(self, text: str) -> None:
         self._state.publish(String(data=text))

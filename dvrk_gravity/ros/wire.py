@@ -24,10 +24,9 @@ from dvrk_gravity.compensate import DroppedSampleError
 from dvrk_gravity.errors import ConfigError, printable
 from dvrk_gravity.recording import ENCAPSULATION, STAMP, CdrError, JointStateLayout
 
-Stamp = tuple[int, int]
-"""Seconds and nanoseconds."""
-
 _NOTHING = np.empty(0)
+_SECOND = 1_000_000_000  # ns
+_LAST = 2**31 - 1  # s that a stamp holds; a message's own may have more nanoseconds than a second
 
 PARAMETERS = ("output", "output_topic")
 EFFORT = ("effort",)
@@ -79,18 +78,13 @@ class CommandTopic:
 
 
 class Fields(NamedTuple):
-    """The fields of a JointState."""
+    """The fields of a JointState; the stamp in ns."""
 
-    stamp: Stamp
+    stamp: int
     names: tuple[str, ...]
     position: Array
     velocity: Array
     effort: Array
-
-    @property
-    def stamp_ns(self) -> int:
-        """The stamp, ns."""
-        return self.stamp[0] * 1_000_000_000 + self.stamp[1]
 
 
 class JointStateReader:
@@ -117,7 +111,8 @@ class JointStateReader:
             np.frombuffer(raw, self._number, count, start).astype(float) if count else _NOTHING
             for start, count in self._fields
         ]
-        stamp = self._stamp.unpack_from(raw, STAMP.start)
+        seconds, nanoseconds = self._stamp.unpack_from(raw, STAMP.start)
+        stamp = seconds * _SECOND + nanoseconds
         return Fields(stamp, self._names, position, velocity, effort)
 
     def _learn(self, raw: bytes) -> None:
@@ -160,9 +155,10 @@ class CommandWriter:
             raw.extend(bytes(8 * len(names)))
         self._raw = raw
 
-    def write(self, stamp: Stamp, *values: Array) -> bytes:
-        """Return the bytes of a message: (n,) numbers for each of its fields."""
-        struct.pack_into("<iI", self._raw, STAMP.start, *stamp)
+    def write(self, stamp: int, *values: Array) -> bytes:
+        """Return the bytes of a message: its stamp, ns, and (n,) numbers for each of its fields."""
+        seconds = min(stamp // _SECOND, _LAST)
+        struct.pack_into("<iI", self._raw, STAMP.start, seconds, stamp - seconds * _SECOND)
         for place, numbers in zip(self._places, values, strict=True):
             self._raw[place] = numbers.astype("<f8", copy=False).tobytes()
         return bytes(self._raw)
@@ -175,5 +171,5 @@ def _unpack_by_ros(raw: bytes) -> Fields:
     except Exception as error:  # the middleware raises several types for damaged bytes
         raise DroppedSampleError("malformed", f"{len(raw)} bytes, no JointState") from error
     numbers = (np.array(field) for field in (message.position, message.velocity, message.effort))
-    stamp = message.header.stamp
-    return Fields((stamp.sec, stamp.nanosec), tuple(map(printable, message.name)), *numbers)
+    stamp = message.header.stamp.sec * _SECOND + message.header.stamp.nanosec
+    return Fields(stamp, tuple(map(printable, message.name)), *numbers)
