@@ -48,6 +48,7 @@ from dvrk_gravity.identification import (
 )
 from dvrk_gravity.planning import PlanLimits
 from dvrk_gravity.recording import (
+    Bands,
     Recording,
     TimingSettings,
     prepare,
@@ -182,7 +183,7 @@ def read() -> Figures:
     figures: Figures = {}
     lab = Lab.set_up()
     for name, recording in faulty(lab.calibration).items():
-        prepared = prepare(recording, 20.0)
+        prepared = prepare(recording, Bands(20.0, 20.0, 20.0, np.inf, 20.0, for_fit=True))
         figures[f"{name}: warnings"] = sorted(str(warning) for warning in prepared.warnings)
         figures[f"{name}: handling"] = sorted(prepared.processing_log)
         figures[f"{name}: samples"] = len(prepared.filtered)

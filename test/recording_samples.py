@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.recording import JOINT_STATE, BagWriter, Recording, check, encode_joint_state
+from dvrk_gravity.recording import (
+    JOINT_STATE,
+    BagWriter,
+    Bands,
+    Recording,
+    check,
+    encode_joint_state,
+    prepare,
+)
 
 TOPIC = "/MTMR/measured_js"
 ARM = Arm.load("mtmr")
@@ -119,6 +127,12 @@ def kinds(recording):
 def warned(recording):
     """Return the kinds and joints of what the checks find."""
     return {(warning.kind, warning.joint) for warning in check(recording)}
+
+
+def through(recording, cutoff=5.65, used=None):
+    """Return a recording with all its signals through one low-pass, none left out."""
+    bands = Bands(cutoff, cutoff, used or cutoff, np.inf, cutoff, for_fit=True)
+    return prepare(recording, bands)
 
 
 def loaded(tmp_path, sent, storage="sqlite3", **options):

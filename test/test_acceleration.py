@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvrk_gravity.recording import LowPass, Recording, prepare
+from dvrk_gravity.recording import Bands, LowPass, Recording, prepare
 
 RATE, BAND = 200.0, 8.0  # Hz
 COARSE = 3e-3  # rad: an encoder step of an MTM's wrist
@@ -24,7 +24,8 @@ def swing(frequency: float, amplitude: float) -> tuple[NDArray[np.float64], ...]
 def seen(time: NDArray[np.float64], q: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """Return the acceleration below the band of positions that are read in steps."""
     recording = Recording(("joint",), time, np.round(q / step)[:, None] * step, None, None)
-    prepared = prepare(recording, 20.0, band=BAND, for_fit=False, warnings=())
+    bands = Bands(20.0, 20.0, BAND, np.inf, 20.0, for_fit=False)
+    prepared = prepare(recording, bands, warnings=())
     used = LowPass(BAND, RATE)(prepared.acceleration[:, 0])
     return np.interp(time, prepared.filtered.time, used)  # without the ends
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_samples import column, held, wave
+from recording_samples import column, held, through, wave
 
 from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError, ShapeError
-from dvrk_gravity.recording import LowPass, Recording, derivative, prepare, retimed
+from dvrk_gravity.recording import LowPass, Recording, derivative, retimed
 
 CLEAN = wave(6000)
 STATIC = replace(CLEAN, time=None, velocity=None)
@@ -97,9 +97,9 @@ def test_samples_are_put_back_to_the_times_at_which_they_were_read():
 
 def test_acceleration_is_that_of_the_motion_and_not_of_the_jitter():
     recording, _ = recorded(2e-3)
-    prepared = prepare(recording)
+    prepared = through(recording)
     _, _, true = motion(prepared.filtered.time)
-    wrong = prepare(replace(recording, velocity=None))
+    wrong = through(replace(recording, velocity=None))
     inner, fine = slice(400, -400), slice(0, 4)
     error = np.std((prepared.acceleration - true)[inner, fine])
     assert error < 0.2 * np.std((wrong.acceleration - true)[inner, fine])
@@ -125,14 +125,14 @@ def test_a_motion_between_jittering_stamps_is_followed():
     time = np.sort(CLEAN.time + rng.uniform(-2e-3, 2e-3, 6000))
     omega, size = 2 * np.pi * np.linspace(0.3, 0.9, 7), np.linspace(0.4, 0.7, 7)
     jittering = replace(CLEAN, time=time, position=size * np.sin(np.outer(time, omega)))
-    grid = prepare(jittering, cutoff=40.0).filtered
+    grid = through(jittering, cutoff=40.0).filtered
     np.testing.assert_allclose(np.diff(grid.time), 1.0 / jittering.rate, rtol=1e-6)
     truth = size * np.sin(np.outer(grid.time, omega))
     assert np.abs(grid.position - truth)[20:-20].max() < 2e-4
 
 
 def test_everything_goes_through_one_filter():
-    prepared = prepare(CLEAN, cutoff=10.0)
+    prepared = through(CLEAN, cutoff=10.0)
     assert prepared.warnings == ()
     assert len(prepared.processing_log) == 1
     core = slice(prepared.filter.edge, -prepared.filter.edge)
@@ -149,21 +149,21 @@ def test_everything_goes_through_one_filter():
 def test_the_velocity_is_derived_only_where_the_column_is_worse():
     wrong = column(CLEAN, "velocity", "wrist_roll", lambda v: 1.18 * v)
     offset = column(wrong, "velocity", "outer_yaw", lambda v: v + 1e-3)
-    prepared = prepare(offset, cutoff=10.0)
+    prepared = through(offset, cutoff=10.0)
     core = slice(prepared.filter.edge, -prepared.filter.edge)
-    difference = prepared.filtered.velocity[core] - prepare(CLEAN, 10.0).filtered.velocity[core]
+    difference = prepared.filtered.velocity[core] - through(CLEAN, 10.0).filtered.velocity[core]
     np.testing.assert_allclose(difference[:, 6], 0.0, atol=2e-4)
     np.testing.assert_allclose(difference[:, 0], 1e-3, atol=1e-9)
-    absent = prepare(replace(CLEAN, velocity=None), 10.0)
+    absent = through(replace(CLEAN, velocity=None), 10.0)
     got = absent.filtered.velocity[core]
     np.testing.assert_allclose(got, CLEAN.velocity[core], atol=2e-2)
 
 
 def test_stale_samples_are_replaced():
     rows = np.random.default_rng(0).choice(np.arange(10, 5990), 800, replace=False)
-    prepared = prepare(held(CLEAN, np.sort(rows)), cutoff=20.0)
+    prepared = through(held(CLEAN, np.sort(rows)), cutoff=20.0)
     assert any(line.startswith("800 stale samples") for line in prepared.processing_log)
-    clean = prepare(CLEAN, cutoff=20.0)
+    clean = through(CLEAN, cutoff=20.0)
     error = np.abs(prepared.filtered.position - clean.filtered.position)[100:-100]
     assert error.max() < 2e-4
     assert np.abs(held(CLEAN, rows).position - CLEAN.position).max() > 5e-3
@@ -174,7 +174,7 @@ def test_a_trajectory_is_split_at_gaps_and_loses_what_is_too_short():
     time = CLEAN.time.copy()
     time[2000:] += 0.5
     time[2040:] += 0.5
-    prepared = prepare(replace(CLEAN, time=time), cutoff=10.0)
+    prepared = through(replace(CLEAN, time=time), cutoff=10.0)
     assert prepared.parts == (slice(0, 2000), slice(2000, 5960))
     assert any("2 parts, 40 samples" in line for line in prepared.processing_log)
     assert [prepared.filtered.time[part.start] for part in prepared.parts] == [0.0, time[2040]]
@@ -188,5 +188,5 @@ def test_what_nothing_should_be_fitted_to_is_refused():
         (replace(CLEAN, time=20 * CLEAN.time, velocity=None), "wave: cut-off 10 Hz"),
     ):
         with pytest.raises(RecordingError) as caught:
-            prepare(recording, cutoff=10.0)
+            through(recording, cutoff=10.0)
         assert str(caught.value).startswith(tokens)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from recording_samples import through
 
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.observation import Bands
 from dvrk_gravity.recording import Recording, prepare
 
-read = Bands.of_fit().prepare
 SAME = 1e-9  # of a signal's largest value
 
 
@@ -44,7 +43,7 @@ def test_gaps_that_are_short_for_the_filter_cost_no_samples():
     recording = swing(8000, 1000.0)
     gappy = interrupted(recording, 16, 200)
     assert 0.008 < np.diff(gappy.time).max() < 0.0165
-    found, clean = (read(given) for given in (gappy, recording))
+    found, clean = (prepare(given) for given in (gappy, recording))
     assert found.parts == clean.parts
     assert any("16 ms" in line for line in found.processing_log)
     assert "samples_discarded" not in {warning.kind for warning in found.warnings}
@@ -59,18 +58,18 @@ def test_the_longest_gap_that_is_bridged_is_the_filters_time_constant():
     recording = swing(8000, 1000.0)
     for missing, parts in ((27, 1), (30, 2)):  # 1 / (2 pi 5.65 Hz) is 28.2 ms
         gappy = recording.rows(np.delete(np.arange(8000), np.r_[4000 : 4000 + missing]))
-        assert len(read(gappy).parts) == parts
         assert len(prepare(gappy).parts) == parts
-    slower = prepare(gappy, 20.0, band=4.0)  # what is used below 4 Hz only
+        assert len(through(gappy).parts) == parts
+    slower = through(gappy, 20.0, used=4.0)  # what is used below 4 Hz only
     assert len(slower.parts) == 1
-    assert len(prepare(gappy, 20.0).parts) == 2
+    assert len(through(gappy, 20.0).parts) == 2
 
 
 def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
     recording = swing(8000, 1000.0)
     few = recording.rows(np.delete(np.arange(8000), np.r_[4000:4050]))
     many = recording.rows(np.delete(np.arange(8000), np.r_[1000:1050, 2000:2050, 3000:3050]))
-    for prepared in (read, prepare):
+    for prepared in (prepare, through):
         assert "samples_discarded" not in {warning.kind for warning in prepared(few).warnings}
         (found,) = (
             warning for warning in prepared(many).warnings if warning.kind == "samples_discarded"
@@ -81,9 +80,9 @@ def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
 
 def test_what_is_kept_is_what_prepare_gives_one_in_five_at_1_khz():
     recording = swing(8000, 1000.0)
-    prepared = read(recording)
+    prepared = prepare(recording)
     kept = prepared.filtered
-    motion, effort = (prepare(recording, cutoff).filtered for cutoff in (11.3, 5.65))
+    motion, effort = (through(recording, cutoff).filtered for cutoff in (11.3, 5.65))
     rows = slice(None, None, 5)
     for ours, theirs in (
         (kept.position, motion.position),

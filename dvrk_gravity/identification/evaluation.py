@@ -29,7 +29,6 @@ from dvrk_gravity.identification.result import (
 )
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.observation import (
-    Bands,
     Decision,
     Observation,
     all_static,
@@ -47,6 +46,7 @@ from dvrk_gravity.observation import (
 )
 from dvrk_gravity.recording import (
     DEFAULT_CUTOFF,
+    Bands,
     Coordinates,
     Given,
     Note,
@@ -221,8 +221,7 @@ def coordinates_of(
 
     def misfit(system: Coordinates) -> float:
         each = (filtered(recording).read_as(system) for recording in recordings)
-        bands, arm = Bands.of_fit(), model.arm
-        observed = [in_joint_space(one, arm, bands, fixed_positions) for one in each]
+        observed = [in_joint_space(one, model.arm, fixed_positions) for one in each]
         if observed[0].rate is None:
             evaluation = _evaluate_static(model, observed, Decision(system))
         else:

@@ -16,8 +16,8 @@ from dvrk_gravity.monitoring.events import Event
 from dvrk_gravity.monitoring.rows import Rows
 from dvrk_gravity.monitoring.settings import MonitorSettings
 from dvrk_gravity.monitoring.stream import Monitor
-from dvrk_gravity.observation import Bands, observe, stated_coordinates, without_known_errors
-from dvrk_gravity.recording import Coordinates, Given, opened
+from dvrk_gravity.observation import observe, stated_coordinates, without_known_errors
+from dvrk_gravity.recording import Bands, Coordinates, Given, opened
 
 # Hz, of the kinematics: as a diagnosis has them (``diagnosis.LoadSettings``).
 _BAND, _RATE = 20.0, 160.0

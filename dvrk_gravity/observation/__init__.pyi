@@ -27,7 +27,6 @@ from .effort_unit import in_their_unit as in_their_unit
 from .effort_unit import require_newtons as require_newtons
 from .effort_unit import their_unit as their_unit
 from .joint_space import SMEARED as SMEARED
-from .joint_space import Bands as Bands
 from .joint_space import in_joint_space as in_joint_space
 from .joint_space import require_measured as require_measured
 from .joint_space import stands as stands

@@ -14,9 +14,9 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import Folds, NormalEquations, beats, fit, make_folds, student
 from dvrk_gravity.model import Columns, start_columns
 from dvrk_gravity.observation.design import build_design, training_equations
-from dvrk_gravity.observation.joint_space import Bands, in_joint_space
+from dvrk_gravity.observation.joint_space import in_joint_space
 from dvrk_gravity.observation.observation import Observation
-from dvrk_gravity.recording import Coordinates, Note, Prepared, Recording
+from dvrk_gravity.recording import Coordinates, Note, Prepared, Recording, prepare
 
 # s of a recording that are looked at. Chosen: some periods of the slowest sine of an exciting
 # motion, 0.07 Hz.
@@ -47,7 +47,7 @@ def filtered(source: Source) -> Prepared:
     Raises:
         RecordingError: Whatever ``prepare`` refuses.
     """
-    return source if isinstance(source, Prepared) else Bands.of_fit().prepare(source)
+    return source if isinstance(source, Prepared) else prepare(source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +256,7 @@ def _held_out_errors(prepared: Prepared, arm: Arm) -> tuple[Array, Mask, Folds, 
 
     Errors are (N, n), of the efforts as recorded, over the RMS of each.
     """
-    observed = _head(in_joint_space(prepared, arm, Bands.of_fit()))
+    observed = _head(in_joint_space(prepared, arm))
     columns = Columns(arm, observed.q.min(axis=0), observed.q.max(axis=0))
     chosen = start_columns(columns)
     design = build_design(columns, [observed], chosen=chosen)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -14,23 +14,17 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.observation.absent_joints import completed, motors_measured
 from dvrk_gravity.observation.observation import Observation
 from dvrk_gravity.recording import (
-    DEFAULT_CUTOFF,
     STILL,
+    Bands,
     InvalidSpan,
     Prepared,
     Recording,
     clipped_efforts,
     invalid_efforts,
     noise_density,
-    prepare,
     quantum,
 )
 
-# The motion is filtered less than the torques: friction's sign and products of velocities put
-# power above the motion's own frequencies. The columns then go through the torques' filter.
-MOTION_BAND = 2.0
-# Samples kept for each period of the motion's cut-off: the rest of a fast recording is redundant.
-OVERSAMPLING = 18.0
 # Rate over the cut-off above which noise is seen, at least. Chosen: a low-pass passes little above.
 _NOISE_RATE = 8.0 / 3.0
 # s, by which low-passes early or late at 20 Hz smear a wrong effort: half a period.
@@ -38,71 +32,20 @@ SMEARED = 0.025
 _SAME_EFFORT = 1e-9  # relative: what filters make of one number
 
 
-@dataclass(frozen=True)
-class Bands:
-    """How trajectories are filtered.
-
-    Attributes:
-        effort: Cut-off of efforts, Hz.
-        motion: Cut-off of positions and velocities, Hz.
-        used: Hz; below it signals are compared.
-        kept: Samples kept a second, about.
-        noise: Hz; above it efforts show their noise.
-        for_fit: Columns go through the efforts' filter later. Then parts keep their ends, which
-            that filter takes; accelerations keep their noise, and clipped efforts are no readings.
-    """
-
-    effort: float
-    motion: float
-    used: float
-    kept: float
-    noise: float
-    for_fit: bool
-
-    @classmethod
-    def of_fit(cls, cutoff: float = DEFAULT_CUTOFF) -> Bands:
-        """Return those of a fit to efforts below a cut-off, Hz."""
-        motion = MOTION_BAND * cutoff
-        return cls(cutoff, motion, cutoff, OVERSAMPLING * motion, motion, for_fit=True)
-
-    def within(self, rate: float) -> Bands:
-        """Return those for recordings of which the slowest has a rate, Hz.
-
-        A fit's cut-offs are the same for all recordings: too slow a one is refused.
-        """
-        if self.for_fit:
-            return self
-        return replace(
-            self, effort=min(self.effort, rate / 5.0), motion=min(self.motion, rate / 5.0)
-        )
-
-    def prepare(self, recording: Recording) -> Prepared:
-        """Return a recording checked and filtered.
-
-        Raises:
-            RecordingError: Whatever ``prepare`` refuses.
-        """
-        stride = max(1, round((recording.rate or 0.0) / self.kept))
-        return prepare(
-            recording, self.effort, self.used, self.motion, stride, self.for_fit,
-        )  # fmt: skip
-
-
 def in_joint_space(
-    prepared: Prepared, arm: Arm, bands: Bands, fixed_positions: Mapping[str, float] | None = None
+    prepared: Prepared, arm: Arm, fixed_positions: Mapping[str, float] | None = None
 ) -> Observation:
     """Return what a recording shows of an arm.
 
     Args:
         prepared: With efforts.
         arm: The arm, for its transmission.
-        bands: How it was filtered.
         fixed_positions: Where joints stood that it lacks, rad; at zero, otherwise.
 
     Raises:
         RecordingError: Efforts that no model can be fitted to, where one is to be.
     """
-    recording, static = prepared.recording, prepared.filter is None
+    recording, bands, static = prepared.recording, prepared.bands, prepared.filter is None
     if bands.for_fit and not static:
         _require_fittable(prepared, arm)
     columns = [arm.joint_names.index(joint) for joint in recording.joints]
@@ -130,7 +73,7 @@ def in_joint_space(
     time = np.arange(len(q), dtype=float) if own.time is None else own.time
     spans = invalid_efforts(recording) + (clipped_efforts(recording) if bands.for_fit else [])
     invalid_effort, invalid_motor_effort = _both(
-        _invalid(time, spans, prepared, columns, arm, bands), arm, actuator
+        _invalid(time, spans, prepared, columns, arm), arm, actuator
     )
     noise, motor_noise = _noise(recording, full, spans, columns, arm, bands)
     present = np.isin(np.arange(arm.n), columns)
@@ -193,12 +136,11 @@ def motors_loaded(joints: Mask, arm: Arm) -> Mask:
 
 
 def _invalid(
-    time: Array, spans: list[InvalidSpan], prepared: Prepared, columns: list[int], arm: Arm,
-    bands: Bands,
-) -> Mask:  # fmt: skip
+    time: Array, spans: list[InvalidSpan], prepared: Prepared, columns: list[int], arm: Arm
+) -> Mask:
     """Return (N, n) low-passed efforts that contain one that is not a reading."""
     low, found = prepared.filter, np.zeros((len(time), arm.n), dtype=bool)
-    reach = low.edge / low.rate if bands.for_fit and low is not None else SMEARED
+    reach = low.edge / low.rate if prepared.bands.for_fit and low is not None else SMEARED
     for span in spans:
         first, last = span.span
         found[(time >= first - reach) & (time <= last + reach), columns[span.joint]] = True

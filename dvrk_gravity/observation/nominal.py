@@ -17,6 +17,7 @@ from dvrk_gravity.effects import MAX_TILT
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.observation.absent_joints import held_beyond
 from dvrk_gravity.recording import (
+    Bands,
     Prepared,
     Recording,
     prepare,
@@ -27,6 +28,7 @@ BAND = 8.0  # Hz, of the low-pass of motion and efforts: that of a diagnosis
 SAMPLES = 5000  # that are looked at, at most: a bound on time
 FEWEST = 10  # samples. Chosen: of two, effort and weight always correlate
 _RATE = 4.0  # least samples per period of that band. Chosen
+_BANDS = Bands(BAND, BAND, BAND, np.inf, BAND, for_fit=False)
 
 # Directions of gravity on floors, walls, ceilings, and half-way between two or three of them.
 _USUAL = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
@@ -109,7 +111,7 @@ def _filtered(recording: Recording) -> Prepared | None:
     if recording.rate is None or recording.rate < _RATE * BAND:
         return None
     try:
-        return prepare(recording, BAND, for_fit=False, warnings=())
+        return prepare(recording, _BANDS, warnings=())
     except RecordingError:  # whoever reads it next says why
         return None
 

@@ -10,16 +10,18 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.observation.absent_joints import require_all
 from dvrk_gravity.observation.arm_side import beyond_limits
-from dvrk_gravity.observation.joint_space import Bands, in_joint_space
+from dvrk_gravity.observation.joint_space import in_joint_space
 from dvrk_gravity.observation.observation import Observation
 from dvrk_gravity.recording import (
     STRETCH,
+    Bands,
     Coordinates,
     Note,
     Prepared,
     Recording,
     about,
     excerpt,
+    prepare,
     without_duplicates,
 )
 
@@ -68,7 +70,7 @@ def observe(
     bands = bands.within(min((each.rate or np.inf for _, each in used), default=np.inf))
     filtered = list[Prepared]()
     for number, recording in used:
-        prepared = bands.prepare(excerpt(recording, share, min(stretch, share)))
+        prepared = prepare(excerpt(recording, share, min(stretch, share)), bands)
         if decide is not None:
             prepared = prepared.read_as(decide(number, prepared))
         filtered.append(prepared)
@@ -79,7 +81,7 @@ def observe(
         if prepared.filter is not None and prepared.filter.rate > _SAME_RATE * min(rates):
             prepared = prepared.at_rate(min(rates))
             log += (f"recordings of several rates, resampled to {min(rates):.6g} Hz",)
-        seen = in_joint_space(prepared, arm, bands, fixed_positions)
+        seen = in_joint_space(prepared, arm, fixed_positions)
         if seen.invalid_effort.any():
             log += (INVALID_EFFORT,)
         warnings = about(number, sources, (*warnings, *beyond_limits(seen.q, arm)))

@@ -31,6 +31,7 @@ from .notes import labels as labels
 from .position_unit import disproved as disproved
 from .position_unit import without_friction as without_friction
 from .preparation import DEFAULT_CUTOFF as DEFAULT_CUTOFF
+from .preparation import Bands as Bands
 from .preparation import Prepared as Prepared
 from .preparation import noise_density as noise_density
 from .preparation import prepare as prepare

@@ -27,6 +27,11 @@ from dvrk_gravity.recording.timing import (
 from dvrk_gravity.recording.velocity import compare_velocity
 
 DEFAULT_CUTOFF = 5.65  # Hz; the published evaluations of these arms use it
+# The motion is filtered less than the torques: friction's sign and products of velocities put
+# power above the motion's own frequencies. The columns then go through the torques' filter.
+MOTION_BAND = 2.0
+# Samples kept for each period of the motion's cut-off: the rest of a fast recording is redundant.
+OVERSAMPLING = 18.0
 SHORTEST = 4  # edges of the filter that a part must be long to be kept
 # Part of the samples whose loss is a warning: without a tenth, intervals are some 5 % wider than
 # the recording promises (1 / sqrt(0.9)).
@@ -35,12 +40,56 @@ DISCARDED = 0.1
 Filtered = tuple[Recording, Array]  # and its acceleration
 
 
+@dataclass(frozen=True)
+class Bands:
+    """How trajectories are filtered.
+
+    Attributes:
+        effort: Cut-off of efforts, Hz.
+        motion: Cut-off of positions and velocities, Hz.
+        used: Hz; below it signals are compared.
+        kept: Samples kept a second, about.
+        noise: Hz; above it efforts show their noise.
+        for_fit: Columns go through the efforts' filter later. Then parts keep their ends, which
+            that filter takes; accelerations keep their noise, and clipped efforts are no readings.
+    """
+
+    effort: float
+    motion: float
+    used: float
+    kept: float
+    noise: float
+    for_fit: bool
+
+    @classmethod
+    def of_fit(cls, cutoff: float = DEFAULT_CUTOFF) -> Bands:
+        """Return those of a fit to efforts below a cut-off, Hz."""
+        motion = MOTION_BAND * cutoff
+        return cls(cutoff, motion, cutoff, OVERSAMPLING * motion, motion, for_fit=True)
+
+    def within(self, rate: float) -> Bands:
+        """Return those for recordings of which the slowest has a rate, Hz.
+
+        A fit's cut-offs are the same for all recordings: too slow a one is refused.
+        """
+        if self.for_fit:
+            return self
+        return replace(
+            self, effort=min(self.effort, rate / 5.0), motion=min(self.motion, rate / 5.0)
+        )
+
+    def stride(self, rate: float) -> int:
+        """Return that every so-maniest sample is kept of a recording at a rate, Hz."""
+        return max(1, round(rate / self.kept))
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A recording, checked and filtered.
 
     Attributes:
         recording: As it was read.
+        bands: How it was filtered.
         filtered: ``(N, n)`` arrays; on uniform time grids and low-passed, unless static.
         acceleration: ``(N, n)`` rad/s^2; zero for static poses.
         parts: Parts of these samples without gaps, in order.
@@ -51,6 +100,7 @@ class Prepared:
     """
 
     recording: Recording
+    bands: Bands
     filtered: Recording
     acceleration: Array
     parts: tuple[slice, ...]
@@ -71,78 +121,48 @@ class Prepared:
         return replace(self, **slower, filter=replace(self.filter, rate=rate))
 
 
-@dataclass
-class Gaps:
-    """Counts the gaps of a trajectory.
+def _across_gaps(
+    time: Array, low: LowPass, longest: float, parts: int, lost: int
+) -> tuple[tuple[str, ...], tuple[Note, ...]]:
+    """Return what was done at the gaps of a trajectory, and a warning if they cost many samples.
 
-    Attributes:
+    Args:
+        time: (N,) s.
         low: The low-pass that goes over every part.
         longest: Longest interval that is interpolated over, s.
-        bridged: Gaps that were.
-        longest_bridged: The longest of these, s.
-        splits: Gaps that were not.
-        parts: Parts that were kept.
+        parts: Number of parts that were kept.
         lost: Samples of parts that are too short for the filter.
     """
-
-    low: LowPass
-    longest: float
-    bridged: int = 0
-    longest_bridged: float = 0.0
-    splits: int = 0
-    parts: int = 0
-    lost: int = 0
-
-    def count(self, time: Array) -> None:
-        """Count the gaps between (N,) times, s."""
-        intervals = np.diff(time)
-        gaps = intervals[intervals > TimingSettings().gap / self.low.rate]
-        bridged = gaps[gaps <= self.longest]
-        self.bridged += len(bridged)
-        self.longest_bridged = max(self.longest_bridged, float(bridged.max(initial=0.0)))
-        self.splits += len(gaps) - len(bridged)
-
-    @property
-    def discarded(self) -> int:
-        """Samples that gaps cost: those of short parts, and the filter's ends on either side."""
-        return self.lost + 2 * self.low.edge * max(self.parts - 1, 0)
-
-    def processing_log(self) -> tuple[str, ...]:
-        """Return the steps taken, one sentence each."""
-        lines = []
-        if self.bridged:
-            lines.append(
-                f"{self.bridged} gaps of up to {1e3 * self.longest_bridged:.3g} ms interpolated "
-                f"over (up to {1e3 * self.longest:.3g} ms is short for the filter)"
-            )
-        if self.splits:
-            lines.append(
-                f"split at gaps into {self.parts} parts, {self.lost} samples of short ones left out"
-            )
-        return tuple(lines)
-
-    def warnings(self, samples: int) -> tuple[Note, ...]:
-        """Return a warning if gaps cost too many of the samples of a recording."""
-        share = self.discarded / samples
-        if share <= DISCARDED:
-            return ()
-        numbers = {"samples": self.discarded, "share": share, "gaps": self.splits}
-        text = (
-            f"{self.discarded} of {samples} samples ({100 * share:.0f} %) are not used: "
-            f"{self.splits} gaps of more than {1e3 * self.longest:.3g} ms leave parts that are "
-            f"short for the filter, which takes {self.low.edge / self.low.rate:.2g} s at either "
-            "end of each; record without gaps"
+    intervals = np.diff(time)
+    gaps = intervals[intervals > TimingSettings().gap / low.rate]
+    bridged = gaps[gaps <= longest]
+    splits = len(gaps) - len(bridged)
+    log: tuple[str, ...] = ()
+    if len(bridged):
+        log += (
+            f"{len(bridged)} gaps of up to {1e3 * bridged.max():.3g} ms interpolated "
+            f"over (up to {1e3 * longest:.3g} ms is short for the filter)",
         )
-        return (Note("samples_discarded", None, numbers, text),)
+    if splits:
+        log += (f"split at gaps into {parts} parts, {lost} samples of short ones left out",)
+    # Those of short parts, and the filter's ends on either side.
+    discarded = lost + 2 * low.edge * max(parts - 1, 0)
+    share = discarded / len(time)
+    if share <= DISCARDED:
+        return log, ()
+    numbers = {"samples": discarded, "share": share, "gaps": splits}
+    text = (
+        f"{discarded} of {len(time)} samples ({100 * share:.0f} %) are not used: "
+        f"{splits} gaps of more than {1e3 * longest:.3g} ms leave parts that are "
+        f"short for the filter, which takes {low.edge / low.rate:.2g} s at either "
+        "end of each; record without gaps"
+    )
+    return log, (Note("samples_discarded", None, numbers, text),)
 
 
 def prepare(
     recording: Recording,
-    cutoff: float = DEFAULT_CUTOFF,
-    band: float | None = None,
-    motion: float | None = None,
-    stride: int = 1,
-    for_fit: bool = True,
+    bands: Bands | None = None,
     warnings: tuple[Note, ...] | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
@@ -155,22 +175,17 @@ def prepare(
 
     Args:
         recording: Trajectory or static poses.
-        cutoff: Of the low-pass of efforts, Hz.
-        band: Frequency below which the signals will be used, Hz; default: the cut-off. Gaps that
-            are short against it are interpolated over, see ``longest_bridged``.
-        motion: Cut-off of the low-pass of positions and velocities, Hz; default: that of efforts.
-        stride: Every so-maniest low-passed sample is kept.
-        for_fit: Whether the signals, and columns made of them, go through a further filter. Else
-            the ends of parts, which the efforts' filter disturbs, are left out, and the
-            acceleration is limited to the band that position steps allow
-            (``known_acceleration``).
+        bands: How it is filtered; default: as for a fit. Gaps that are short against the band below
+            which signals are used are interpolated over, see ``longest_bridged``. What is not for a
+            fit loses the ends of parts, which the efforts' filter disturbs, and its acceleration is
+            limited to the band that position steps allow (``known_acceleration``).
         warnings: Findings about the recording; ``None``: it is checked.
 
     Raises:
         RecordingError: If a check finds the recording unusable, if it is too short to filter, or
             if the cut-off does not go with the sampling rate.
     """
-    rate = recording.rate
+    rate, bands = recording.rate, bands or Bands.of_fit()
     if recording.time is not None and rate is None:
         raise RecordingError(recording.source, "holds one sample, expected a trajectory")
     warnings = check(recording) if warnings is None else warnings
@@ -178,9 +193,9 @@ def prepare(
     if recording.time is None or rate is None:
         used = "static poses are used as they are"
         still, whole = np.zeros_like(recording.position), (slice(0, len(recording)),)
-        return Prepared(recording, recording, still, whole, warnings, (used,))
-    low, band, motion = _low_pass(recording, cutoff, rate), band or cutoff, motion or cutoff
-    wide = _low_pass(recording, motion, rate)
+        return Prepared(recording, bands, recording, still, whole, warnings, (used,))
+    low, wide = (_low_pass(recording, cutoff, rate) for cutoff in (bands.effort, bands.motion))
+    stride = bands.stride(rate)
     old = stale(recording)
     log: tuple[str, ...] = ()
     if old.any():
@@ -188,47 +203,45 @@ def prepare(
     derived = _derived_joints(recording, warnings)
     if derived:
         log += (f"velocity differentiated from position: {', '.join(derived)}",)
-    gaps = Gaps(low, longest_bridged(rate, band))
-    gaps.count(recording.time)
+    longest = longest_bridged(rate, bands.used)
     step = np.zeros(len(recording.joints))
-    if not for_fit:
+    if not bands.for_fit:
         step = np.array([quantum(column) for column in recording.position.T])
     parts: list[Filtered] = []
-    first, gridded = 0, False
-    for part in split_at_gaps(recording, gaps.longest):
+    first, lost, gridded = 0, 0, False
+    for part in split_at_gaps(recording, longest):
         fresh = part.rows(~old[first : first + len(part)])
         first += len(part)
         if len(part) < SHORTEST * low.edge:
-            gaps.lost += len(part)
+            lost += len(part)
             continue
         uniform = resample(fresh, rate)
         gridded = gridded or uniform is not fresh
-        kept = slice(None, None, stride) if for_fit else slice(low.edge, -low.edge, stride)
-        parts.append(_filtered(uniform, low, wide, derived, step, band, kept))
+        kept = slice(None, None, stride) if bands.for_fit else slice(low.edge, -low.edge, stride)
+        parts.append(_filtered(uniform, low, wide, derived, step, bands.used, kept))
     if not parts:
         raise RecordingError(
             recording.source,
             f"has no {SHORTEST * low.edge} samples in a row without a gap, "
-            f"as a {cutoff:g} Hz filter needs",
+            f"as a {bands.effort:g} Hz filter needs",
         )
-    gaps.parts = len(parts)
-    log += gaps.processing_log()
-    warnings += gaps.warnings(len(recording))
+    done, costs = _across_gaps(recording.time, low, longest, len(parts), lost)
+    log, warnings = log + done, warnings + costs
     if gridded:
         log += (f"interpolated (Akima) onto a uniform grid at {rate:.6g} Hz",)
-    if motion == cutoff:
+    if bands.motion == bands.effort:
         log += (f"{low}, over position, velocity and effort",)
     else:
         log += (
             f"efforts: {low}",
-            f"motion low-passed at {motion:g} Hz; the model's torque then goes through the same "
-            f"{cutoff:g} Hz filter as the measured one",
+            f"motion low-passed at {bands.motion:g} Hz; the model's torque then goes through the "
+            f"same {bands.effort:g} Hz filter as the measured one",
         )
     if stride > 1:
         log += (f"one of {stride} low-passed samples kept: {rate / stride:.6g} Hz",)
-    slower = LowPass(cutoff, rate / stride)
+    slower = LowPass(bands.effort, rate / stride)
     return Prepared(
-        recording, warnings=warnings, processing_log=log, filter=slower, stride=stride,
+        recording, bands, warnings=warnings, processing_log=log, filter=slower, stride=stride,
         **_joined(parts),
     )  # fmt: skip
 

@@ -11,14 +11,13 @@ from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.observation import (
-    Bands,
     Observation,
     held_beyond,
     observe,
     require_all,
     require_measured,
 )
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import Bands, Recording
 
 
 @dataclass(frozen=True)
