@@ -18,16 +18,14 @@ RATE = 200.0
 TIME = np.arange(4000) / RATE
 
 
-@pytest.mark.parametrize(("order", "cutoff"), [(1, 20.0), (2, 5.65), (4, 2.0)])
-def test_lowpass_halves_the_amplitude_at_the_cutoff_and_shifts_nothing(order, cutoff):
-    low = LowPass(cutoff, RATE, order)
+@pytest.mark.parametrize("cutoff", [20.0, 5.65, 2.0])
+def test_lowpass_halves_the_amplitude_at_the_cutoff_and_shifts_nothing(cutoff):
+    low = LowPass(cutoff, RATE)
     wave = np.sin(2 * np.pi * cutoff * TIME)
     middle = slice(1000, 3000)
     np.testing.assert_allclose(low(wave)[middle], 0.5 * wave[middle], atol=1e-6)
     slow = np.sin(2 * np.pi * cutoff / 20 * TIME)
-    gain = 1 / (
-        1 + (np.tan(np.pi * cutoff / 20 / RATE) / np.tan(np.pi * cutoff / RATE)) ** (2 * order)
-    )
+    gain = 1 / (1 + (np.tan(np.pi * cutoff / 20 / RATE) / np.tan(np.pi * cutoff / RATE)) ** 4)
     np.testing.assert_allclose(low(slow)[middle], gain * slow[middle], atol=1e-6)
 
 

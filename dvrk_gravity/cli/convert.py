@@ -96,7 +96,7 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
     """Convert a recording: CSV, rosbag2, ROS 1; print the numbers of samples read and left out."""
     from dvrk_gravity.recording import (
         Note,
-        Recording,
+        Samples,
         check_counts,
         is_bag,
         iterate_recording,
@@ -109,7 +109,7 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
     joints: tuple[str, ...] = ()
     notes: list[Note] = []
 
-    def counted() -> Iterator[Recording]:
+    def counted() -> Iterator[Samples]:
         nonlocal samples, joints
         given = options.reading(arguments)
         if not is_bag(arguments.input):

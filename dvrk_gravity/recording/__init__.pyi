@@ -12,6 +12,7 @@ from .checks import check_counts as check_counts
 from .duplicates import is_duplicate as is_duplicate
 from .duplicates import without_duplicates as without_duplicates
 from .files import is_recording as is_recording
+from .files import iterate_recording as iterate_recording
 from .filters import LowPass as LowPass
 from .filters import derivative as derivative
 from .invalid_effort import InvalidSpan as InvalidSpan
@@ -39,11 +40,11 @@ from .quantization import quantum as quantum
 from .recording import Recording as Recording
 from .recording import known_coordinates as known_coordinates
 from .samples import Coordinates as Coordinates
+from .samples import Samples as Samples
 from .samples import join as join
 from .stream import STRETCH as STRETCH
 from .stream import Given as Given
 from .stream import excerpt as excerpt
-from .stream import iterate_recording as iterate_recording
 from .stream import load_excerpt as load_excerpt
 from .stream import opened as opened
 from .timing import TimingSettings as TimingSettings

@@ -38,8 +38,10 @@ class ReadOptions(TypedDict, total=False):
     columns: Columns | None
 
 
-def read(path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]) -> Iterator[Samples]:
-    """Yield a file in consecutive parts of at most ``chunk`` samples.
+def iterate_recording(
+    path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]
+) -> Iterator[Samples]:
+    """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
     Memory stays at a few parts, whatever the length of the file. Times are relative to the first
     sample of the whole. Readings are as they were recorded (:func:`mended`).

@@ -28,7 +28,6 @@ class LowPass:
     Attributes:
         cutoff: Cut-off frequency of one run, Hz.
         rate: Sampling rate, Hz.
-        order: Order of one run.
 
     Raises:
         RecordingError: If the cut-off is not between 0 and half the rate.
@@ -36,7 +35,6 @@ class LowPass:
 
     cutoff: float
     rate: float
-    order: int = ORDER
 
     def __post_init__(self) -> None:
         """Check the cut-off against the rate."""
@@ -50,13 +48,13 @@ class LowPass:
     @property
     def edge(self) -> int:
         """Samples at either end within which one run's transient falls below ``EDGE_LEVEL``."""
-        return _design(self.cutoff, self.rate, self.order)[1]
+        return _design(self.cutoff, self.rate)[1]
 
     def __call__(self, array: Array) -> Array:
         """Return the filtered array; raise ``ShapeError`` for ``edge`` samples or fewer."""
         from scipy.signal import sosfiltfilt
 
-        sections, edge = _design(self.cutoff, self.rate, self.order)
+        sections, edge = _design(self.cutoff, self.rate)
         array = np.asarray(array, dtype=np.float64)
         if array.ndim == 0 or len(array) <= edge:
             raise ShapeError("array", array.shape, f"more than {edge} samples to filter")
@@ -65,19 +63,19 @@ class LowPass:
     def __str__(self) -> str:
         """Describe the filter, for reports."""
         return (
-            f"zero-phase low-pass: Butterworth of order {self.order}, {self.cutoff:g} Hz, forward "
+            f"zero-phase low-pass: Butterworth of order {ORDER}, {self.cutoff:g} Hz, forward "
             f"and backward (half amplitude there); {self.edge} samples "
             f"({self.edge / self.rate:.2g} s) affected at either end"
         )
 
 
 @cache
-def _design(cutoff: float, rate: float, order: int) -> tuple[Array, int]:
+def _design(cutoff: float, rate: float) -> tuple[Array, int]:
     """Return second-order sections and the length of the transient at an end, in samples."""
     from scipy.signal import butter
 
-    sections = butter(order, cutoff, fs=rate, output="sos")
-    _, poles, _ = butter(order, cutoff, fs=rate, output="zpk")
+    sections = butter(ORDER, cutoff, fs=rate, output="sos")
+    _, poles, _ = butter(ORDER, cutoff, fs=rate, output="zpk")
     return sections, int(np.ceil(np.log(EDGE_LEVEL) / np.log(np.max(np.abs(poles)))))
 
 

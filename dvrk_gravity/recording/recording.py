@@ -170,7 +170,7 @@ class Recording(Samples):
             RecordingError: If the file cannot be used; the text says where and why.
             ArgumentError: An argument of a wrong type.
         """
-        parts = files.read(
+        parts = files.iterate_recording(
             path, topic=topic, coordinates=coordinates, time_base=time_base, columns=columns,
             arm=None if arm is None else Arm.of(arm),
         )  # fmt: skip

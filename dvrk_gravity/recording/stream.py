@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
@@ -13,30 +13,15 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Mask
 from dvrk_gravity.errors import ArgumentError
-from dvrk_gravity.recording.files import A_PATH, ReadOptions, mended, read
+from dvrk_gravity.recording.files import A_PATH, ReadOptions, iterate_recording, mended
 from dvrk_gravity.recording.notes import note
 from dvrk_gravity.recording.recording import Recording
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples
+from dvrk_gravity.recording.samples import Coordinates, Samples
 from dvrk_gravity.validation import path_of
 
 MOST_SAMPLES = 600_000  # of a file, that are held in memory: ten minutes at 1 kHz
 STRETCH = 60.0  # s, of each stretch of a longer one: enough to find a period of the motion
 _LONGER = 1.01  # part of the samples from which on a recording is cut: rates are known as well
-
-
-def iterate_recording(
-    path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]
-) -> Iterator[Recording]:
-    """Yield a recording in consecutive parts of at most ``chunk`` samples.
-
-    Memory stays at a few parts, whatever the length of the file. Times are relative to the first
-    sample of the whole, and readings are as they were recorded; options are those of
-    ``Recording.load``.
-
-    Raises:
-        RecordingError: On reaching a part that cannot be used.
-    """
-    return map(Recording.checked, read(path, chunk, **options))
 
 
 def load_excerpt(path: str | Path, **options: Unpack[ReadOptions]) -> Recording:
@@ -50,9 +35,9 @@ def load_excerpt(path: str | Path, **options: Unpack[ReadOptions]) -> Recording:
     arm = options.get("arm")
     if arm is not None and arm.held:  # those are not among the arm's joints
         whole: ReadOptions = {**options, "arm": None}
-        Recording.checked(mended([next(read(path, **whole))])).require_held(arm)
+        Recording.checked(mended([next(iterate_recording(path, **whole))])).require_held(arm)
     parts, total, rate = list[Samples](), 0, None
-    for part in read(path, **options):
+    for part in iterate_recording(path, **options):
         total, rate = total + len(part), rate or part.rate
         parts.append(part)
         if total > MOST_SAMPLES and part.time is not None:  # from now on only counted
@@ -62,7 +47,7 @@ def load_excerpt(path: str | Path, **options: Unpack[ReadOptions]) -> Recording:
         return Recording.checked(mended(parts))
     length = round(STRETCH * rate)
     kept, row = list[Samples](), 0
-    for part in read(path, **options):
+    for part in iterate_recording(path, **options):
         chosen = _spread(total, length, MOST_SAMPLES // length, slice(row, row + len(part)))
         row += len(part)
         if chosen.any():

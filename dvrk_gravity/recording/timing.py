@@ -28,14 +28,12 @@ class TimingSettings:
         gap: Interval, in median ones, beyond which samples are missing. Chosen: more than jitter
             makes of two lost samples.
         uniform: Part by which intervals of a uniform grid may differ. Chosen: rounding of stamps.
-        on_grid: Intervals that a grid's points may be off. Chosen.
         moving: Way in one sample below which an unchanged reading proves nothing, rad. Chosen: less
             than a step of any encoder.
     """
 
     gap: float = 3.5
     uniform: float = 1e-4
-    on_grid: float = 0.01
     moving: float = 1e-6
 
 
@@ -163,7 +161,7 @@ def _intervals(position: Array, velocity: Array, stamped: Array, nominal: float)
     return np.asarray(intervals) if residual < (1.0 - _EXPLAINED) * before else None
 
 
-def resample(recording: SamplesT, rate: float, origin: float | None = None) -> SamplesT:
+def resample(recording: SamplesT, rate: float) -> SamplesT:
     """Return the recording on a uniform grid from its first to its last sample.
 
     Jitter is removed first (:func:`retimed`). A recording that lies on the grid then is returned
@@ -173,22 +171,16 @@ def resample(recording: SamplesT, rate: float, origin: float | None = None) -> S
     Args:
         recording: With time, at least two samples.
         rate: Samples a second of the grid, Hz.
-        origin: Time of a grid point, s, inside or outside the recording; default: its first sample.
     """
     from scipy.interpolate import Akima1DInterpolator
 
     recording = retimed(recording)
     time = recording.time
     assert time is not None
-    ahead = 0.0 if origin is None else float((origin - time[0]) * rate)
-    offset = ahead - round(ahead)
-    settings = TimingSettings()
-    uniform = np.all(np.abs(np.diff(time) * rate - 1.0) < settings.uniform)
-    if abs(offset) < settings.on_grid and uniform:
+    if np.all(np.abs(np.diff(time) * rate - 1.0) < TimingSettings().uniform):
         return recording
-    begin = time[0] + (0.0 if abs(offset) < 1e-6 else offset % 1.0) / rate
-    count = int(np.floor((time[-1] - begin) * rate + 1e-6)) + 1
-    grid = np.clip(begin + np.arange(count) / rate, time[0], time[-1])
+    count = int(np.floor((time[-1] - time[0]) * rate + 1e-6)) + 1
+    grid = np.minimum(time[0] + np.arange(count) / rate, time[-1])
 
     def onto_grid(values: Array) -> Array:
         own = ~not_recorded(values)
