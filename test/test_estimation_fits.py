@@ -12,13 +12,13 @@ from dvrk_gravity.estimation import (
     HeldOutSums,
     NormalEquations,
     Regression,
-    SearchSettings,
-    SeenSums,
     SignedFits,
     SingularError,
     Trial,
+    combined_folds,
     eliminate_backward,
     fit,
+    fit_folds,
     inner_slabs,
     make_blocks,
     make_folds,
@@ -41,7 +41,7 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
     parts = [NormalEquations.of(x[r], y[r], sample[r]) for r in (slice(0, 20), slice(20, 50))]
     whole = NormalEquations.total(parts)
     solution = fit(whole, weight, scale)
-    (about_mean,) = SeenSums([whole], weight).fit(np.arange(4), scale, mean)
+    (about_mean,) = fit_folds(*combined_folds([whole], weight), np.arange(4), scale, mean)
     for theta, prior in ((solution.theta, np.zeros(4)), (about_mean, mean)):
         right = np.concatenate([(y * root).ravel(), prior / scale])
         np.testing.assert_allclose(theta, np.linalg.lstsq(rows, right)[0], atol=1e-10)
@@ -94,11 +94,11 @@ def test_columns_that_repeat_each_other_are_shared_by_a_prior_however_wide(posit
     x = np.concatenate([x, x[:, :, :2] + x[:, :, 1:]], axis=2)
     y = x @ [1.0, 2.0, 3.0, 0.0, 0.0]
     sums, weight, width = NormalEquations.of(x, y), np.ones(1), np.full(5, 1e9)
-    signs, seen = np.full(5, positive), SeenSums([sums], weight)
+    signs, seen = np.full(5, positive), combined_folds([sums], weight)
     for theta in (
         fit(sums, weight, width, signs).theta,
-        seen.fit(np.arange(5), width, np.zeros(5))[0],
-        SignedFits(seen, width, signs).fit(range(5))[0],
+        fit_folds(*seen, np.arange(5), width, np.zeros(5))[0],
+        SignedFits(*seen, width, signs).fit(range(5))[0],
     ):
         np.testing.assert_allclose(x @ theta, y, atol=1e-6 * np.abs(y).max())
         assert np.abs(theta).max() < 5.0
@@ -153,7 +153,7 @@ def test_fits_near_another_are_scipys_signs_and_prior_included():
         x, y, sums = some_folds(random)
         scale, weight = random.uniform(0.1, 10.0, 10), np.array([1.0, 3.0])
         positive = random.random(10) < 0.6
-        fits = SignedFits(SeenSums(sums, weight), scale, positive)
+        fits = SignedFits(*combined_folds(sums, weight), scale, positive)
         subset = [0, 1, 2, 3, 4, 5]
         others = [
             [*subset, 7],
@@ -296,7 +296,7 @@ def test_selection_finds_what_is_there_lazily_or_not():
     x = random.normal(size=(600, 20))
     y = x[:, [3, 7, 11]] @ [1.0, -0.8, 0.6] + random.normal(size=600)
     for lazy in (None, 0.9):
-        found, vain = select(Subset(x, y, 3.0), frozenset(), SearchSettings(20, lazy))
+        found, vain = select(Subset(x, y, 3.0), frozenset(), 20, lazy)
         assert found == {3, 7, 11}
         assert {trial.move for trial in vain} == set(range(20)) - found
 
@@ -311,7 +311,7 @@ class Fickle(Subset):
 def test_a_selection_ends_though_nothing_that_passed_does_so_again():
     """Moves that are told by less than what they do are tried in one another's place."""
     search = Fickle(np.ones((60, 6)), np.ones(60), 3.0)
-    found, vain = select(search, frozenset(), SearchSettings(20, 0.9))
+    found, vain = select(search, frozenset(), 20, 0.9)
     assert found == frozenset()
     assert len(vain) == 6
     assert not any(trial.passes for trial in vain)
