@@ -2,6 +2,7 @@ from .covariance import NORMAL_95 as NORMAL_95
 from .covariance import PRIOR_SHARE as PRIOR_SHARE
 from .covariance import Uncertainty as Uncertainty
 from .covariance import autocorrelated_scores as autocorrelated_scores
+from .covariance import block_fit as block_fit
 from .covariance import block_jackknife as block_jackknife
 from .covariance import clustered_scores as clustered_scores
 from .covariance import omitted_columns as omitted_columns

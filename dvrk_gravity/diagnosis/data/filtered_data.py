@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches, not_zero
-from dvrk_gravity.diagnosis.data.expectation import Expectation, expect
-from dvrk_gravity.diagnosis.data.model_error import model_columns
+from dvrk_gravity.diagnosis.data.expectation import Expectation, expect, model_columns
 from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.effects import Effect, Hypothesis, effects
 from dvrk_gravity.estimation import (

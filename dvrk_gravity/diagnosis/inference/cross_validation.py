@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.inference.regression import ChoiceSamples, block_fit
+from dvrk_gravity.diagnosis.inference.regression import ChoiceSamples
 from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,
     NormalEquations,
     Regression,
+    block_fit,
     design_effect,
     intraclass_correlation,
     solve,
