@@ -70,13 +70,12 @@ def test_what_is_left_out_is_subtracted():
     random = np.random.default_rng(1)
     x, y = random.normal(size=(50, 2, 5)), random.normal(size=(50, 2))
     whole, part = NormalEquations.of(x, y), NormalEquations.of(x[:20], y[:20])
-    rest, chosen = NormalEquations.of(x[20:], y[20:]), [0, 2, 4]
+    chosen = [0, 2, 4]
     theta = fit((whole - part).select(chosen), np.ones(2), np.full(3, 1e4)).theta
     expected = np.linalg.lstsq(x[20:][:, :, chosen].reshape(-1, 3), y[20:].ravel())[0]
     np.testing.assert_allclose(theta, expected, atol=1e-6)
     error = ((y[20:] - x[20:, :, chosen] @ theta) ** 2).sum(axis=0)
     np.testing.assert_allclose((whole - part).select(chosen).error(theta), error, atol=1e-9)
-    assert rest.count == pytest.approx(whole.count - part.count)
 
 
 def test_columns_of_any_size_that_say_nothing_or_the_same_get_finite_coefficients():
@@ -213,7 +212,7 @@ def test_equal_phases_are_held_out_together_and_a_gap_is_kept():
     folds = make_folds(time, np.zeros(1500, dtype=np.int64), q, 50.0)
     assert folds.periods == (10.0,)
     assert (folds.tested.sum(axis=0) == 1).all()
-    np.testing.assert_array_equal(folds.label[:500], folds.label[500:1000])
+    np.testing.assert_array_equal(folds.tested[:, :500], folds.tested[:, 500:1000])
     for fold in range(12):
         held, fitted = np.flatnonzero(folds.tested[fold]), np.flatnonzero(~folds.excluded[fold])
         assert np.abs(held[:, None] - fitted).min() / 50.0 >= 0.3 - 0.021

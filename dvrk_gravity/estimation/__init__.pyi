@@ -4,7 +4,6 @@ from .covariance import Uncertainty as Uncertainty
 from .covariance import autocorrelated_scores as autocorrelated_scores
 from .covariance import block_fit as block_fit
 from .covariance import block_jackknife as block_jackknife
-from .covariance import clustered_scores as clustered_scores
 from .covariance import omitted_columns as omitted_columns
 from .covariance import sandwich as sandwich
 from .covariance import squared_distance as squared_distance

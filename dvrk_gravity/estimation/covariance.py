@@ -232,14 +232,6 @@ def autocorrelated_scores(
     return meat
 
 
-def clustered_scores(scores: Array) -> Array:
-    """Return (p, p) covariance of the scores from their (k, p) sums over clusters.
-
-    Residuals may be correlated within a cluster (Liang and Zeger 1986).
-    """
-    return scores.T @ scores
-
-
 def block_jackknife(
     grams: Sequence[Array], sides: Sequence[Array], ridge: Array, trace: float
 ) -> tuple[Array, Array]:

@@ -49,13 +49,11 @@ class NormalEquations:
         gram: (m, p, p) sums of w x x'.
         cross: (m, p) sums of w x y.
         power: (m,) sums of w y^2.
-        count: (m,) sums of the samples' weights w.
     """
 
     gram: Array
     cross: Array
     power: Array
-    count: Array
 
     @classmethod
     def of(cls, x: Array, y: Array, weight: Array | None = None) -> NormalEquations:
@@ -70,7 +68,7 @@ class NormalEquations:
             scaled = x[:, j, used] * root[:, None]
             gram[j][np.ix_(used, used)] = scaled.T @ scaled  # of one array: half of it is computed
             cross[j][used] = scaled.T @ (root * y[:, j])
-        return cls(gram, cross, (weight * y * y).sum(0), weight.sum(0))
+        return cls(gram, cross, (weight * y * y).sum(0))
 
     def extended(self, x: Array, more: Array, y: Array) -> NormalEquations:
         """Return the sums with further columns: only the products with these are summed.
@@ -85,7 +83,7 @@ class NormalEquations:
         coupling = turned @ columns
         gram = np.block([[self.gram, coupling.transpose(0, 2, 1)], [coupling, turned @ rest]])
         cross = np.hstack([self.cross, (turned @ values[:, :, None])[:, :, 0]])
-        return NormalEquations(gram, cross, self.power, self.count)
+        return NormalEquations(gram, cross, self.power)
 
     @classmethod
     def total(cls, parts: Iterable[NormalEquations]) -> NormalEquations:
@@ -111,7 +109,7 @@ class NormalEquations:
         """Return the sums of some of the columns."""
         index = np.asarray(chosen, dtype=np.int64)
         gram = self.gram[:, index[:, None], index]
-        return NormalEquations(gram, self.cross[:, index], self.power, self.count)
+        return NormalEquations(gram, self.cross[:, index], self.power)
 
     def combined(self, weight: Array) -> tuple[Array, Array]:
         """Return the (p, p) and (p,) sums over channels, each times its (m,) weight."""

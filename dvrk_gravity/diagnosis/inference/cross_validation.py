@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
-from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.inference.regression import ChoiceSamples
+from dvrk_gravity.diagnosis.data.filtered_data import ChoiceSamples, FilteredData
 from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,
@@ -441,27 +440,6 @@ class CrossValidation:
         torque = np.zeros((len(self.choice.rows), self.joints))
         torque[:, candidate.joints] = candidate.values[self.choice.rows] @ theta
         return torque * self.choice.usable
-
-    def not_made_up_for(
-        self, torques: Array, candidates: Sequence[Candidate]
-    ) -> tuple[Array, Array]:
-        """Return what a fit of the model's own parameters and of candidates leaves of torques.
-
-        Args:
-            torques: (R, n, m) over the samples of choice, N·m.
-            candidates: The candidates.
-
-        Returns:
-            (R, n, m) what is left, scaled so that its mean over all samples is that over the usable
-            ones, and the (d, m) parameters of the model, in standard deviations.
-        """
-        regression = self.regression(candidates)
-        target = (torques * self.weight[:, None]).reshape(-1, torques.shape[2])
-        theta = regression.coefficients(target)
-        left = (target - regression.design @ theta).reshape(torques.shape)
-        scale = np.sqrt(len(left) / self.choice.counts)
-        scale = scale / np.where(self.weight > 0.0, self.weight, 1.0)
-        return left * scale[:, None], theta[: self.model_size]
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice.

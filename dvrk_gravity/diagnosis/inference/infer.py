@@ -168,58 +168,45 @@ def infer(hypotheses: Hypotheses, say: Callable[[str], None] = silent) -> Poster
         hypotheses: About the motion, beside what is expected of it.
         say: Called with one line at every step.
     """
-    search = _select(hypotheses, say)
-    friction, springs = search.changed_joints()
+    posterior = _selected(hypotheses, say)
+    friction, springs = _changed_joints(posterior)
     while friction or springs:
-        hypotheses.context.validation.data.release()
         say("comparing hypotheses with changed friction and springs")
         changed = replace(hypotheses.motion, changed_friction=friction, changed_springs=springs)
-        posterior = _posterior(_select(Hypotheses.about(changed), say))
+        beside = _selected(Hypotheses.about(changed), say)
         found = {
             joint
-            for effect in posterior.selected
+            for effect in beside.selected
             for joint in effect.trial.candidate.hypothesis.joints
         }
         if found.issuperset((*friction, *springs)):
-            return posterior
+            return beside
         # At joints where no effect fits, the change counts as day-to-day variation.
         friction = tuple(joint for joint in friction if joint in found)
         springs = tuple(joint for joint in springs if joint in found)
-    return _posterior(search)
+    return posterior
 
 
-@dataclass(frozen=True, eq=False)
-class _Selected:
-    """What was selected, before it is linearised at the fit."""
-
-    hypotheses: Hypotheses
-    selected: list[SelectedEffect]
-    unexplained: list[EffectTrial]
-    unconfirmed: list[Unconfirmed]
-    at_calibration: AtCalibration | None
-    multiplicity: Multiplicity
-
-    def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion = self.hypotheses.motion
-        if not motion.measured_twice:
-            return (), ()
-        named = [effect.trial.candidate for effect in self.selected]
-        validation = self.hypotheses.context.validation.weighted(named)
-        mean, covariance = validation.posterior(named)
-        causes: dict[int, list[int]] = {}
-        first = validation.model_size
-        for candidate in named:
-            hypothesis, last = candidate.hypothesis, first + candidate.size
-            if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
-                for joint in hypothesis.joints:
-                    causes.setdefault(joint, []).extend(range(first, last))
-            first = last
-        friction = changed_friction(motion, mean[: validation.model_size])
-        return friction, changed_springs(motion, mean, covariance, causes)
+def _changed_joints(posterior: Posterior) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return joints whose friction, and whose springs, changed by more than from day to day."""
+    motion, validation = posterior.motion, posterior.validation
+    if not motion.measured_twice:
+        return (), ()
+    named = [effect.trial.candidate for effect in posterior.selected]
+    mean, covariance = validation.posterior(named)
+    causes: dict[int, list[int]] = {}
+    first = validation.model_size
+    for candidate in named:
+        hypothesis, last = candidate.hypothesis, first + candidate.size
+        if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
+            for joint in hypothesis.joints:
+                causes.setdefault(joint, []).extend(range(first, last))
+        first = last
+    friction = changed_friction(motion, mean[: validation.model_size])
+    return friction, changed_springs(motion, mean, covariance, causes)
 
 
-def _select(hypotheses: Hypotheses, say: Callable[[str], None]) -> _Selected:
+def _selected(hypotheses: Hypotheses, say: Callable[[str], None]) -> Posterior:
     """Return effects and unexplained structure that the samples of selection show."""
     validation, pool = hypotheses.context.validation, hypotheses.pool
     data, motion = validation.data, hypotheses.motion
@@ -252,8 +239,8 @@ def _select(hypotheses: Hypotheses, say: Callable[[str], None]) -> _Selected:
     floor = noise(selection.at(kept))
     motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
-    return _Selected(
-        hypotheses, selected, unexplained, unconfirmed, at_calibration, selection.multiplicity
+    return _posterior(
+        hypotheses, selection.multiplicity, selected, unexplained, unconfirmed, at_calibration
     )
 
 
@@ -267,7 +254,7 @@ def empty_posterior(hypotheses: Hypotheses) -> Posterior:
     motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
     validation = replace(validation, data=replace(validation.data, motion=motion))
     nothing = Hypotheses(replace(hypotheses.context, validation=validation), [])
-    return _posterior(_Selected(nothing, [], [], [], None, Multiplicity.of(hypotheses.pool)))
+    return _posterior(nothing, Multiplicity.of(hypotheses.pool))
 
 
 def with_load_elsewhere(
@@ -303,14 +290,17 @@ def with_load_elsewhere(
     return anywhere if gain > _FREE_GAIN else None
 
 
-def _posterior(search: _Selected) -> Posterior:
+def _posterior(
+    hypotheses: Hypotheses, multiplicity: Multiplicity, found: Sequence[SelectedEffect] = (),
+    unexplained: Sequence[EffectTrial] = (), unconfirmed: Sequence[Unconfirmed] = (),
+    at_calibration: AtCalibration | None = None,
+) -> Posterior:  # fmt: skip
     """Return what was found, linearised at the fit, and what is known to be there."""
-    hypotheses, unexplained = search.hypotheses, search.unexplained
-    pool, named = hypotheses.pool, [effect.trial.candidate for effect in search.selected]
+    pool, named = hypotheses.pool, [effect.trial.candidate for effect in found]
     validation, there = relinearised(hypotheses.context.validation.weighted(named), named)
     selected = [
         replace(effect, trial=replace(effect.trial, move=candidate))
-        for effect, candidate in zip(search.selected, there, strict=True)
+        for effect, candidate in zip(found, there, strict=True)
     ]
     stated = _stated(pool, validation, there)
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
@@ -320,12 +310,12 @@ def _posterior(search: _Selected) -> Posterior:
     floor = data.noise_rms(data.motion.noise, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], unexplained, floor)
     sparse = [each for each in pool if not (each.hypothesis.refits_model or each.hypothesis.STATED)]
-    minor = minor_effects(validation, sparse, selected, unexplained, search.at_calibration)
-    seen = detectable(FitContext(validation, tuple(named)), pool, search.multiplicity)
+    minor = minor_effects(validation, sparse, selected, unexplained, at_calibration)
+    seen = detectable(FitContext(validation, tuple(named)), pool, multiplicity)
     data.release()
     return Posterior(
-        validation, tuple(selected), tuple(unexplained), joints, tuple(search.unconfirmed),
-        tuple(minor), tuple(day_to_day), stated, tuple(pool), search.at_calibration, floor, seen,
+        validation, tuple(selected), tuple(unexplained), joints, tuple(unconfirmed),
+        tuple(minor), tuple(day_to_day), stated, tuple(pool), at_calibration, floor, seen,
     )  # fmt: skip
 
 
