@@ -39,7 +39,7 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
     root = np.sqrt(sample * weight)
     rows = np.vstack([(x * root[:, :, None]).reshape(-1, 4), np.diag(1.0 / scale)])
     parts = [NormalEquations.of(x[r], y[r], sample[r]) for r in (slice(0, 20), slice(20, 50))]
-    whole = NormalEquations.total(parts)
+    whole = parts[0] + parts[1]
     solution = fit(whole, weight, scale)
     (about_mean,) = fit_folds(*combined_folds([whole], weight), np.arange(4), scale, mean)
     for theta, prior in ((solution.theta, np.zeros(4)), (about_mean, mean)):
@@ -51,18 +51,14 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
 @pytest.mark.parametrize("first", [0, 2, 5])
 def test_further_columns_give_the_fit_of_all_columns_at_once(first):
     random = np.random.default_rng(2)
-    x, y = random.normal(size=(50, 3, 5)), random.normal(size=(50, 3))
-    sums = NormalEquations.of(x[:, :, :first], y).extended(x[:, :, :first], x[:, :, first:], y)
-    theta = fit(sums, np.ones(3), np.full(5, 1e4)).theta
-    np.testing.assert_allclose(theta, np.linalg.lstsq(x.reshape(-1, 5), y.ravel())[0], atol=1e-6)
-    design, prior = x.reshape(-1, 5), np.diag([1.0, 2.0, 0.5, 3.0, 1.0])
+    design, y = random.normal(size=(150, 5)), random.normal(size=150)
+    prior = np.diag([1.0, 2.0, 0.5, 3.0, 1.0])
     part = Regression(design[:, :first], prior[:first, :first], 0.0)
     whole = part.extended(design[:, first:], prior[first:, first:])
     rows = np.vstack([design, np.sqrt(prior)])
-    expected = np.linalg.lstsq(rows, np.append(y.ravel(), np.zeros(5)))[0]
-    np.testing.assert_allclose(whole.coefficients(y.ravel()), expected, atol=1e-10)
-    residual = y.ravel() - design @ expected
-    np.testing.assert_allclose(whole.residual(y.ravel()), residual, atol=1e-10)
+    expected = np.linalg.lstsq(rows, np.append(y, np.zeros(5)))[0]
+    np.testing.assert_allclose(whole.coefficients(y), expected, atol=1e-10)
+    np.testing.assert_allclose(whole.residual(y), y - design @ expected, atol=1e-10)
     np.testing.assert_allclose(whole.inverse, np.linalg.inv(rows.T @ rows), atol=1e-10)
 
 
@@ -257,7 +253,7 @@ class Subset:
         self.size, self.standard_errors = x.shape[1], errors_of
         label = sequential(len(y), 10)
         parts = [NormalEquations.of(x[label == k, None], y[label == k, None]) for k in range(10)]
-        whole = NormalEquations.total(parts)
+        whole = NormalEquations.of(x[:, None], y[:, None])
         self.folds = [(whole - part, part) for part in parts]
 
     def errors(self, chosen):

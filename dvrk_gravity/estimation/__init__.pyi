@@ -29,6 +29,7 @@ from .normal_equations import NotConvergedError as NotConvergedError
 from .normal_equations import Regression as Regression
 from .normal_equations import SingularError as SingularError
 from .normal_equations import Solution as Solution
+from .normal_equations import extended_products as extended_products
 from .normal_equations import fit as fit
 from .normal_equations import prior_precision as prior_precision
 from .normal_equations import solve as solve

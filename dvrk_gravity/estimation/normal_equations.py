@@ -6,7 +6,7 @@ on small Gram matrices and takes milliseconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -69,29 +69,6 @@ class NormalEquations:
             gram[j][np.ix_(used, used)] = scaled.T @ scaled  # of one array: half of it is computed
             cross[j][used] = scaled.T @ (root * y[:, j])
         return cls(gram, cross, (weight * y * y).sum(0))
-
-    def extended(self, x: Array, more: Array, y: Array) -> NormalEquations:
-        """Return the sums with further columns: only the products with these are summed.
-
-        Args:
-            x: (n, m, p) columns of which these are the sums, every sample counted as one.
-            more: (n, m, q) further columns.
-            y: (n, m) values.
-        """
-        columns, rest, values = (np.moveaxis(a, 1, 0) for a in (x, more, y))
-        turned = rest.transpose(0, 2, 1)
-        coupling = turned @ columns
-        gram = np.block([[self.gram, coupling.transpose(0, 2, 1)], [coupling, turned @ rest]])
-        cross = np.hstack([self.cross, (turned @ values[:, :, None])[:, :, 0]])
-        return NormalEquations(gram, cross, self.power)
-
-    @classmethod
-    def total(cls, parts: Iterable[NormalEquations]) -> NormalEquations:
-        """Add up the sums of parts, which need not be in memory together."""
-        first, *rest = parts
-        for other in rest:
-            first = first + other
-        return first
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Return the sums of both sets together."""
@@ -202,6 +179,15 @@ def solve(gram: Array, right: Array, trace: float = 0.0) -> Array:
     return np.asarray(np.linalg.solve(scaled, right / units) / units)
 
 
+def extended_products(products: Array, design: Array, more: Array) -> Array:
+    """Return the (k + c, k + c) products of (n, k) columns and (n, c) further ones.
+
+    Only those with the further ones are summed.
+    """
+    coupling = more.T @ design
+    return np.block([[products, coupling.T], [coupling, more.T @ more]])
+
+
 class Regression:
     """Least squares on some columns, for many targets.
 
@@ -220,18 +206,13 @@ class Regression:
         self._gram = self._products + ridge
 
     def extended(self, columns: Array, ridge: Array) -> Regression:
-        """Return the least squares with further weighted (n, c) columns of (c, c) prior precision.
-
-        Only their products are summed.
-        """
-        coupling = columns.T @ self.design
-        products = np.block([[self._products, coupling.T], [coupling, columns.T @ columns]])
-        none = np.zeros_like(coupling)
+        """Return the fit with further weighted (n, c) columns of (c, c) prior precision."""
+        none = np.zeros((len(ridge), len(self.ridge)))
         return Regression(
             np.hstack([self.design, columns]),
             np.block([[self.ridge, none.T], [none, ridge]]),
             self.trace,
-            products,
+            extended_products(self._products, self.design, columns),
         )
 
     def coefficients(self, target: Array) -> Array:

@@ -391,12 +391,6 @@ class ChoiceSamples:
             for rows in self.folds
         ]
 
-    def weighted_sums(self, weight: Array) -> list[NormalEquations]:
-        """Return the sums of the model's columns over each fold, with (n,) weights."""
-        square, zero = weight**2, np.zeros(1)
-        sums = (fold.combined(square) for fold in self.of_model)
-        return [NormalEquations(gram[None], cross[None], zero) for gram, cross in sums]
-
     def design(self, candidates: Sequence[Candidate], weights: Array) -> Array:
         """Return (R n, k) columns of candidates with (R, n) weights."""
         width = sum(candidate.size for candidate in candidates)

@@ -16,10 +16,11 @@ from dvrk_gravity.diagnosis.data.filtered_data import ChoiceSamples, FilteredDat
 from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,
-    NormalEquations,
     Regression,
     block_fit,
+    combined_folds,
     design_effect,
+    extended_products,
     intraclass_correlation,
     solve,
 )
@@ -109,15 +110,15 @@ class CrossValidation:
         return (self.choice.residual * self._weights).reshape(-1)
 
     @cached_property
-    def _model_by_fold(self) -> list[NormalEquations]:
-        """Weighted sums of the model's columns over each fold."""
-        return self.choice.weighted_sums(self.weight)
+    def _model_by_fold(self) -> tuple[Array, Array]:
+        """(F, d, d) and (F, d) weighted sums of the model's columns over each fold."""
+        return combined_folds(self.choice.of_model, self.weight**2)
 
     @cached_property
     def _of_model(self) -> Regression:
         """The least squares of the model's own parameters alone."""
         design = self.choice.model.reshape(len(self._target), -1) * self._weights.reshape(-1, 1)
-        products = NormalEquations.total(self._model_by_fold).gram[0]
+        products = self._model_by_fold[0].sum(axis=0)
         return Regression(design, self._ridge([], self.model_size), _TRACE, products)
 
     @property
@@ -197,18 +198,18 @@ class CrossValidation:
     def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
         """Return :meth:`out_of_fold` and minus the log prior of the model's parameters."""
         model, columns = self._of_model.design, self.design(candidates)
-        target, error = self._target[:, None], self._target.copy()
-        folds = [
-            fold.extended(model[rows, None], columns[rows, None], target[rows])
-            for rows, fold in zip(self.choice.values, self._model_by_fold, strict=True)
-        ]
-        whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
-        for rows, fold in zip(self.choice.values, folds, strict=True):
-            rest = whole - fold
-            theta = solve(rest.gram[0] + ridge, rest.cross[0], _TRACE)
+        target, error = self._target, self._target.copy()
+        grams, sides = [], []
+        for rows, gram, side in zip(self.choice.values, *self._model_by_fold, strict=True):
+            grams.append(extended_products(gram, model[rows], columns[rows]))
+            sides.append(np.concatenate([side, columns[rows].T @ target[rows]]))
+        ridge = self._ridge(candidates, self.model_size)
+        gram, side = np.sum(grams, axis=0), np.sum(sides, axis=0)
+        for rows, own_gram, own_side in zip(self.choice.values, grams, sides, strict=True):
+            theta = solve(gram - own_gram + ridge, side - own_side, _TRACE)
             own, further = np.split(theta, [self.model_size])
             error[rows] -= model[rows] @ own + columns[rows] @ further
-        theta = solve(whole.gram[0] + ridge, whole.cross[0], _TRACE)
+        theta = solve(gram + ridge, side, _TRACE)
         return self._unweighted(error), self._negative_log_prior(theta)
 
     def _negative_log_prior(self, theta: Array) -> Any:
