@@ -38,8 +38,7 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
     scale, mean = np.array([0.3, 1.0, 5.0, 0.1]), random.normal(size=4)
     root = np.sqrt(sample * weight)
     rows = np.vstack([(x * root[:, :, None]).reshape(-1, 4), np.diag(1.0 / scale)])
-    parts = [NormalEquations.of(x[r], y[r], sample[r]) for r in (slice(0, 20), slice(20, 50))]
-    whole = parts[0] + parts[1]
+    whole = NormalEquations.of(x, y, sample)
     solution = fit(whole, weight, scale)
     (about_mean,) = fit_folds(*combined_folds([whole], weight), np.arange(4), scale, mean)
     for theta, prior in ((solution.theta, np.zeros(4)), (about_mean, mean)):

@@ -89,7 +89,6 @@ class ColumnFit:
         identifiability: What the data determine.
         rest_error: From (K, n) positions to (K, n) standard errors of the torque at rest, N·m.
         holding: Gravity torque and its uncertainty, by joint.
-        spread: Covariance of the coefficients, with what effects that the model lacks add.
         meat: Covariance of the scores of all columns.
     """
 
@@ -102,7 +101,6 @@ class ColumnFit:
     identifiability: Identifiability
     rest_error: Callable[[Array], Array]
     holding: Mapping[str, Holding]
-    spread: Uncertainty
     meat: Array
 
 
@@ -260,7 +258,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
     )  # fmt: skip
     return ColumnFit(
         solution, free, links, predicted, blind, parameters, identifiability,
-        partial(rest_error, at_rest, errors), held, spread, meat,
+        partial(rest_error, at_rest, errors), held, meat,
     )  # fmt: skip
 
 
