@@ -9,6 +9,8 @@ from scipy.optimize import lsq_linear
 from dvrk_gravity.estimation import (
     BlockSettings,
     CommonTime,
+    Folds,
+    FoldSums,
     HeldOutSums,
     NormalEquations,
     Regression,
@@ -23,6 +25,7 @@ from dvrk_gravity.estimation import (
     make_blocks,
     make_folds,
     normal_equations,
+    relative_gain,
     select,
     sequential,
     slabs,
@@ -71,6 +74,33 @@ def test_what_is_left_out_is_subtracted():
     np.testing.assert_allclose(theta, expected, atol=1e-6)
     error = ((y[20:] - x[20:, :, chosen] @ theta) ** 2).sum(axis=0)
     np.testing.assert_allclose((whole - part).select(chosen).error(theta), error, atol=1e-9)
+
+
+def test_every_sample_is_predicted_by_a_fit_that_saw_neither_it_nor_its_neighbours():
+    random = np.random.default_rng(9)
+    x, y = random.normal(size=(60, 2, 5)), random.normal(size=(60, 2))
+    weight, chosen = random.uniform(0.2, 1.0, (60, 2)), [0, 2, 3]
+    tested = sequential(60, 4) == np.arange(4)[:, None]
+    excluded = np.array([np.convolve(mask, np.ones(5), "same") > 0.0 for mask in tested])
+    sums = FoldSums(x, y, Folds(tested, excluded), weight, np.ones_like(y))
+
+    predicted = sums.predicted(lambda seen: fit(seen, np.ones(2), np.full(3, 1e4)).theta, chosen)
+
+    root, part = np.sqrt(weight), x[:, :, chosen]
+    for rows, unseen, test in zip(tested, ~excluded, sums.test, strict=True):
+        columns = (part * root[:, :, None])[unseen].reshape(-1, 3)
+        theta = np.linalg.lstsq(columns, (y * root)[unseen].ravel())[0]
+        np.testing.assert_allclose(predicted[rows], part[rows] @ theta, atol=1e-6)
+        error = ((y - part @ theta)[rows] ** 2).sum(axis=0)
+        np.testing.assert_allclose(test.select(chosen).error(theta), error, atol=1e-6)
+
+
+def test_a_gain_counts_every_channel_by_its_own_error():
+    before = np.array([[1.0, 100.0, 0.0], [3.0, 100.0, 0.0]])
+    after = before * [0.5, 1.0, 1.0]
+    gain, deviation = relative_gain(before, after)
+    assert gain == pytest.approx(0.25)  # half of one of two channels; the third was not measured
+    assert deviation == pytest.approx(np.std([0.0625, 0.1875], ddof=1) * np.sqrt(2.0))
 
 
 def test_columns_of_any_size_that_say_nothing_or_the_same_get_finite_coefficients():

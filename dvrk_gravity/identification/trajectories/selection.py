@@ -10,7 +10,6 @@ import numpy as np
 from dvrk_gravity.effects import SearchMove, is_friction
 from dvrk_gravity.estimation import (
     STANDARD_ERRORS,
-    FoldSums,
     Scored,
     ScoredTrial,
     relative_gain,
@@ -208,8 +207,7 @@ def _with_loads(
     problem: Problem, chosen: list[int], motions: Sequence[Observation]
 ) -> tuple[Problem, list[int]]:
     """Return the problem with these columns beside the fit as it is, and the choice then."""
-    design, sums = problem.design, problem.sums
-    columns = design.columns
+    design, columns = problem.design, problem.design.columns
     theta = np.zeros(len(columns.columns))
     theta[chosen] = problem.fit(chosen).theta
     columns = columns.with_terms(columns.terms(theta))
@@ -218,8 +216,8 @@ def _with_loads(
         return problem, chosen
     x = design.x.copy()
     x[..., new] = build_design(columns, motions, chosen=new).x
-    sums = FoldSums(x, sums.y, sums.folds, sums.weight, sums.counted)
-    problem = replace(problem, design=replace(design, columns=columns, x=x), sums=sums)
+    design = replace(design, columns=columns, x=x)
+    problem = replace(problem, design=design, sums=replace(problem.sums, x=x))
     found, choices = search(problem, chosen, _moves_of_others)
     if found != chosen:
         chosen, more = search(problem, found)
