@@ -40,7 +40,7 @@ START = datetime(2024, 1, 1, 9, tzinfo=UTC)
 DAYS = 730.0
 MONTH = 30.44  # days
 # Standard deviations of friction from day to day, as parts of it. Chosen: within the 30 % that a
-# diagnosis expects of a joint (diagnosis.data.model_error.FRICTION_PART).
+# diagnosis expects of a joint (diagnosis.data.expectation.FRICTION_PART).
 ALL_JOINTS, EACH_JOINT = 0.05, 0.03
 MOTIONS = 3  # of an arm, which its recordings have in turn
 STEP = 2.5e-3  # s, of the plant

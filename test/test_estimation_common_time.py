@@ -112,7 +112,8 @@ def test_motions_that_coincide_with_nothing_keep_their_own_blocks():
         np.testing.assert_array_equal(folds.excluded[:, rows], alone.excluded)
         # Twelve blocks of time, as long as each other.
         length = time[rows][-1] + 1.0 / RATE
-        np.testing.assert_array_equal(alone.label, (time[rows] / length * 12).astype(int))
+        block = (time[rows] / length * 12).astype(int)
+        np.testing.assert_array_equal(alone.tested, block == np.arange(12)[:, None])
 
 
 def test_arms_that_rest_in_one_place_before_and_after_are_not_of_one_motion():

@@ -9,20 +9,23 @@ from scipy.optimize import lsq_linear
 from dvrk_gravity.estimation import (
     BlockSettings,
     CommonTime,
+    Folds,
+    FoldSums,
     HeldOutSums,
     NormalEquations,
     Regression,
-    SearchSettings,
-    SeenSums,
     SignedFits,
     SingularError,
     Trial,
+    combined_folds,
     eliminate_backward,
     fit,
+    fit_folds,
     inner_slabs,
     make_blocks,
     make_folds,
     normal_equations,
+    relative_gain,
     select,
     sequential,
     slabs,
@@ -38,10 +41,9 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
     scale, mean = np.array([0.3, 1.0, 5.0, 0.1]), random.normal(size=4)
     root = np.sqrt(sample * weight)
     rows = np.vstack([(x * root[:, :, None]).reshape(-1, 4), np.diag(1.0 / scale)])
-    parts = [NormalEquations.of(x[r], y[r], sample[r]) for r in (slice(0, 20), slice(20, 50))]
-    whole = NormalEquations.total(parts)
+    whole = NormalEquations.of(x, y, sample)
     solution = fit(whole, weight, scale)
-    (about_mean,) = SeenSums([whole], weight).fit(np.arange(4), scale, mean)
+    (about_mean,) = fit_folds(*combined_folds([whole], weight), np.arange(4), scale, mean)
     for theta, prior in ((solution.theta, np.zeros(4)), (about_mean, mean)):
         right = np.concatenate([(y * root).ravel(), prior / scale])
         np.testing.assert_allclose(theta, np.linalg.lstsq(rows, right)[0], atol=1e-10)
@@ -51,18 +53,14 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
 @pytest.mark.parametrize("first", [0, 2, 5])
 def test_further_columns_give_the_fit_of_all_columns_at_once(first):
     random = np.random.default_rng(2)
-    x, y = random.normal(size=(50, 3, 5)), random.normal(size=(50, 3))
-    sums = NormalEquations.of(x[:, :, :first], y).extended(x[:, :, :first], x[:, :, first:], y)
-    theta = fit(sums, np.ones(3), np.full(5, 1e4)).theta
-    np.testing.assert_allclose(theta, np.linalg.lstsq(x.reshape(-1, 5), y.ravel())[0], atol=1e-6)
-    design, prior = x.reshape(-1, 5), np.diag([1.0, 2.0, 0.5, 3.0, 1.0])
+    design, y = random.normal(size=(150, 5)), random.normal(size=150)
+    prior = np.diag([1.0, 2.0, 0.5, 3.0, 1.0])
     part = Regression(design[:, :first], prior[:first, :first], 0.0)
     whole = part.extended(design[:, first:], prior[first:, first:])
     rows = np.vstack([design, np.sqrt(prior)])
-    expected = np.linalg.lstsq(rows, np.append(y.ravel(), np.zeros(5)))[0]
-    np.testing.assert_allclose(whole.coefficients(y.ravel()), expected, atol=1e-10)
-    residual = y.ravel() - design @ expected
-    np.testing.assert_allclose(whole.residual(y.ravel()), residual, atol=1e-10)
+    expected = np.linalg.lstsq(rows, np.append(y, np.zeros(5)))[0]
+    np.testing.assert_allclose(whole.coefficients(y), expected, atol=1e-10)
+    np.testing.assert_allclose(whole.residual(y), y - design @ expected, atol=1e-10)
     np.testing.assert_allclose(whole.inverse, np.linalg.inv(rows.T @ rows), atol=1e-10)
 
 
@@ -70,13 +68,39 @@ def test_what_is_left_out_is_subtracted():
     random = np.random.default_rng(1)
     x, y = random.normal(size=(50, 2, 5)), random.normal(size=(50, 2))
     whole, part = NormalEquations.of(x, y), NormalEquations.of(x[:20], y[:20])
-    rest, chosen = NormalEquations.of(x[20:], y[20:]), [0, 2, 4]
+    chosen = [0, 2, 4]
     theta = fit((whole - part).select(chosen), np.ones(2), np.full(3, 1e4)).theta
     expected = np.linalg.lstsq(x[20:][:, :, chosen].reshape(-1, 3), y[20:].ravel())[0]
     np.testing.assert_allclose(theta, expected, atol=1e-6)
     error = ((y[20:] - x[20:, :, chosen] @ theta) ** 2).sum(axis=0)
     np.testing.assert_allclose((whole - part).select(chosen).error(theta), error, atol=1e-9)
-    assert rest.count == pytest.approx(whole.count - part.count)
+
+
+def test_every_sample_is_predicted_by_a_fit_that_saw_neither_it_nor_its_neighbours():
+    random = np.random.default_rng(9)
+    x, y = random.normal(size=(60, 2, 5)), random.normal(size=(60, 2))
+    weight, chosen = random.uniform(0.2, 1.0, (60, 2)), [0, 2, 3]
+    tested = sequential(60, 4) == np.arange(4)[:, None]
+    excluded = np.array([np.convolve(mask, np.ones(5), "same") > 0.0 for mask in tested])
+    sums = FoldSums(x, y, Folds(tested, excluded), weight, np.ones_like(y))
+
+    predicted = sums.predicted(lambda seen: fit(seen, np.ones(2), np.full(3, 1e4)).theta, chosen)
+
+    root, part = np.sqrt(weight), x[:, :, chosen]
+    for rows, unseen, test in zip(tested, ~excluded, sums.test, strict=True):
+        columns = (part * root[:, :, None])[unseen].reshape(-1, 3)
+        theta = np.linalg.lstsq(columns, (y * root)[unseen].ravel())[0]
+        np.testing.assert_allclose(predicted[rows], part[rows] @ theta, atol=1e-6)
+        error = ((y - part @ theta)[rows] ** 2).sum(axis=0)
+        np.testing.assert_allclose(test.select(chosen).error(theta), error, atol=1e-6)
+
+
+def test_a_gain_counts_every_channel_by_its_own_error():
+    before = np.array([[1.0, 100.0, 0.0], [3.0, 100.0, 0.0]])
+    after = before * [0.5, 1.0, 1.0]
+    gain, deviation = relative_gain(before, after)
+    assert gain == pytest.approx(0.25)  # half of one of two channels; the third was not measured
+    assert deviation == pytest.approx(np.std([0.0625, 0.1875], ddof=1) * np.sqrt(2.0))
 
 
 def test_columns_of_any_size_that_say_nothing_or_the_same_get_finite_coefficients():
@@ -94,11 +118,11 @@ def test_columns_that_repeat_each_other_are_shared_by_a_prior_however_wide(posit
     x = np.concatenate([x, x[:, :, :2] + x[:, :, 1:]], axis=2)
     y = x @ [1.0, 2.0, 3.0, 0.0, 0.0]
     sums, weight, width = NormalEquations.of(x, y), np.ones(1), np.full(5, 1e9)
-    signs, seen = np.full(5, positive), SeenSums([sums], weight)
+    signs, seen = np.full(5, positive), combined_folds([sums], weight)
     for theta in (
         fit(sums, weight, width, signs).theta,
-        seen.fit(np.arange(5), width, np.zeros(5))[0],
-        SignedFits(seen, width, signs).fit(range(5))[0],
+        fit_folds(*seen, np.arange(5), width, np.zeros(5))[0],
+        SignedFits(*seen, width, signs).fit(range(5))[0],
     ):
         np.testing.assert_allclose(x @ theta, y, atol=1e-6 * np.abs(y).max())
         assert np.abs(theta).max() < 5.0
@@ -153,7 +177,7 @@ def test_fits_near_another_are_scipys_signs_and_prior_included():
         x, y, sums = some_folds(random)
         scale, weight = random.uniform(0.1, 10.0, 10), np.array([1.0, 3.0])
         positive = random.random(10) < 0.6
-        fits = SignedFits(SeenSums(sums, weight), scale, positive)
+        fits = SignedFits(*combined_folds(sums, weight), scale, positive)
         subset = [0, 1, 2, 3, 4, 5]
         others = [
             [*subset, 7],
@@ -213,7 +237,7 @@ def test_equal_phases_are_held_out_together_and_a_gap_is_kept():
     folds = make_folds(time, np.zeros(1500, dtype=np.int64), q, 50.0)
     assert folds.periods == (10.0,)
     assert (folds.tested.sum(axis=0) == 1).all()
-    np.testing.assert_array_equal(folds.label[:500], folds.label[500:1000])
+    np.testing.assert_array_equal(folds.tested[:, :500], folds.tested[:, 500:1000])
     for fold in range(12):
         held, fitted = np.flatnonzero(folds.tested[fold]), np.flatnonzero(~folds.excluded[fold])
         assert np.abs(held[:, None] - fitted).min() / 50.0 >= 0.3 - 0.021
@@ -258,7 +282,7 @@ class Subset:
         self.size, self.standard_errors = x.shape[1], errors_of
         label = sequential(len(y), 10)
         parts = [NormalEquations.of(x[label == k, None], y[label == k, None]) for k in range(10)]
-        whole = NormalEquations.total(parts)
+        whole = NormalEquations.of(x[:, None], y[:, None])
         self.folds = [(whole - part, part) for part in parts]
 
     def errors(self, chosen):
@@ -296,7 +320,7 @@ def test_selection_finds_what_is_there_lazily_or_not():
     x = random.normal(size=(600, 20))
     y = x[:, [3, 7, 11]] @ [1.0, -0.8, 0.6] + random.normal(size=600)
     for lazy in (None, 0.9):
-        found, vain = select(Subset(x, y, 3.0), frozenset(), SearchSettings(20, lazy))
+        found, vain = select(Subset(x, y, 3.0), frozenset(), 20, lazy)
         assert found == {3, 7, 11}
         assert {trial.move for trial in vain} == set(range(20)) - found
 
@@ -311,7 +335,7 @@ class Fickle(Subset):
 def test_a_selection_ends_though_nothing_that_passed_does_so_again():
     """Moves that are told by less than what they do are tried in one another's place."""
     search = Fickle(np.ones((60, 6)), np.ones(60), 3.0)
-    found, vain = select(search, frozenset(), SearchSettings(20, 0.9))
+    found, vain = select(search, frozenset(), 20, 0.9)
     assert found == frozenset()
     assert len(vain) == 6
     assert not any(trial.passes for trial in vain)

@@ -20,7 +20,6 @@ from dvrk_gravity.estimation import (
     autocorrelation,
     band_noise,
     block_jackknife,
-    clustered_scores,
     correlation_time,
     design_effect,
     evidence,
@@ -340,8 +339,6 @@ def test_a_jackknife_leaves_out_one_block_at_a_time():
     apart = np.array([solved(np.delete(np.arange(5), k)) for k in range(5)]) - whole
     np.testing.assert_allclose(theta, whole)
     np.testing.assert_allclose(covariance, 0.8 * apart.T @ apart)
-    scores = np.array([[1.0, 2.0], [3.0, -1.0]])
-    np.testing.assert_allclose(clustered_scores(scores), [[10.0, -1.0], [-1.0, 5.0]])
 
 
 # --- scales of channels by a torque that is known ----------------------------------------

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.data.faults import Fault, correct_recordings
-from dvrk_gravity.diagnosis.data.fit_to_judge import require_gravity, require_predictable
-from dvrk_gravity.diagnosis.data.loading import load
+from dvrk_gravity.diagnosis.data.loading import load, require_gravity, require_predictable
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
 from dvrk_gravity.diagnosis.inference.infer import (

@@ -2,8 +2,8 @@ from .covariance import NORMAL_95 as NORMAL_95
 from .covariance import PRIOR_SHARE as PRIOR_SHARE
 from .covariance import Uncertainty as Uncertainty
 from .covariance import autocorrelated_scores as autocorrelated_scores
+from .covariance import block_fit as block_fit
 from .covariance import block_jackknife as block_jackknife
-from .covariance import clustered_scores as clustered_scores
 from .covariance import omitted_columns as omitted_columns
 from .covariance import sandwich as sandwich
 from .covariance import squared_distance as squared_distance
@@ -11,9 +11,11 @@ from .evidence import FEWEST_BLOCKS as FEWEST_BLOCKS
 from .evidence import bonferroni as bonferroni
 from .evidence import likelihood_ratio as likelihood_ratio
 from .evidence import student as student
+from .fold_fits import FoldSums as FoldSums
 from .fold_fits import HeldOutSums as HeldOutSums
-from .fold_fits import SeenSums as SeenSums
 from .fold_fits import SignedFits as SignedFits
+from .fold_fits import combined_folds as combined_folds
+from .fold_fits import fit_folds as fit_folds
 from .noise import LONGEST_CORRELATION as LONGEST_CORRELATION
 from .noise import autocorrelation as autocorrelation
 from .noise import band_noise as band_noise
@@ -27,6 +29,7 @@ from .normal_equations import NotConvergedError as NotConvergedError
 from .normal_equations import Regression as Regression
 from .normal_equations import SingularError as SingularError
 from .normal_equations import Solution as Solution
+from .normal_equations import extended_products as extended_products
 from .normal_equations import fit as fit
 from .normal_equations import prior_precision as prior_precision
 from .normal_equations import solve as solve
@@ -46,10 +49,14 @@ from .robust import robust_scale as robust_scale
 from .robust import robust_weights as robust_weights
 from .scales import Scales as Scales
 from .scales import solve_scales as solve_scales
-from .selection import SearchSettings as SearchSettings
+from .selection import STANDARD_ERRORS as STANDARD_ERRORS
+from .selection import Scored as Scored
+from .selection import ScoredTrial as ScoredTrial
 from .selection import Trial as Trial
 from .selection import beats as beats
 from .selection import eliminate_backward as eliminate_backward
+from .selection import relative_gain as relative_gain
+from .selection import removed_part as removed_part
 from .selection import select as select
 from .splits import Blocks as Blocks
 from .splits import BlockSettings as BlockSettings

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation.noise import autocorrelation
-from dvrk_gravity.estimation.normal_equations import Solution, solve
+from dvrk_gravity.estimation.normal_equations import Regression, Solution, solve
 from dvrk_gravity.estimation.splits import Labels
 
 NORMAL_95 = 1.959964
@@ -232,14 +232,6 @@ def autocorrelated_scores(
     return meat
 
 
-def clustered_scores(scores: Array) -> Array:
-    """Return (p, p) covariance of the scores from their (k, p) sums over clusters.
-
-    Residuals may be correlated within a cluster (Liang and Zeger 1986).
-    """
-    return scores.T @ scores
-
-
 def block_jackknife(
     grams: Sequence[Array], sides: Sequence[Array], ridge: Array, trace: float
 ) -> tuple[Array, Array]:
@@ -261,6 +253,67 @@ def block_jackknife(
         [solve(gram - g, side - s, trace) - theta for g, s in zip(grams, sides, strict=True)]
     )
     return theta, (count - 1) / count * apart.T @ apart
+
+
+def block_fit(
+    regression: Regression, target: Array, block: NDArray[np.int64], counts: Array, *,
+    own: int, prior: float, coherent: Array, adds: NDArray[np.bool_],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return parameters (k,) but for the model's own, and their covariance (k, k).
+
+    The covariance is the jackknife's over blocks, and what the model's parameters, which are not
+    free, may be off by as it says, and the part of its known error that looks like a cause. That of
+    few blocks is widened so that normal 95 % intervals are as wide as Student's with one degree of
+    freedom less than there are blocks (Cameron and Miller 2015, section VI).
+
+    Args:
+        regression: Of (N n, d + k) columns of n joints in turn, the d of the model first.
+        target: (N n,).
+        block: (N n,) number of the block.
+        counts: (n,) samples that count.
+        own: Number d of the model's own parameters.
+        prior: Variance of noise, in units of the weights, for which the ridge is their prior.
+        coherent: (n,) RMS of the part of the known error that may look like a cause in all of a
+            motion, at each joint, in units of the weights.
+        adds: (k,) parameters that it looks like at all joints in the same sense.
+    """
+    from scipy.special import ndtr, stdtrit
+
+    order = np.argsort(block, kind="stable")
+    edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
+    design = regression.design
+    pieces = list(zip(np.split(design[order], edges), np.split(target[order], edges), strict=True))
+    theta, covariance = block_jackknife(
+        [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces],
+        regression.ridge, regression.trace,
+    )  # fmt: skip
+    inverse = regression.inverse[own:]
+    coupling = inverse[:, :own]
+    held = prior * coupling @ regression.ridge[:own, :own] @ coupling.T
+    held += _of_known_error(design, inverse, own, coherent, adds, counts)
+    wider = stdtrit(max(len(pieces) - 1, 1), ndtr(NORMAL_95)) / NORMAL_95
+    return theta[own:], wider**2 * (covariance[own:, own:] + held)
+
+
+def _of_known_error(
+    design: Array, inverse: Array, own: int, rms: Array, adds: NDArray[np.bool_], counts: Array
+) -> Array:
+    """Return the (k, k) covariance of what a known error that looks like a cause adds.
+
+    Of each joint an error of that RMS, in the shape of each of its columns; the joints' are
+    independent, or add. See :func:`block_fit`; ``inverse`` are (k, d + k) rows of the inverse of
+    the normal equations' matrix.
+    """
+    columns = design.reshape(-1, len(rms), design.shape[1]).transpose(1, 2, 0)
+    # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
+    products = np.matmul(columns, columns[:, own:].transpose(0, 2, 1))
+    square = np.einsum("jkk->jk", products[:, own:]) / counts[:, None]
+    per_rms = np.where(square > 0.0, 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0)), 0.0)
+    scaled = products * (rms[:, None] * per_rms)[:, None]
+    apart, adding = scaled[:, :, ~adds], scaled[:, :, adds].sum(axis=0)
+    # A square: of columns that are all but the same it stays one to the last digit.
+    root = inverse @ np.hstack([*apart, adding])
+    return np.asarray(root @ root.T)
 
 
 def _parzen(longest: int) -> Array:

@@ -2,47 +2,104 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation.normal_equations import (
     EXCHANGES,
     NormalEquations,
     prior_precision,
     solve_signed,
 )
+from dvrk_gravity.estimation.splits import Folds
 
 
-class SeenSums:
-    """Sums of products over the training samples of each fold, for many fits.
+@dataclass(frozen=True, eq=False)
+class FoldSums:
+    """Columns and values in folds, with sums of products over them when they are first asked for.
 
     Attributes:
-        gram: (folds, p, p) weighted Gram matrices, channels added up.
-        cross: (folds, p) likewise.
+        x: (n, m, p) columns.
+        y: (n, m) values.
+        folds: What is held out.
+        weight: (n, m) weights of the samples in a fit.
+        counted: (n, m) weights in the held-out errors; ``None``: those in a fit.
     """
 
-    def __init__(self, folds: Sequence[NormalEquations], weight: Array) -> None:
-        """Add the channels up with their (m,) weights, as :func:`fit` does."""
-        grams, crosses = zip(*(fold.combined(weight) for fold in folds), strict=True)
-        self.gram, self.cross = np.array(grams), np.array(crosses)
+    x: Array
+    y: Array
+    folds: Folds
+    weight: Array
+    counted: Array | None = None
 
-    def fit(self, chosen: NDArray[np.int64], scale: Array, mean: Array) -> Array:
-        """Return (folds, p) coefficients of k columns with a prior, those of others zero.
+    @cached_property
+    def whole(self) -> NormalEquations:
+        """Sums over all samples."""
+        return NormalEquations.of(self.x, self.y, self.weight)
+
+    @cached_property
+    def test(self) -> list[NormalEquations]:
+        """Sums over each fold's held-out samples."""
+        return self.of(self.folds.tested, self.weight if self.counted is None else self.counted)
+
+    @cached_property
+    def train(self) -> list[NormalEquations]:
+        """Sums that each fold's fit sees."""
+        same = self.counted is None and self.folds.excluded is self.folds.tested
+        unseen = self.test if same else self.of(self.folds.excluded, self.weight)
+        return [self.whole - part for part in unseen]
+
+    def of(self, rows: Iterable[Mask], weight: Array) -> list[NormalEquations]:
+        """Return the sums over the samples in each (n,) mask, with (n, m) weights."""
+        return [NormalEquations.of(self.x[part], self.y[part], weight[part]) for part in rows]
+
+    def predicted(
+        self, solve: Callable[[NormalEquations], Array], chosen: Sequence[int] | None = None
+    ) -> Array:
+        """Return (n, m) values, each predicted by the fit that had not seen it.
 
         Args:
-            chosen: (k,) the columns.
-            scale: (k,) prior standard deviations.
-            mean: (k,) prior means.
+            solve: From the sums of columns to their coefficients.
+            chosen: The columns; by default all.
         """
-        gram = self.gram[:, chosen[:, None], chosen]
-        prior = prior_precision(gram, scale)
-        precision, right = gram + prior, self.cross[:, chosen] + prior @ mean
-        theta = np.zeros(self.cross.shape)
-        theta[:, chosen] = np.linalg.solve(precision, right[:, :, None])[:, :, 0]
-        return theta
+        predicted = np.empty_like(self.y)
+        for rows, train in zip(self.folds.tested, self.train, strict=True):
+            if chosen is None:
+                predicted[rows] = self.x[rows] @ solve(train)
+            else:
+                predicted[rows] = self.x[rows][:, :, list(chosen)] @ solve(train.select(chosen))
+        return predicted
+
+
+def combined_folds(folds: Sequence[NormalEquations], weight: Array) -> tuple[Array, Array]:
+    """Return (folds, p, p) and (folds, p) sums of each fold, channels added up by (m,) weights."""
+    grams, crosses = zip(*(fold.combined(weight) for fold in folds), strict=True)
+    return np.array(grams), np.array(crosses)
+
+
+def fit_folds(
+    gram: Array, cross: Array, chosen: NDArray[np.int64], scale: Array, mean: Array
+) -> Array:
+    """Return (folds, p) coefficients of k columns with a prior, those of others zero.
+
+    Args:
+        gram: (folds, p, p) what each fold's fit sees, see :func:`combined_folds`.
+        cross: (folds, p) likewise.
+        chosen: (k,) the columns.
+        scale: (k,) prior standard deviations.
+        mean: (k,) prior means.
+    """
+    part = gram[:, chosen[:, None], chosen]
+    prior = prior_precision(part, scale)
+    theta = np.zeros(cross.shape)
+    right = cross[:, chosen] + prior @ mean
+    theta[:, chosen] = np.linalg.solve(part + prior, right[:, :, None])[:, :, 0]
+    return theta
 
 
 class HeldOutSums:
@@ -79,10 +136,15 @@ class SignedFits:
         positive: (p,) coefficients that must not be negative.
     """
 
-    def __init__(self, seen: SeenSums, scale: Array, positive: NDArray[np.bool_]) -> None:
-        """Add the prior, of (p,) standard deviations about zero, to each fold's sums."""
-        self.precision = seen.gram + prior_precision(seen.gram, scale)
-        self.right = seen.cross
+    def __init__(
+        self, gram: Array, cross: Array, scale: Array, positive: NDArray[np.bool_]
+    ) -> None:
+        """Add the prior, of (p,) standard deviations about zero, to what each fold's fit sees.
+
+        See :func:`combined_folds`.
+        """
+        self.precision = gram + prior_precision(gram, scale)
+        self.right = cross
         self.positive = positive
         # The active set rarely changes from one fit to the next.
         self._free = np.ones(self.right.shape, dtype=bool)

@@ -6,8 +6,8 @@ on small Gram matrices and takes milliseconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,13 +49,11 @@ class NormalEquations:
         gram: (m, p, p) sums of w x x'.
         cross: (m, p) sums of w x y.
         power: (m,) sums of w y^2.
-        count: (m,) sums of the samples' weights w.
     """
 
     gram: Array
     cross: Array
     power: Array
-    count: Array
 
     @classmethod
     def of(cls, x: Array, y: Array, weight: Array | None = None) -> NormalEquations:
@@ -70,48 +68,19 @@ class NormalEquations:
             scaled = x[:, j, used] * root[:, None]
             gram[j][np.ix_(used, used)] = scaled.T @ scaled  # of one array: half of it is computed
             cross[j][used] = scaled.T @ (root * y[:, j])
-        return cls(gram, cross, (weight * y * y).sum(0), weight.sum(0))
-
-    def extended(self, x: Array, more: Array, y: Array) -> NormalEquations:
-        """Return the sums with further columns: only the products with these are summed.
-
-        Args:
-            x: (n, m, p) columns of which these are the sums, every sample counted as one.
-            more: (n, m, q) further columns.
-            y: (n, m) values.
-        """
-        columns, rest, values = (np.moveaxis(a, 1, 0) for a in (x, more, y))
-        turned = rest.transpose(0, 2, 1)
-        coupling = turned @ columns
-        gram = np.block([[self.gram, coupling.transpose(0, 2, 1)], [coupling, turned @ rest]])
-        cross = np.hstack([self.cross, (turned @ values[:, :, None])[:, :, 0]])
-        return NormalEquations(gram, cross, self.power, self.count)
-
-    @classmethod
-    def total(cls, parts: Iterable[NormalEquations]) -> NormalEquations:
-        """Add up the sums of parts, which need not be in memory together."""
-        first, *rest = parts
-        for other in rest:
-            first = first + other
-        return first
-
-    def __add__(self, other: NormalEquations) -> NormalEquations:
-        """Return the sums of both sets together."""
-        return self._combined_with(other, np.add)
+        return cls(gram, cross, (weight * y * y).sum(0))
 
     def __sub__(self, other: NormalEquations) -> NormalEquations:
         """Return the sums of this set without a part of it."""
-        return self._combined_with(other, np.subtract)
-
-    def _combined_with(self, other: NormalEquations, operation: np.ufunc) -> NormalEquations:
-        names = (field.name for field in fields(self))
-        return NormalEquations(*(operation(getattr(self, f), getattr(other, f)) for f in names))
+        return NormalEquations(
+            self.gram - other.gram, self.cross - other.cross, self.power - other.power
+        )
 
     def select(self, chosen: Sequence[int] | NDArray[np.int64]) -> NormalEquations:
         """Return the sums of some of the columns."""
         index = np.asarray(chosen, dtype=np.int64)
         gram = self.gram[:, index[:, None], index]
-        return NormalEquations(gram, self.cross[:, index], self.power, self.count)
+        return NormalEquations(gram, self.cross[:, index], self.power)
 
     def combined(self, weight: Array) -> tuple[Array, Array]:
         """Return the (p, p) and (p,) sums over channels, each times its (m,) weight."""
@@ -204,6 +173,15 @@ def solve(gram: Array, right: Array, trace: float = 0.0) -> Array:
     return np.asarray(np.linalg.solve(scaled, right / units) / units)
 
 
+def extended_products(products: Array, design: Array, more: Array) -> Array:
+    """Return the (k + c, k + c) products of (n, k) columns and (n, c) further ones.
+
+    Only those with the further ones are summed.
+    """
+    coupling = more.T @ design
+    return np.block([[products, coupling.T], [coupling, more.T @ more]])
+
+
 class Regression:
     """Least squares on some columns, for many targets.
 
@@ -222,18 +200,13 @@ class Regression:
         self._gram = self._products + ridge
 
     def extended(self, columns: Array, ridge: Array) -> Regression:
-        """Return the least squares with further weighted (n, c) columns of (c, c) prior precision.
-
-        Only their products are summed.
-        """
-        coupling = columns.T @ self.design
-        products = np.block([[self._products, coupling.T], [coupling, columns.T @ columns]])
-        none = np.zeros_like(coupling)
+        """Return the fit with further weighted (n, c) columns of (c, c) prior precision."""
+        none = np.zeros((len(ridge), len(self.ridge)))
         return Regression(
             np.hstack([self.design, columns]),
             np.block([[self.ridge, none.T], [none, ridge]]),
             self.trace,
-            products,
+            extended_products(self._products, self.design, columns),
         )
 
     def coefficients(self, target: Array) -> Array:

@@ -15,20 +15,9 @@ Move = TypeVar("Move")
 T = TypeVar("T")
 Found = TypeVar("Found", bound="Trial[Any]")
 
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """Course of a selection.
-
-    Attributes:
-        most_steps: Steps taken at most: a bound on time.
-        lazy: After a step only moves that were worth it are tried again, the best one first, until
-            its worth is this part of the next one's; ``None``: all are tried again after each step.
-            Exact where worth can only fall (Minoux 1978).
-    """
-
-    most_steps: int
-    lazy: float | None = None
+STANDARD_ERRORS = 1.0
+"""So many standard errors of the folds' gains a change must gain: the rule of one standard error
+(Breiman, Friedman, Olshen and Stone 1984), as luck on one fold is no reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +33,51 @@ class Trial(Generic[Move]):
     move: Move
     worth: float
     passes: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Scored(Generic[T]):
+    """What was chosen, and its held-out error.
+
+    Attributes:
+        choice: The choice.
+        errors: (folds, m) weighted sums of squared errors.
+    """
+
+    choice: T
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredTrial(Trial[Move], Generic[Move, T]):
+    """Score of a move by held-out error.
+
+    Attributes:
+        after: What is chosen with it.
+        gain: Part of the squared error that it removes, in the mean over channels.
+        deviation: Standard error of the gain over the folds.
+    """
+
+    after: Scored[T]
+    gain: float
+    deviation: float
+
+
+def relative_gain(before: Array, after: Array) -> tuple[float, float]:
+    """Return the mean relative gain of (folds, m) held-out errors, and its standard error.
+
+    Every channel's error counts relative to its value before, so that small ones weigh as much as
+    large ones.
+    """
+    counted = max(1, int(np.count_nonzero(before.any(axis=0))))
+    gain = removed_part(before, after).sum(axis=1) / counted
+    return float(gain.sum()), float(np.std(gain, ddof=1) * np.sqrt(len(gain)))
+
+
+def removed_part(before: Array, after: Array) -> Array:
+    """Return (folds, m) the part of each channel's held-out error that is removed in a fold."""
+    power = before.sum(axis=0)
+    return np.asarray((before - after) / np.where(power > 0.0, power, 1.0))
 
 
 class Search(Protocol[State, Move, Found]):
@@ -65,36 +99,37 @@ class Search(Protocol[State, Move, Found]):
 def select(
     search: Search[State, Move, Found],
     state: State,
-    settings: SearchSettings,
+    most_steps: int,
+    lazy: float | None = None,
     key: Callable[[Move], object] = lambda move: move,
-    progress: Callable[[int], None] = lambda steps: None,
 ) -> tuple[State, list[Found]]:
     """Take one move after another for as long as one passes.
 
     Args:
         search: Moves and their scores.
         state: To start with.
-        settings: Bounds of the search.
+        most_steps: Steps taken at most: a bound on time.
+        lazy: After a step only moves that were worth it are tried again, the best one first, until
+            its worth is this part of the next one's; ``None``: all are tried again after each step.
+            Exact where worth can only fall (Minoux 1978).
         key: Identity of a move in another state.
-        progress: Called with the number of steps taken.
 
     Returns:
         The last state, and the trials there that failed.
     """
     steps = 0
     while True:
-        progress(steps)
         trials = list(search.attempt(state, list(search.moves(state))))
-        best = search.choose(trials) if steps < settings.most_steps else None
+        best = search.choose(trials) if steps < most_steps else None
         if best is None:
             return state, trials
-        if settings.lazy is None:
+        if lazy is None:
             state = search.take(state, best)
             steps += 1
             continue
         waiting = {key(trial.move): trial.worth for trial in trials if trial.passes}
         before, vain = steps, list[Found]()
-        while waiting and steps < settings.most_steps:
+        while waiting and steps < most_steps:
             which = max(waiting, key=waiting.__getitem__)
             move = next((m for m in search.moves(state) if key(m) == which), None)
             del waiting[which]
@@ -104,12 +139,11 @@ def select(
             if not trial.passes:
                 vain.append(trial)
                 continue
-            if trial.worth < settings.lazy * max(waiting.values(), default=-float("inf")):
+            if trial.worth < lazy * max(waiting.values(), default=-float("inf")):
                 waiting[which] = trial.worth
                 continue
             state = search.take(state, trial)
             steps += 1
-            progress(steps)
         if steps == before:  # tried again, none of them passed
             failed = [trial for trial in trials if not trial.passes]
             return state, [*failed, *vain]

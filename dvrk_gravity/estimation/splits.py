@@ -79,11 +79,6 @@ class Folds:
     periods: tuple[float, ...] = ()
     shared: bool = False
 
-    @cached_property
-    def label(self) -> Labels:
-        """(n,) number of the first fold in which a sample is tested."""
-        return np.argmax(self.tested, axis=0)
-
 
 @dataclass(frozen=True, eq=False)
 class Blocks:

@@ -64,5 +64,5 @@ from .trajectories.fit import how_validated as how_validated
 from .trajectories.problem import Problem as Problem
 from .trajectories.problem import Weighting as Weighting
 from .trajectories.problem import build_problem as build_problem
-from .trajectories.problem import choose as choose
 from .trajectories.problem import with_motor_weights as with_motor_weights
+from .trajectories.selection import choose as choose

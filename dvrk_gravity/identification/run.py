@@ -24,7 +24,7 @@ from dvrk_gravity.identification.quality.verdict import POOR, judge, of_misread,
 from dvrk_gravity.identification.quality.weights import by_weight, held_weights
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.trajectories.fit import fit_dynamic
-from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN
+from dvrk_gravity.identification.trajectories.problem import LEAST_GAIN
 from dvrk_gravity.model import Columns, TorqueModel, fitted_effects
 from dvrk_gravity.observation import (
     OTHER_SIDE,

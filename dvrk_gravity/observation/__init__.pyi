@@ -19,7 +19,6 @@ from .coordinates import filtered as filtered
 from .coordinates import predictable as predictable
 from .design import Design as Design
 from .design import build_design as build_design
-from .design import training_equations as training_equations
 from .drive_gain_fit import KnownPayload as KnownPayload
 from .drive_gain_fit import check_mass as check_mass
 from .drive_gain_fit import drive_gains as drive_gains

@@ -11,9 +11,9 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation import Folds, NormalEquations, beats, fit, make_folds, student
+from dvrk_gravity.estimation import Folds, FoldSums, beats, fit, make_folds, student
 from dvrk_gravity.model import Columns, start_columns
-from dvrk_gravity.observation.design import build_design, training_equations
+from dvrk_gravity.observation.design import build_design
 from dvrk_gravity.observation.joint_space import in_joint_space
 from dvrk_gravity.observation.observation import Observation
 from dvrk_gravity.recording import Coordinates, Note, Prepared, Recording, prepare
@@ -261,16 +261,11 @@ def _held_out_errors(prepared: Prepared, arm: Arm) -> tuple[Array, Mask, Folds, 
     chosen = start_columns(columns)
     design = build_design(columns, [observed], chosen=chosen)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
-    weight = np.ones_like(design.y)
-    whole = NormalEquations.of(design.x, design.y, weight)
-    train = training_equations(design, folds, weight, whole)
+    sums = FoldSums(design.x, design.y, folds, np.ones_like(design.y))
     # A tenth of the torque is what such a model leaves, correlated over half a second.
     weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
     scale, positive = columns.scale[chosen], columns.positive[chosen]
-    error = np.zeros_like(design.y)
-    for seen, tested in zip(train, folds.tested, strict=True):
-        theta = fit(seen, weight, scale, positive).theta
-        error[tested] = design.y[tested] - design.x[tested] @ theta
+    error = design.y - sums.predicted(lambda seen: fit(seen, weight, scale, positive).theta)
     effort, informative = design.y, design.informative
     if prepared.recording.coordinates == "joint":
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State
-from dvrk_gravity.estimation import Folds, NormalEquations
 from dvrk_gravity.model import Columns
 from dvrk_gravity.observation.observation import Observation
 
@@ -116,20 +115,3 @@ def build_design(
         np.concatenate, zip(*kept, strict=True)
     )  # fmt: skip
     return Design(columns, x, y, time, part, State(q, qd), rate, measured, informative)
-
-
-def training_equations(
-    design: Design, folds: Folds, weight: Array, whole: NormalEquations
-) -> list[NormalEquations]:
-    """Return the sums that each fold's fit sees.
-
-    Args:
-        design: All samples.
-        folds: What is held out.
-        weight: (N, n) robust weights.
-        whole: The sums over all samples.
-    """
-    return [
-        whole - NormalEquations.of(design.x[excluded], design.y[excluded], weight[excluded])
-        for excluded in folds.excluded
-    ]

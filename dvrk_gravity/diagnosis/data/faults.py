@@ -14,7 +14,7 @@ from statistics import NormalDist
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.data.loading import LoadSettings, load
+from dvrk_gravity.diagnosis.data.loading import LoadSettings, beginning, load
 from dvrk_gravity.effects import (
     Estimate,
     ReadingErrors,
@@ -37,7 +37,6 @@ from dvrk_gravity.observation import (
 )
 from dvrk_gravity.recording import Coordinates, Note, Recording
 
-_BEGINNING = 60.0  # s of a recording that are looked at. Chosen: a stretch of a long one
 # Standard errors by which the model fits one clock better than the other. Chosen: one chance in a
 # thousand.
 _SIGNIFICANT = 3.0
@@ -188,12 +187,6 @@ def _errors(fault: VelocityFault, arm: Arm) -> ReadingErrors:
 
 def _effect(fault: VelocityFault, arm: Arm) -> type[SensorEffect]:
     return reading_effect(arm, _errors(fault, arm))
-
-
-def beginning(recording: Recording) -> Recording:
-    """Return the part of a recording that is looked at."""
-    time = recording.time
-    return recording if time is None else recording.rows(time <= time[0] + _BEGINNING)
 
 
 def _velocity_fault(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -12,14 +13,14 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches, not_zero
-from dvrk_gravity.diagnosis.data.expectation import Expectation, expect
-from dvrk_gravity.diagnosis.data.model_error import model_columns
+from dvrk_gravity.diagnosis.data.expectation import Expectation, expect, model_columns
 from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.effects import Effect, Hypothesis, effects
 from dvrk_gravity.estimation import (
     Blocks,
     BlockSettings,
     CommonTime,
+    NormalEquations,
     Repetition,
     band_noise,
     find_common_time,
@@ -60,11 +61,6 @@ class FilterSettings:
     near: float = 0.03
     batch: int = 32
     blocks: BlockSettings = field(default_factory=BlockSettings)
-
-    @property
-    def samples_per_independent(self) -> float:
-        """Kept samples per independent one: a band of B Hz has 2 B independent a second."""
-        return self.oversampling / 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,17 +301,13 @@ class FilteredData:
 
     @property
     def samples_per_independent(self) -> float:
-        """Samples per independent one, were the residual white below the band."""
-        return 1.0 if self.band is None else self.settings.samples_per_independent
+        """Samples per independent one, were the residual white below the band of B Hz: of 2 B."""
+        return 1.0 if self.band is None else self.settings.oversampling / 2.0
 
     @property
     def copies(self) -> float:
         """Number of periods of a motion that repeats, at least 1."""
         return 1.0 if self.repetition is None else self.repetition.copies
-
-    def pairs(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return (P,) and (P,) pairs among (R,) samples that are whole periods apart."""
-        return pairs_a_period_apart(self.common_time[rows], self.repetition, self.settings.near)
 
     def noise_source(self, noise: Array) -> FloorFrom:
         """Return where (n,) noise RMS was seen."""
@@ -343,3 +335,69 @@ class FilteredData:
         differs = repetition_noise(self.repetition, self.common_time, residual, self.usable)
         differs = np.where(np.isfinite(differs), differs, noise)
         return np.fmax(differs, band_noise(self.motion.rounding, self.band))
+
+
+@dataclass(frozen=True, eq=False)
+class ChoiceSamples:
+    """The samples that fit and choice may see, fold by fold.
+
+    Attributes:
+        rows: (R,) which of all samples these are.
+        folds: Those of each fold.
+        block: (R,) number of the block.
+        residual: (R, n) N·m.
+        usable: (R, n) of which something can be said.
+        model: (R, n, d) columns of the model's own parameters.
+        pairs: (P,) and (P,) samples that are whole periods apart.
+    """
+
+    rows: NDArray[np.int64]
+    folds: tuple[slice, ...]
+    block: NDArray[np.int64]
+    residual: Array
+    usable: NDArray[np.bool_]
+    model: Array
+    pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
+
+    @classmethod
+    def of(cls, data: FilteredData) -> ChoiceSamples:
+        """Take the samples of all folds."""
+        order = np.argsort(data.fold, kind="stable")  # in time within a fold
+        rows = order[np.searchsorted(data.fold[order], 0) :]
+        edges = np.searchsorted(data.fold[rows], np.arange(data.blocks.settings.folds + 1))
+        return cls(
+            rows, tuple(slice(int(a), int(b)) for a, b in pairwise(edges) if b > a),
+            data.block[rows], data.residual[rows], data.usable[rows], data.model_columns[rows],
+            pairs_a_period_apart(data.common_time[rows], data.repetition, data.settings.near),
+        )  # fmt: skip
+
+    @cached_property
+    def counts(self) -> Array:
+        """(n,) usable samples, at least one."""
+        return np.asarray(np.maximum(self.usable.sum(axis=0), 1))
+
+    @cached_property
+    def values(self) -> list[slice]:
+        """Which of R n values, those of n joints in turn, are each fold's."""
+        n = self.usable.shape[1]
+        return [slice(rows.start * n, rows.stop * n) for rows in self.folds]
+
+    @cached_property
+    def of_model(self) -> list[NormalEquations]:
+        """Sums of the model's columns over each fold, joint by joint."""
+        usable = self.usable.astype(float)
+        return [
+            NormalEquations.of(self.model[rows], self.residual[rows], usable[rows])
+            for rows in self.folds
+        ]
+
+    def design(self, candidates: Sequence[Candidate], weights: Array) -> Array:
+        """Return (R n, k) columns of candidates with (R, n) weights."""
+        width = sum(candidate.size for candidate in candidates)
+        columns, first = np.zeros((*weights.shape, width)), 0
+        for candidate in candidates:
+            own = slice(first, first + candidate.size)
+            weight = weights[:, candidate.joints, None]
+            columns[:, candidate.joints, own] = candidate.values[self.rows] * weight
+            first = own.stop
+        return columns.reshape(weights.size, width)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.baseline_error import NearbyTorque
+from dvrk_gravity.diagnosis.data.expectation import NearbyTorque
 from dvrk_gravity.diagnosis.data.loading import LoadSettings
 from dvrk_gravity.diagnosis.data.motion import BAND, MeasuredMotion
 from dvrk_gravity.errors import RecordingError

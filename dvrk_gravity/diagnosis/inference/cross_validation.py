@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, in_batches
-from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.inference.regression import ChoiceSamples, block_fit
+from dvrk_gravity.diagnosis.data.filtered_data import ChoiceSamples, FilteredData
 from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.estimation import (
     FEWEST_BLOCKS,
-    NormalEquations,
     Regression,
+    block_fit,
+    combined_folds,
     design_effect,
+    extended_products,
     intraclass_correlation,
     solve,
 )
@@ -109,15 +110,15 @@ class CrossValidation:
         return (self.choice.residual * self._weights).reshape(-1)
 
     @cached_property
-    def _model_by_fold(self) -> list[NormalEquations]:
-        """Weighted sums of the model's columns over each fold."""
-        return self.choice.weighted_sums(self.weight)
+    def _model_by_fold(self) -> tuple[Array, Array]:
+        """(F, d, d) and (F, d) weighted sums of the model's columns over each fold."""
+        return combined_folds(self.choice.of_model, self.weight**2)
 
     @cached_property
     def _of_model(self) -> Regression:
         """The least squares of the model's own parameters alone."""
         design = self.choice.model.reshape(len(self._target), -1) * self._weights.reshape(-1, 1)
-        products = NormalEquations.total(self._model_by_fold).gram[0]
+        products = self._model_by_fold[0].sum(axis=0)
         return Regression(design, self._ridge([], self.model_size), _TRACE, products)
 
     @property
@@ -197,18 +198,18 @@ class CrossValidation:
     def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
         """Return :meth:`out_of_fold` and minus the log prior of the model's parameters."""
         model, columns = self._of_model.design, self.design(candidates)
-        target, error = self._target[:, None], self._target.copy()
-        folds = [
-            fold.extended(model[rows, None], columns[rows, None], target[rows])
-            for rows, fold in zip(self.choice.values, self._model_by_fold, strict=True)
-        ]
-        whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
-        for rows, fold in zip(self.choice.values, folds, strict=True):
-            rest = whole - fold
-            theta = solve(rest.gram[0] + ridge, rest.cross[0], _TRACE)
+        target, error = self._target, self._target.copy()
+        grams, sides = [], []
+        for rows, gram, side in zip(self.choice.values, *self._model_by_fold, strict=True):
+            grams.append(extended_products(gram, model[rows], columns[rows]))
+            sides.append(np.concatenate([side, columns[rows].T @ target[rows]]))
+        ridge = self._ridge(candidates, self.model_size)
+        gram, side = np.sum(grams, axis=0), np.sum(sides, axis=0)
+        for rows, own_gram, own_side in zip(self.choice.values, grams, sides, strict=True):
+            theta = solve(gram - own_gram + ridge, side - own_side, _TRACE)
             own, further = np.split(theta, [self.model_size])
             error[rows] -= model[rows] @ own + columns[rows] @ further
-        theta = solve(whole.gram[0] + ridge, whole.cross[0], _TRACE)
+        theta = solve(gram + ridge, side, _TRACE)
         return self._unweighted(error), self._negative_log_prior(theta)
 
     def _negative_log_prior(self, theta: Array) -> Any:
@@ -440,27 +441,6 @@ class CrossValidation:
         torque = np.zeros((len(self.choice.rows), self.joints))
         torque[:, candidate.joints] = candidate.values[self.choice.rows] @ theta
         return torque * self.choice.usable
-
-    def not_made_up_for(
-        self, torques: Array, candidates: Sequence[Candidate]
-    ) -> tuple[Array, Array]:
-        """Return what a fit of the model's own parameters and of candidates leaves of torques.
-
-        Args:
-            torques: (R, n, m) over the samples of choice, N·m.
-            candidates: The candidates.
-
-        Returns:
-            (R, n, m) what is left, scaled so that its mean over all samples is that over the usable
-            ones, and the (d, m) parameters of the model, in standard deviations.
-        """
-        regression = self.regression(candidates)
-        target = (torques * self.weight[:, None]).reshape(-1, torques.shape[2])
-        theta = regression.coefficients(target)
-        left = (target - regression.design @ theta).reshape(torques.shape)
-        scale = np.sqrt(len(left) / self.choice.counts)
-        scale = scale / np.where(self.weight > 0.0, self.weight, 1.0)
-        return left * scale[:, None], theta[: self.model_size]
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice.

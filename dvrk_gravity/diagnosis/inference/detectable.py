@@ -87,11 +87,12 @@ def detectable(
 def _seen(
     context: FitContext, asked: Sequence[tuple[Candidate, Array]]
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield of each change what is not made up for, see ``CrossValidation.not_made_up_for``.
+    """Yield of each change what a fit of the model and of the effects that were found leaves of it.
 
-    Beside the effects that were found, itself excepted, if it was.
+    Itself excepted, if it was found: (R, n) torque, N·m, scaled so that its mean over all samples
+    is that over the usable ones, and the (d,) parameters of the model, in standard deviations.
     """
-    validation = context.validation
+    validation, weight = context.validation, context.validation.weight
     there = {(each.hypothesis.effect, each.hypothesis.joints) for each in context.candidates}
 
     def kind(pair: tuple[Candidate, Array]) -> tuple[str, tuple[int, ...]]:
@@ -105,7 +106,13 @@ def _seen(
             if (each.hypothesis.effect, each.hypothesis.joints) != found
         ]
         torque = np.stack([validation.torque(*pair) for pair in pairs], axis=2)
-        left, moved = validation.not_made_up_for(torque, rest)
+        regression = validation.regression(rest)
+        target = (torque * weight[:, None]).reshape(-1, torque.shape[2])
+        theta = regression.coefficients(target)
+        left = (target - regression.design @ theta).reshape(torque.shape)
+        scale = np.sqrt(len(left) / validation.choice.counts) / np.where(weight > 0.0, weight, 1.0)
+        left = left * scale[:, None]
+        moved = theta[: validation.model_size]
         yield from ((left[:, :, i], moved[:, i]) for i in range(torque.shape[2]))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.candidate import Candidate, Score, split
-from dvrk_gravity.diagnosis.data.model_error import FRICTION_PART
+from dvrk_gravity.diagnosis.data.expectation import FRICTION_PART
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 
 # Part of the square of a cause's torque that one for all joints may miss. Chosen: half, as of

@@ -1,16 +1,17 @@
-"""Which effects explain a recording: selection, comparison, confirmation."""
+"""Which effects explain a recording: hypotheses, selection, comparison, confirmation."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data.baseline_error import changed_friction, changed_springs
-from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.candidate import Candidate, split
+from dvrk_gravity.diagnosis.data.expectation import changed_friction, changed_springs
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import (
     SelectedEffect,
@@ -22,8 +23,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.detectable import Detectable, detectable
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
-from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses
-from dvrk_gravity.diagnosis.inference.nonlinear import relinearised
+from dvrk_gravity.diagnosis.inference.nonlinear import begun, relinearised
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.remaining import (
     minor_effects,
@@ -32,11 +32,86 @@ from dvrk_gravity.diagnosis.inference.remaining import (
 )
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
-from dvrk_gravity.effects import Kind
+from dvrk_gravity.effects import Hypothesis, Kind
 
 _DOUBTFUL = 1.5  # times the noise: then the masses of a model without uncertainty are free. Chosen
 _OTHER_ARM = "effects were not looked for: no effect of one arm explains a recording of the other"
 _FREE_GAIN = 20.0  # log-likelihood that they must gain, less costs: of five parameters. Chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """The hypotheses about a motion that need no search in its residual.
+
+    Attributes:
+        context: The samples, ready for comparisons, with the ordinary effects.
+        pool: The hypotheses with their columns.
+    """
+
+    context: FitContext
+    pool: list[Candidate]
+
+    @property
+    def motion(self) -> MeasuredMotion:
+        """The motion."""
+        return self.context.validation.data.motion
+
+    @classmethod
+    def about(cls, motion: MeasuredMotion) -> Hypotheses:
+        """Return those about a motion."""
+        return cls.of(ordinary_effects(motion))
+
+    @classmethod
+    def of(cls, context: FitContext) -> Hypotheses:
+        """Return those of the motion of a context."""
+        validation = context.validation
+        pool = _acting(validation, every_hypothesis(validation.data.motion))
+        return cls(context, [begun(validation, each, context.candidates) for each in pool])
+
+
+def every_hypothesis(motion: MeasuredMotion) -> Iterable[Hypothesis]:
+    """Yield every hypothesis that needs no search in the residual."""
+    for effect in effects.effects():
+        yield from effect.hypotheses(motion)
+
+
+def _acting(validation: CrossValidation, claims: Iterable[Hypothesis]) -> list[Candidate]:
+    """Return hypotheses with their columns, but for those that do nothing in a motion."""
+    return [each for each in validation.data.candidates(claims) if each.acts.any()]
+
+
+def ordinary_effects(motion: MeasuredMotion) -> FitContext:
+    """Return the filtered data of a motion, ready for comparisons, with the ordinary effects.
+
+    These are the effects that any joint has and an arm's own file states poorly, of plausible
+    size. Where an identified model is tested, only a load that is stated.
+    """
+    validation = CrossValidation.of(FilteredData.of(motion))
+    names = {term.NAME for term in effects.terms() if term.EVERYWHERE} & poorly_stated(motion)
+    claims = (each for each in every_hypothesis(motion) if each.STATED or each.effect in names)
+    found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
+    for candidate in _acting(validation, claims):
+        hypothesis = candidate.hypothesis
+        if hypothesis.STATED or candidate.size == 1:
+            found.setdefault((hypothesis.effect, hypothesis.joints), candidate)
+    expected = list(found.values())
+    while expected:
+        fitted = split(expected, validation.parameters(expected))
+        kept = [each for each, theta in fitted if each.hypothesis.plausible(theta)]
+        if len(kept) == len(expected):
+            break
+        expected = kept
+    return FitContext(validation, tuple(expected))
+
+
+def poorly_stated(motion: MeasuredMotion) -> set[str]:
+    """Return the effects that an arm's own file states poorly: friction, rotors.
+
+    Its values are often placeholders, such as one damping for all joints.
+    """
+    if not motion.model.of_file or motion.measured_twice:
+        return set()
+    return {term.NAME for term in effects.terms() if term.EVERYWHERE or term.FRICTION}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,58 +168,45 @@ def infer(hypotheses: Hypotheses, say: Callable[[str], None] = silent) -> Poster
         hypotheses: About the motion, beside what is expected of it.
         say: Called with one line at every step.
     """
-    search = _select(hypotheses, say)
-    friction, springs = search.changed_joints()
+    posterior = _selected(hypotheses, say)
+    friction, springs = _changed_joints(posterior)
     while friction or springs:
-        hypotheses.context.validation.data.release()
         say("comparing hypotheses with changed friction and springs")
         changed = replace(hypotheses.motion, changed_friction=friction, changed_springs=springs)
-        posterior = _posterior(_select(Hypotheses.about(changed), say))
+        beside = _selected(Hypotheses.about(changed), say)
         found = {
             joint
-            for effect in posterior.selected
+            for effect in beside.selected
             for joint in effect.trial.candidate.hypothesis.joints
         }
         if found.issuperset((*friction, *springs)):
-            return posterior
+            return beside
         # At joints where no effect fits, the change counts as day-to-day variation.
         friction = tuple(joint for joint in friction if joint in found)
         springs = tuple(joint for joint in springs if joint in found)
-    return _posterior(search)
+    return posterior
 
 
-@dataclass(frozen=True, eq=False)
-class _Selected:
-    """What was selected, before it is linearised at the fit."""
-
-    hypotheses: Hypotheses
-    selected: list[SelectedEffect]
-    unexplained: list[EffectTrial]
-    unconfirmed: list[Unconfirmed]
-    at_calibration: AtCalibration | None
-    multiplicity: Multiplicity
-
-    def changed_joints(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return joints whose friction, and whose springs, changed by more than from day to day."""
-        motion = self.hypotheses.motion
-        if not motion.measured_twice:
-            return (), ()
-        named = [effect.trial.candidate for effect in self.selected]
-        validation = self.hypotheses.context.validation.weighted(named)
-        mean, covariance = validation.posterior(named)
-        causes: dict[int, list[int]] = {}
-        first = validation.model_size
-        for candidate in named:
-            hypothesis, last = candidate.hypothesis, first + candidate.size
-            if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
-                for joint in hypothesis.joints:
-                    causes.setdefault(joint, []).extend(range(first, last))
-            first = last
-        friction = changed_friction(motion, mean[: validation.model_size])
-        return friction, changed_springs(motion, mean, covariance, causes)
+def _changed_joints(posterior: Posterior) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return joints whose friction, and whose springs, changed by more than from day to day."""
+    motion, validation = posterior.motion, posterior.validation
+    if not motion.measured_twice:
+        return (), ()
+    named = [effect.trial.candidate for effect in posterior.selected]
+    mean, covariance = validation.posterior(named)
+    causes: dict[int, list[int]] = {}
+    first = validation.model_size
+    for candidate in named:
+        hypothesis, last = candidate.hypothesis, first + candidate.size
+        if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
+            for joint in hypothesis.joints:
+                causes.setdefault(joint, []).extend(range(first, last))
+        first = last
+    friction = changed_friction(motion, mean[: validation.model_size])
+    return friction, changed_springs(motion, mean, covariance, causes)
 
 
-def _select(hypotheses: Hypotheses, say: Callable[[str], None]) -> _Selected:
+def _selected(hypotheses: Hypotheses, say: Callable[[str], None]) -> Posterior:
     """Return effects and unexplained structure that the samples of selection show."""
     validation, pool = hypotheses.context.validation, hypotheses.pool
     data, motion = validation.data, hypotheses.motion
@@ -177,8 +239,8 @@ def _select(hypotheses: Hypotheses, say: Callable[[str], None]) -> _Selected:
     floor = noise(selection.at(kept))
     motion.release()
     selected, unexplained = unexplained_structure(selection, selected, floor)
-    return _Selected(
-        hypotheses, selected, unexplained, unconfirmed, at_calibration, selection.multiplicity
+    return _posterior(
+        hypotheses, selection.multiplicity, selected, unexplained, unconfirmed, at_calibration
     )
 
 
@@ -192,7 +254,7 @@ def empty_posterior(hypotheses: Hypotheses) -> Posterior:
     motion = replace(motion, processing_log=(*motion.processing_log, _OTHER_ARM))
     validation = replace(validation, data=replace(validation.data, motion=motion))
     nothing = Hypotheses(replace(hypotheses.context, validation=validation), [])
-    return _posterior(_Selected(nothing, [], [], [], None, Multiplicity.of(hypotheses.pool)))
+    return _posterior(nothing, Multiplicity.of(hypotheses.pool))
 
 
 def with_load_elsewhere(
@@ -228,14 +290,17 @@ def with_load_elsewhere(
     return anywhere if gain > _FREE_GAIN else None
 
 
-def _posterior(search: _Selected) -> Posterior:
+def _posterior(
+    hypotheses: Hypotheses, multiplicity: Multiplicity, found: Sequence[SelectedEffect] = (),
+    unexplained: Sequence[EffectTrial] = (), unconfirmed: Sequence[Unconfirmed] = (),
+    at_calibration: AtCalibration | None = None,
+) -> Posterior:  # fmt: skip
     """Return what was found, linearised at the fit, and what is known to be there."""
-    hypotheses, unexplained = search.hypotheses, search.unexplained
-    pool, named = hypotheses.pool, [effect.trial.candidate for effect in search.selected]
+    pool, named = hypotheses.pool, [effect.trial.candidate for effect in found]
     validation, there = relinearised(hypotheses.context.validation.weighted(named), named)
     selected = [
         replace(effect, trial=replace(effect.trial, move=candidate))
-        for effect, candidate in zip(search.selected, there, strict=True)
+        for effect, candidate in zip(found, there, strict=True)
     ]
     stated = _stated(pool, validation, there)
     day_to_day = [effect.trial.candidate for effect in selected if effect.trial.day_to_day]
@@ -245,12 +310,12 @@ def _posterior(search: _Selected) -> Posterior:
     floor = data.noise_rms(data.motion.noise, validation.residual(named))
     joints = unexplained_joints(validation, [*named, *day_to_day], unexplained, floor)
     sparse = [each for each in pool if not (each.hypothesis.refits_model or each.hypothesis.STATED)]
-    minor = minor_effects(validation, sparse, selected, unexplained, search.at_calibration)
-    seen = detectable(FitContext(validation, tuple(named)), pool, search.multiplicity)
+    minor = minor_effects(validation, sparse, selected, unexplained, at_calibration)
+    seen = detectable(FitContext(validation, tuple(named)), pool, multiplicity)
     data.release()
     return Posterior(
-        validation, tuple(selected), tuple(unexplained), joints, tuple(search.unconfirmed),
-        tuple(minor), tuple(day_to_day), stated, tuple(pool), search.at_calibration, floor, seen,
+        validation, tuple(selected), tuple(unexplained), joints, tuple(unconfirmed),
+        tuple(minor), tuple(day_to_day), stated, tuple(pool), at_calibration, floor, seen,
     )  # fmt: skip
 
 

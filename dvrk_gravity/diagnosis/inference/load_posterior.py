@@ -24,7 +24,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
-from dvrk_gravity.diagnosis.data.model_error import load_columns
+from dvrk_gravity.diagnosis.data.expectation import load_columns
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.effects import (
     Estimate,

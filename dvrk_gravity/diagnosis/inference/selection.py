@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis.inference.nonlinear import refined
 from dvrk_gravity.diagnosis.inference.recurring_misfit import AtCalibration
 from dvrk_gravity.diagnosis.inference.significance import Multiplicity
 from dvrk_gravity.effects import Hypothesis, Residual
-from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select
+from dvrk_gravity.estimation import Trial, eliminate_backward, select
 
 Report = Callable[[str], None]
 
@@ -169,7 +169,7 @@ class Selection:
         selected = (*self.always, *self.ordinary) if start is None else start
         most = self.settings.most_effects * self.validation.joints + len(self.always)
         most -= len(selected)
-        return select(self, self.at(selected), SearchSettings(max(most, 0)))[0]
+        return select(self, self.at(selected), max(most, 0))[0]
 
     def fixed(self, candidate: Candidate) -> bool:
         """Return whether nothing is looked for in the place of one that is selected."""

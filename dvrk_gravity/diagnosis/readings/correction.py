@@ -12,7 +12,7 @@ from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.fit_context import FitContext
 from dvrk_gravity.diagnosis.inference.held_out import JUDGEMENT, Gain, HeldOut
-from dvrk_gravity.diagnosis.inference.hypotheses import Hypotheses, ordinary_effects
+from dvrk_gravity.diagnosis.inference.infer import Hypotheses, ordinary_effects
 from dvrk_gravity.diagnosis.inference.selection import Selection
 from dvrk_gravity.diagnosis.readings.search import (
     ALPHA,

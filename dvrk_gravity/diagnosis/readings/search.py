@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.arrays import Array, Mask
-from dvrk_gravity.diagnosis.data.model_error import model_columns
+from dvrk_gravity.diagnosis.data.expectation import model_columns
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import Estimate, Reading, readings
 from dvrk_gravity.estimation import NORMAL_95, likelihood_ratio

@@ -15,8 +15,7 @@ from dvrk_gravity.diagnosis.data.faults import Fault
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
-from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
-from dvrk_gravity.diagnosis.inference.infer import Posterior
+from dvrk_gravity.diagnosis.inference.infer import Posterior, poorly_stated
 from dvrk_gravity.diagnosis.inference.load_posterior import LoadPosterior
 from dvrk_gravity.diagnosis.inference.nonlinear import EDGE_STEP, plateau, setting_columns, tangents
 from dvrk_gravity.diagnosis.inference.remaining import proven_error

@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.alternatives import SelectedEffect
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
-from dvrk_gravity.diagnosis.inference.hypotheses import poorly_stated
+from dvrk_gravity.diagnosis.inference.infer import poorly_stated
 from dvrk_gravity.diagnosis.inference.selection import SELECTION, EffectTrial
 from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (

@@ -11,8 +11,8 @@ import numpy as np
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.expectation import joints_rubbing_by_load
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.data.model_error import joints_rubbing_by_load
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut

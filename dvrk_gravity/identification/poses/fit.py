@@ -47,7 +47,6 @@ from dvrk_gravity.identification.quality.uncertainty import (
 from dvrk_gravity.identification.quality.verdict import judge
 from dvrk_gravity.identification.quality.weights import contradictions, idle
 from dvrk_gravity.identification.result import (
-    Choice,
     Fit,
     Identifiability,
     JointError,
@@ -94,9 +93,9 @@ def fit_static(
         poses, arm, lambda share: report("held-out error", share), for_console
     )
     report("fit", 0.0)
-    choices: list[Choice] = []
     table = Table.of(poses, arm, for_console)
-    model, solution, _, weight = fit_poses(table, choose(table, choices.append))
+    chosen, choices = choose(table)
+    model, solution, _, weight = fit_poses(table, chosen)
     spread = pose_uncertainty(table, solution, weight)
     fitted = model.torque(poses.q, direction=poses.direction)
 
@@ -173,7 +172,7 @@ def predict_unseen(poses: Poses, unseen: Mask, arm: Arm, for_console: bool = Fal
 def fit_model(poses: Poses, arm: Arm, for_console: bool = False) -> TorqueModel:
     """Return the model that :func:`fit_static` would choose for some poses."""
     table = Table.of(poses, arm, for_console)
-    return fit_poses(table, choose(table))[0]
+    return fit_poses(table, choose(table)[0])[0]
 
 
 def _held_out(

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.estimation import (
+    STANDARD_ERRORS,
+    Folds,
+    FoldSums,
     HeldOutSums,
-    NormalEquations,
-    SearchSettings,
-    SeenSums,
-    Trial,
+    Scored,
+    ScoredTrial,
+    combined_folds,
+    fit_folds,
     inner_slabs,
     masks,
+    relative_gain,
     select,
     sequential,
 )
@@ -33,40 +37,14 @@ from dvrk_gravity.identification.result import Choice, improvement
 # leaves. A grid, a factor of two to three apart.
 OWN = (0.5, 1.0, 2.0, 4.0, 8.0)
 OTHERS = (0.5, 1.5, 5.0)
-# Part of the held-out squared error that a group must remove, chosen; and so many standard errors
-# of the slabs' gains (Breiman, Friedman, Olshen and Stone 1984): luck on one slab is no reason.
-LEAST_GAIN = 0.02
-STANDARD_ERRORS = 1.0
+LEAST_GAIN = 0.02  # part of the held-out squared error that a group must remove. Chosen
 # Of gravity's coefficients (``solver.GRAVITY_SD``) about those of all joints, while one joint is
 # fitted alone. Chosen.
 GRAVITY_FREEDOM = 0.03
 BLOCKS = 15  # of consecutive poses, held out beside the slabs. Chosen
 
 
-@dataclass(frozen=True, eq=False)
-class Composed:
-    """Columns of a joint's torque, and their held-out error.
-
-    Attributes:
-        composition: Groups and prior sizes.
-        errors: (slabs,) weighted sums of squared held-out errors.
-    """
-
-    composition: Composition
-    errors: Array
-
-
-@dataclass(frozen=True, eq=False)
-class GroupTrial(Trial[Group]):
-    """Result of trying another group of functions.
-
-    Attributes:
-        after: The columns with it.
-        deviation: Standard error of the gain over slabs.
-    """
-
-    after: Composed
-    deviation: float
+GroupTrial = ScoredTrial[Group, Composition]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,42 +55,40 @@ class JointSearch:
         table: All columns.
         joint: The joint.
         gravity: (k,) coefficients of all joints, about which this joint's own may vary.
-        train: Sums over what each held-out slab leaves.
-        test: Sums over each slab.
+        sums: Of this joint's columns and torque, over slabs.
         factor: (slabs,) how much each one counts.
         own: Robust standard deviation of the torque without the joint's own functions, N·m or N.
         rest: The same with them.
-        note: Called with every group that was tested.
+        choices: Every group that was tested.
     """
 
     table: Table
     joint: int
     gravity: Array
-    train: tuple[NormalEquations, ...]
-    test: tuple[NormalEquations, ...]
+    sums: FoldSums
     factor: Array
     own: float
     rest: float
-    note: Callable[[Choice], None]
+    choices: list[Choice] = field(default_factory=list)
 
-    def composed(self, composition: Composition) -> Composed:
-        """Return a composition with its held-out errors."""
+    def composed(self, composition: Composition) -> Scored[Composition]:
+        """Return a composition with its (slabs, 1) held-out errors."""
         columns = self.table.joints[self.joint]
         chosen, count = columns.of(composition.groups), len(self.gravity)
         index = np.concatenate([np.arange(count), count + chosen])
         mean = np.concatenate([self.gravity, np.zeros(len(chosen))])
         prior = columns.prior(composition.own, composition.others)[chosen]
         scale = np.concatenate([np.full(count, GRAVITY_FREEDOM), prior])
-        theta = self._seen.fit(index, scale, mean)
-        return Composed(composition, self.factor * self._held_out.error(theta)[:, 0])
+        theta = fit_folds(*self._seen, index, scale, mean)
+        return Scored(composition, self.factor[:, None] * self._held_out.error(theta))
 
     @cached_property
-    def _seen(self) -> SeenSums:
-        return SeenSums(self.train, np.ones(1))
+    def _seen(self) -> tuple[Array, Array]:
+        return combined_folds(self.sums.train, np.ones(1))
 
     @cached_property
     def _held_out(self) -> HeldOutSums:
-        return HeldOutSums(self.test)
+        return HeldOutSums(self.sums.test)
 
     def run(self) -> Composition:
         """Return the best composition."""
@@ -123,28 +99,26 @@ class JointSearch:
         sizes = [size * self.own for size in OWN]
         start = self._best([replace(made, own=size) for size in sizes])
         groups = len(self.table.joints[self.joint].groups)
-        found, vain = select(self, start, SearchSettings(groups))
-        for trial in vain:
-            self.note(self._choice(trial, found, False))
-        made = found.composition
+        found, vain = select(self, start, groups)
+        self.choices.extend(self._choice(trial, found, False) for trial in vain)
+        made = found.choice
         tuned = [replace(made, others=others * self.rest) for others in OTHERS]
-        return self._best([*tuned, *(replace(made, own=size) for size in sizes)]).composition
+        return self._best([*tuned, *(replace(made, own=size) for size in sizes)]).choice
 
-    def moves(self, state: Composed) -> Iterable[Group]:
+    def moves(self, state: Scored[Composition]) -> Iterable[Group]:
         """Yield the groups that are not in yet."""
         groups = self.table.joints[self.joint].groups
-        return [group for group in groups if group not in state.composition.groups]
+        return [group for group in groups if group not in state.choice.groups]
 
-    def attempt(self, state: Composed, moves: Sequence[Group]) -> list[GroupTrial]:
+    def attempt(self, state: Scored[Composition], moves: Sequence[Group]) -> list[GroupTrial]:
         """Return what each group would bring."""
-        made = state.composition
+        made = state.choice
         trials: list[GroupTrial] = []
         for group in moves:
             after = self.composed(replace(made, groups=(*made.groups, group)))
-            gain = (state.errors - after.errors) / state.errors.sum()
-            worth, deviation = float(gain.sum()), float(gain.std(ddof=1) * np.sqrt(len(gain)))
-            passes = worth > max(LEAST_GAIN, STANDARD_ERRORS * deviation)
-            trials.append(GroupTrial(group, worth, passes, after, deviation))
+            gain, deviation = relative_gain(state.errors, after.errors)
+            passes = gain > max(LEAST_GAIN, STANDARD_ERRORS * deviation)
+            trials.append(ScoredTrial(group, gain, passes, after, gain, deviation))
         return trials
 
     def choose(self, trials: Sequence[GroupTrial]) -> GroupTrial | None:
@@ -152,17 +126,17 @@ class JointSearch:
         best = max(trials, key=lambda trial: trial.worth, default=None)
         return best if best is not None and best.passes else None
 
-    def take(self, state: Composed, trial: GroupTrial) -> Composed:
+    def take(self, state: Scored[Composition], trial: GroupTrial) -> Scored[Composition]:
         """Return the composition with a group, and note it."""
-        self.note(self._choice(trial, state, True))
+        self.choices.append(self._choice(trial, state, True))
         return trial.after
 
-    def _best(self, compositions: Sequence[Composition]) -> Composed:
+    def _best(self, compositions: Sequence[Composition]) -> Scored[Composition]:
         return min(map(self.composed, compositions), key=lambda made: float(made.errors.sum()))
 
-    def _choice(self, trial: GroupTrial, before: Composed, kept: bool) -> Choice:
+    def _choice(self, trial: GroupTrial, before: Scored[Composition], kept: bool) -> Choice:
         names = self.table.arm.joint_names
-        total = self.factor @ [test.power[0] for test in self.test]
+        total = self.factor @ [test.power[0] for test in self.sums.test]
         old, new = (
             float(np.sqrt(max(made.errors.sum(), 0.0) / total)) for made in (before, trial.after)
         )
@@ -172,19 +146,15 @@ class JointSearch:
             kept,
             old,
             new,
-            improvement("error on held-out slabs", trial.worth, trial.deviation, kept),
+            improvement("error on held-out slabs", trial.gain, trial.deviation, kept),
         )
 
 
-def choose(
-    table: Table,
-    note: Callable[[Choice], None] = lambda choice: None,
-) -> tuple[Composition, ...]:
-    """Choose the columns of every joint's torque.
+def choose(table: Table) -> tuple[list[Composition], list[Choice]]:
+    """Choose the columns of every joint's torque; also return every group that was tested.
 
     Args:
         table: Columns at the poses that may be seen.
-        note: Called with every group that was tested.
     """
     joints = range(table.arm.n)
     poses = table.poses
@@ -199,16 +169,15 @@ def choose(
     # seen elsewhere, for less than new positions need. Both count equally.
     share = sum(map(np.sum, of_slabs)) / len(poses)
     factor = np.array([1.0] * len(of_slabs) + [max(share, 1.0)] * len(of_order))
-    chosen = []
+    tested = np.array([*of_slabs, *of_order])
+    folds = Folds(tested, tested)
+    chosen, choices = list[Composition](), list[Choice]()
     for joint in joints:
         x = np.concatenate([table.gravity[:, joint], table.matrices[joint]], axis=1)[:, None]
-        y, w = poses.effort[:, [joint]], weight[:, [joint]]
-        total = NormalEquations.of(x, y, w)
-        tested = (*of_slabs, *of_order)
-        test = tuple(NormalEquations.of(x[mask], y[mask], w[mask]) for mask in tested)
+        sums = FoldSums(x, poses.effort[:, [joint]], folds, weight[:, [joint]])
         search = JointSearch(
-            table, joint, solution.gravity, tuple(total - part for part in test), test, factor,
-            float(own[joint]), float(rest[joint]), note,
-        )  # fmt: skip
+            table, joint, solution.gravity, sums, factor, float(own[joint]), float(rest[joint])
+        )
         chosen.append(search.run())
-    return tuple(chosen)
+        choices += search.choices
+    return chosen, choices

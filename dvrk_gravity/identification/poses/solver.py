@@ -20,7 +20,6 @@ from dvrk_gravity.estimation import (
     RobustState,
     Solution,
     Uncertainty,
-    clustered_scores,
     fit,
     masks,
     reweighted,
@@ -307,7 +306,7 @@ def _solve(table: Table, compositions: Sequence[Composition], weight: Array) -> 
         cross[0, index] += part.cross[0]
         scale[own] = table.joints[joint].prior(made.own, made.others)[chosen]
     power = np.array([np.sum(weight * effort**2)])
-    found = fit(NormalEquations(gram, cross, power, np.array([weight.sum()])), np.ones(1), scale)
+    found = fit(NormalEquations(gram, cross, power), np.ones(1), scale)
     return PoseSolution(found.theta, found.precision, found.data, found.free, count, columns)
 
 
@@ -348,4 +347,5 @@ def pose_uncertainty(table: Table, solution: PoseSolution, weight: Array) -> Unc
             chosen = table.matrices[joint][mask][:, solution.columns[joint]]
             score[solution.indices(joint)] += chosen.T @ pull
         scores.append(score)
-    return sandwich(solution, clustered_scores(np.array(scores)))
+    summed = np.array(scores)
+    return sandwich(solution, summed.T @ summed)

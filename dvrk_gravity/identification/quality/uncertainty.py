@@ -90,7 +90,7 @@ def kept_samples(parts: Sequence[Observation]) -> CalibrationSamples | None:
 def confounded(problem: Problem, chosen: Sequence[int]) -> list[int]:
     """Return the columns outside the model that the chosen ones may replace."""
     columns, index = problem.design.columns, np.array(chosen, dtype=np.int64)
-    gram, _ = problem.equations.combined(problem.weighting.motor)
+    gram, _ = problem.sums.whole.combined(problem.weighting.motor)
     inside = gram[np.ix_(index, index)]
     inside = inside + prior_precision(inside, columns.scale[index])
     others = _others(gram, index, columns)
@@ -132,7 +132,7 @@ def omitted_effects(
         meat: Covariance of the scores of all columns, from noise.
     """
     columns, index = problem.design.columns, np.array(chosen, dtype=np.int64)
-    gram, side = problem.equations.combined(problem.weighting.motor)
+    gram, side = problem.sums.whole.combined(problem.weighting.motor)
     others = _others(gram, index, columns)
     offered = np.array([columns.offers(columns.columns[i]) for i in others], dtype=bool)
     score = side - gram[:, index] @ solution.theta

@@ -18,7 +18,6 @@ from dvrk_gravity.estimation import (
     Solution,
     Uncertainty,
     autocorrelated_scores,
-    fit,
     sandwich,
 )
 from dvrk_gravity.identification.quality.identifiability import describe
@@ -51,14 +50,8 @@ from dvrk_gravity.identification.result import (
     joint_errors,
 )
 from dvrk_gravity.identification.trajectories.kinematics import calibrate
-from dvrk_gravity.identification.trajectories.problem import (
-    Problem,
-    build_problem,
-    choose,
-    solved,
-    with_loads,
-)
-from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection
+from dvrk_gravity.identification.trajectories.problem import LEAST_GAIN, Problem, build_problem
+from dvrk_gravity.identification.trajectories.selection import choose, with_loads
 from dvrk_gravity.model import Columns, TorqueModel, search_starts
 from dvrk_gravity.observation import (
     Design,
@@ -96,7 +89,6 @@ class ColumnFit:
         identifiability: What the data determine.
         rest_error: From (K, n) positions to (K, n) standard errors of the torque at rest, N·m.
         holding: Gravity torque and its uncertainty, by joint.
-        spread: Covariance of the coefficients, with what effects that the model lacks add.
         meat: Covariance of the scores of all columns.
     """
 
@@ -109,7 +101,6 @@ class ColumnFit:
     identifiability: Identifiability
     rest_error: Callable[[Array], Array]
     holding: Mapping[str, Holding]
-    spread: Uncertainty
     meat: Array
 
 
@@ -134,7 +125,7 @@ def fit_dynamic(
             there are any near the fit.
         report: Called with the stage and the share of it that is done.
         form: Which columns there are.
-        least_gain: See :class:`ColumnSelection`.
+        least_gain: See :class:`Problem`.
 
     Raises:
         RecordingError: A recording that cannot be used.
@@ -168,7 +159,7 @@ def fit_dynamic(
             raise
         warnings += (Note("no_bodies", None, {}, _NO_BODIES),)
         found = estimate(problem, chosen, physical=False)
-    constant = _constants(design, problem.folds)
+    constant = _constants(design, problem.sums.folds)
     floor = noise_floor([p.noise_left(coordinates) for p in parts], [len(p) for p in parts])
     held_out, training = (
         _errors(design, predicted, coordinates, constant, floor)
@@ -202,10 +193,10 @@ def fit_dynamic(
         training=training,
         parameters=found.parameters,
         identifiability=replace(found.identifiability, statements=statements),
-        choices=tuple(problem.selection.choices),
+        choices=problem.choices,
         warnings=warnings,
         handling=(*log_of(observed), *_not_fitted(standing)),
-        validation=how_validated(problem.folds),
+        validation=how_validated(problem.sums.folds),
         coordinates=coordinates,
         samples=sum(len(motion) for motion in parts),
         physical={} if found.links is None else certificate(arm, found.links),
@@ -237,7 +228,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
     """
     design, weighting = problem.design, problem.weighting
     columns, index = design.columns, list(chosen)
-    solution = solved(problem, chosen)
+    solution = problem.fit(chosen)
     free, links = solution.theta, None
     # Where bodies of the same torque exist, there is nothing to correct, in held-out blocks either.
     corrected = False
@@ -248,7 +239,9 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
         theta, links = physical_links(columns, index, solution)
         solution = replace(solution, theta=theta)
     predicted = design.x[:, :, index] @ solution.theta
-    blind = _held_out(design, problem.folds, problem.selection, index, corrected)
+    blind = problem.unseen(
+        index, lambda found: physical_links(columns, index, found)[0] if corrected else found.theta
+    )
     meat = _meat(problem, predicted, blind)
     own = np.ix_(index, index)
     omitted = omitted_effects(problem, index, solution, meat)
@@ -265,7 +258,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = True) -> 
     )  # fmt: skip
     return ColumnFit(
         solution, free, links, predicted, blind, parameters, identifiability,
-        partial(rest_error, at_rest, errors), held, spread, meat,
+        partial(rest_error, at_rest, errors), held, meat,
     )  # fmt: skip
 
 
@@ -291,7 +284,7 @@ def _posterior(
     wanted = sorted({*chosen, *confounded(problem, chosen)})
     index = held_by_terms(columns, theta, wanted)
     free = np.ones(len(index), dtype=bool)  # a sign that is held at zero is no certainty either
-    solution = replace(solved(problem, index), free=free)
+    solution = replace(problem.fit(index), free=free)
     return index, sandwich(solution, found.meat[np.ix_(index, index)])
 
 
@@ -300,34 +293,18 @@ def _at_rest(columns: Columns, q: Array) -> Array:
     return np.matmul(columns.arm.joint_to_actuator.T, columns.at_rest(q))
 
 
-def _held_out(
-    design: Design, folds: Folds, selection: ColumnSelection, chosen: Sequence[int], physical: bool
-) -> Array:
-    """Return (N, n) torques, each predicted by the fit that had not seen it."""
-    index = list(chosen)
-    columns = design.columns
-    scale, positive = columns.scale[index], columns.positive[index]
-    predicted = np.empty_like(design.y)
-    for rows, train in zip(folds.tested, selection.sums.train, strict=True):
-        solution = fit(train.select(index), selection.weight, scale, positive)
-        theta = physical_links(columns, index, solution)[0] if physical else solution.theta
-        predicted[rows] = design.x[rows][:, :, index] @ theta
-    return predicted
-
-
 def _with_all_terms(problem: Problem, own: KnownError, report: Report) -> KnownError:
     """Return the error of a model with all terms, where this one may not have all.
 
     What a model was not allowed to explain is not known error: it is to be found. So the
     correlation time of this model's errors is not known either.
     """
-    free = replace(problem, selection=replace(problem.selection, effects=None, choices=[]))
+    free = replace(problem, effects=None)
     columns = problem.design.columns
     free, chosen = choose(
         free, search_starts(columns), lambda share: report("what all terms would leave", share)
     )
-    blind = _held_out(free.design, free.folds, free.selection, chosen, physical=False)
-    error = known_error(free.design, blind, own.band)
+    error = known_error(free.design, free.unseen(chosen), own.band)
     error = replace(error, correlation=np.full(len(own.rms), np.nan))
     return error if np.sum(error.rms**2 / own.rms**2) < len(own.rms) else own
 

@@ -14,15 +14,15 @@ from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification.quality.identifiability import kinematic_name
 from dvrk_gravity.identification.trajectories.problem import (
     Problem,
-    choose,
     problem_of,
-    solved,
     with_motor_weights,
 )
+from dvrk_gravity.identification.trajectories.selection import choose, search
 from dvrk_gravity.model import (
     Columns,
     KinematicCalibration,
     kinematic_columns,
+    kinematic_moves,
     offset_joints,
     search_starts,
 )
@@ -61,40 +61,36 @@ def calibrate(
         motions: Of the problem.
         report: Called with the stage and the share of it that is done.
     """
-    assumed = problem.selection
     displaced = kinematic_columns(problem.design.columns.arm)
-    if not any(assumed.allowed(column.effect) for column in displaced):
+    if not any(problem.allowed(column.effect) for column in displaced):
         return problem, chosen, ()
     report("zeros and tilt", 0.0)
-    around, start = started = _moved(problem, chosen, solved(problem, chosen).theta, motions)
-    selection = around.selection
-    selection.choices = []
-    found = selection.kinematics(start)
-    choices = selection.choices
+    around, start = started = _moved(problem, chosen, problem.fit(chosen).theta, motions)
+    found, tried = search(around, start, kinematic_moves, lazy=None)
     if len(found) == len(start):
-        assumed.choices += choices
+        problem = replace(problem, choices=(*problem.choices, *tried))
         return problem, chosen, kinematic_statements(around, start)
     report("zeros and tilt", 0.3)
     around, found = _converged(around, found, motions, ROUGH_TOLERANCE)
     columns = around.design.columns
     moved = [i for i in found if i in columns.kinematic]
-    plain = [
-        sorted({*initial, *moved}) for initial in search_starts(columns, around.selection.effects)
-    ]
-    around.selection.choices = [choice for choice in (*assumed.choices, *choices) if choice.kept]
-    around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
-    chosen_again = around.selection.choices
-    choices = [choice for choice in choices if choice not in chosen_again] + chosen_again
+    plain = [sorted({*initial, *moved}) for initial in search_starts(columns, around.effects)]
+    kept = tuple(choice for choice in (*problem.choices, *tried) if choice.kept)
+    around, found = choose(
+        replace(around, choices=kept), [found, *plain],
+        lambda share: report("choice of terms", share),
+    )  # fmt: skip
+    again = around.choices
     around, found = _converged(around, found, motions, TOLERANCE)
     if beyond := _beyond(around, found):
         return problem, chosen, (*kinematic_statements(*started), *beyond)
-    around.selection.choices = choices
+    around = replace(around, choices=(*(each for each in tried if each not in again), *again))
     return around, found, kinematic_statements(around, found)
 
 
 def _beyond(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
     """Return sentences about implausibly large offsets and tilt."""
-    found = _calibration(problem, chosen, solved(problem, chosen).theta)
+    found = _calibration(problem, chosen, problem.fit(chosen).theta)
     arm = problem.design.columns.arm
     most = FARTHEST * MISPLACED
     offsets = found.offset + np.zeros(arm.n)
@@ -132,8 +128,8 @@ def _moved(
     x = np.empty((*design.y.shape, len(columns.columns)))
     x[..., list(kept)] = design.x[..., list(kept.values())]
     x[..., new] = build_design(columns, motions, chosen=new).x
-    of = problem.selection
-    around = problem_of(replace(design, columns=columns, x=x), motions, of.effects, of.least_gain)
+    design = replace(design, columns=columns, x=x)
+    around = problem_of(design, motions, problem.effects, problem.least_gain)
     same = old.same(chosen, columns)
     return with_motor_weights(around, same), same
 
@@ -144,7 +140,7 @@ def _converged(
     """Return the problem at kinematics that a fit changes by less than ``within`` rad."""
     for _ in range(STEPS):
         columns = problem.design.columns
-        fitted = solved(problem, chosen).theta
+        fitted = problem.fit(chosen).theta
         change = [
             abs(value)
             for i, value in zip(chosen, fitted.tolist(), strict=True)
@@ -221,7 +217,7 @@ def _information(problem: Problem, others: Sequence[int], kinematics: Sequence[i
     """Return (k, k) information on offsets and tilt, the other columns of a fit unknown."""
     both = [*others, *kinematics]
     scale = problem.design.columns.scale[both]
-    gram = problem.equations.select(both).gram
+    gram = problem.sums.whole.select(both).gram
     total = np.tensordot(problem.weighting.certainty, gram, 1) + np.diag(1.0 / scale**2)
     known, rest = slice(0, len(others)), slice(len(others), None)
     through = np.linalg.solve(total[known, known], total[known, rest])

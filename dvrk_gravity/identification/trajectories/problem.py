@@ -1,4 +1,4 @@
-"""The least-squares problem of motions: build it, solve it, choose its columns, reweigh it."""
+"""The least-squares problem of motions: build it, fit and score columns, weigh it again."""
 
 from __future__ import annotations
 
@@ -10,25 +10,35 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import RigidColumns
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
-    Folds,
+    FoldSums,
+    HeldOutSums,
     NormalEquations,
     RobustSettings,
     RobustState,
+    SignedFits,
     Solution,
+    combined_folds,
     correlation_time,
     fit,
     make_folds,
     reweighted,
 )
-from dvrk_gravity.identification.trajectories.selection import LEAST_GAIN, ColumnSelection, FoldSums
+from dvrk_gravity.identification.result import Choice
 from dvrk_gravity.model import Columns
 from dvrk_gravity.observation import Design, Observation, build_design
 
-# Choices of what depends on the other terms' torque, which change with it. Chosen: a third changes
-# nothing on the arms of `make peers`.
-_ROUNDS = 3
+Correction = Callable[[Solution], Array]
+
+# Part of the squared held-out error, in the mean over motors, that each further column must remove.
+# Chosen.
+LEAST_GAIN = 0.004
+# Part of a motor's RMS speed below which it turns round. No term has exactly what friction does
+# there, and in a motion of few frequencies a spring may imitate it. Chosen: from .05 to .2 the same
+# columns are chosen on every arm of `make peers`.
+SLOW = 0.1
 # Part of a motor's torque that a model leaves, at first. Chosen: the iteration forgets it.
 _FIRST_GUESS = 0.1
 
@@ -62,21 +72,76 @@ class Weighting:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A least-squares problem, before its columns are chosen.
+    """A least-squares problem whose columns are chosen by the error on held-out blocks.
 
     Attributes:
         design: The samples.
-        folds: What is held out.
+        sums: Of their products, and what is held out.
         weighting: Of motors and samples.
-        equations: Of all samples, by their robust weights.
-        selection: The search for terms.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+        least_gain: Part of the squared held-out error, in the mean over motors, that each further
+            column must remove.
+        choices: The last trial of every effect and joint.
     """
 
     design: Design
-    folds: Folds
+    sums: FoldSums
     weighting: Weighting
-    equations: NormalEquations
-    selection: ColumnSelection
+    effects: Sequence[str] | None
+    least_gain: float
+    choices: tuple[Choice, ...] = ()
+
+    def allowed(self, effect: str) -> bool:
+        """Whether an effect may be used."""
+        return self.effects is None or effect in RigidColumns.EFFECTS or effect in self.effects
+
+    def fit(self, chosen: Sequence[int]) -> Solution:
+        """Return the fit of the chosen columns to all samples."""
+        return self._fitted(self.sums.whole.select(chosen), chosen)
+
+    def unseen(
+        self, chosen: Sequence[int], corrected: Correction = lambda found: found.theta
+    ) -> Array:
+        """Return (N, m) torques, each predicted by the fit that had not seen it.
+
+        Args:
+            chosen: Columns of the fits.
+            corrected: From the fit to the coefficients that predict.
+        """
+        return self.sums.predicted(lambda seen: corrected(self._fitted(seen, chosen)), chosen)
+
+    def score(self, chosen: Sequence[int]) -> Array:
+        """Return (folds, m) held-out sums of squared errors."""
+        return self.held_out.error(self.fold_fits.fit(chosen))
+
+    @cached_property
+    def fold_fits(self) -> SignedFits:
+        """Fits to all folds but one."""
+        columns = self.design.columns
+        seen = combined_folds(self.sums.train, self.weighting.motor)
+        return SignedFits(*seen, columns.scale, columns.positive)
+
+    @cached_property
+    def held_out(self) -> HeldOutSums:
+        """Errors on each fold."""
+        return HeldOutSums(self.sums.test)
+
+    @cached_property
+    def held_out_moving(self) -> HeldOutSums:
+        """Those of :attr:`held_out` without the samples at which a motor turns round."""
+        design, speed = self.design, self.design.state.qd
+        assert speed is not None
+        speed = np.abs(design.columns.arm.actuator_position(speed))
+        slow = design.informative & (speed < SLOW * np.sqrt(np.mean(speed**2, axis=0)))
+        still = slow.any(axis=1)
+        turning = self.sums.of(self.sums.folds.tested & still, slow.astype(float))
+        return HeldOutSums(
+            [whole - part for whole, part in zip(self.sums.test, turning, strict=True)]
+        )
+
+    def _fitted(self, equations: NormalEquations, chosen: Sequence[int]) -> Solution:
+        columns, index = self.design.columns, list(chosen)
+        return fit(equations, self.weighting.motor, columns.scale[index], columns.positive[index])
 
 
 def build_problem(
@@ -95,7 +160,7 @@ def build_problem(
         effects: Effects that may be used besides the rigid body; ``None``: all.
         progress: Called with the share of the regressor that is done.
         form: Which columns there are.
-        least_gain: See :class:`ColumnSelection`.
+        least_gain: See :class:`Problem`.
     """
     q = np.concatenate([motion.q for motion in motions])
     columns = form(arm, q.min(axis=0), q.max(axis=0))
@@ -110,90 +175,17 @@ def problem_of(
     clock = [motion.clock[0] for motion in motions]
     folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = _weigh(design)
-    whole = NormalEquations.of(design.x, design.y, weighting.sample)
-    sums = FoldSums(design, folds, weighting.sample, whole)
-    selection = ColumnSelection(design.columns, sums, weighting.motor, effects, least_gain)
-    return Problem(design, folds, weighting, whole, selection)
-
-
-def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
-    """Return the fit of the chosen columns to all samples."""
-    columns, index = problem.design.columns, list(chosen)
-    return fit(
-        problem.equations.select(index), problem.weighting.motor, columns.scale[index],
-        columns.positive[index],
-    )  # fmt: skip
-
-
-def choose(
-    problem: Problem, begin: Sequence[list[int]], progress: Callable[[float], None]
-) -> tuple[Problem, list[int]]:
-    """Return the problem, weighted again, and the columns that improve the held-out error.
-
-    The richest model, whose residual weighs motors at first, overfits the noise of some more than
-    that of others. So the search goes on with the weights of its own residual (feasible
-    generalised least squares).
-
-    Args:
-        problem: The problem, weighted by its richest model.
-        begin: Columns to start with; at least one set.
-        progress: Called with the share that is done, a guess.
-    """
-    chosen = problem.selection.search(begin, progress)
-    kept = [choice for choice in problem.selection.choices if choice.kept]
-    problem = with_motor_weights(problem, chosen)
-    problem.selection.choices = kept
-    chosen = problem.selection.run(chosen)
-    return with_motor_weights(problem, chosen), chosen
-
-
-def with_loads(
-    problem: Problem, chosen: list[int], motions: Sequence[Observation]
-) -> tuple[Problem, list[int]]:
-    """Return the problem with the columns that depend on the torque of a fit, and the choice.
-
-    Args:
-        problem: The problem.
-        chosen: Columns of the fit.
-        motions: Of the problem.
-    """
-    for _ in range(_ROUNDS):
-        before = chosen
-        problem, chosen = _with_loads(problem, chosen, motions)
-        if chosen == before:
-            break
-    return problem, chosen
-
-
-def _with_loads(
-    problem: Problem, chosen: list[int], motions: Sequence[Observation]
-) -> tuple[Problem, list[int]]:
-    """Return the problem with these columns beside the fit as it is, and the choice then."""
-    design, weighting, selection = problem.design, problem.weighting, problem.selection
-    columns = design.columns
-    theta = np.zeros(len(columns.columns))
-    theta[chosen] = solved(problem, chosen).theta
-    columns = columns.with_terms(columns.terms(theta))
-    new = columns.load_dependent
-    if not any(selection.allowed(columns.columns[index].effect) for index in new):
-        return problem, chosen
-    x = design.x.copy()
-    x[..., new] = build_design(columns, motions, chosen=new).x
-    design = replace(design, columns=columns, x=x)
-    equations = NormalEquations.of(x, design.y, weighting.sample)
-    sums = FoldSums(design, problem.folds, weighting.sample, equations)
-    selection = replace(selection, columns=columns, sums=sums)
-    problem = replace(problem, design=design, equations=equations, selection=selection)
-    found = selection.of_others(chosen)
-    return problem, chosen if found == chosen else selection.run(found)
+    # Held-out errors count every informative sample in full.
+    counted = design.informative.astype(float)
+    sums = FoldSums(design.x, design.y, folds, weighting.sample, counted)
+    return Problem(design, sums, weighting, effects, least_gain)
 
 
 def with_motor_weights(problem: Problem, chosen: Sequence[int]) -> Problem:
     """Return the problem with motors weighted by the residual of the chosen columns."""
-    design, weighting, selection = problem.design, problem.weighting, problem.selection
-    predicted = design.x[:, :, list(chosen)] @ solved(problem, chosen).theta
-    weighting = _weighting(design, weighting.sample * (design.y - predicted), weighting.sample)
-    return replace(problem, weighting=weighting, selection=selection.with_weights(weighting.motor))
+    design, sample = problem.design, problem.weighting.sample
+    predicted = design.x[:, :, list(chosen)] @ problem.fit(chosen).theta
+    return replace(problem, weighting=_weighting(design, sample * (design.y - predicted), sample))
 
 
 def _weigh(design: Design) -> Weighting:
