@@ -15,6 +15,9 @@ Key = tuple[str, tuple[int, ...], str]
 
 # By which gains grow in another motion than the calibration's, as the square of its known error.
 _GAIN = OTHER_MOTION**2
+# Degrees of freedom from which the errors of moments are known, as those of a motion are in a
+# diagnosis (``SignificanceSettings.dof``): after reversals they are larger than on average.
+_DOF = 30.0
 # Times the largest gain of the last minutes, below which another one is no push: of some arms rare
 # errors (several joints that turn round at once) are far larger than their mean says. Chosen.
 _ABOVE = 2.0
@@ -65,13 +68,23 @@ class Limits:
             usual: (p, n + 1) their mean where nothing happens, over the degrees of freedom.
             largest: (n + 1,) the largest of late.
         """
-        chance = _chi_square(self.false_alarms / max(gain.size, 1), freedom(gain.shape[1] - 1))
+        chance = _of_estimated(self.false_alarms / max(gain.size, 1), freedom(gain.shape[1] - 1))
         return np.maximum(np.maximum(chance * usual, _GAIN * self.of_pushes), _ABOVE * largest)
 
 
 def freedom(n: int) -> Array:
     """Return (n + 1,) degrees of freedom of a gain at each joint, and of a force's: components."""
     return np.append(np.ones(n), 3.0)
+
+
+def _of_estimated(chance: float, degrees: Array) -> Array:
+    """Return what chi-square exceeds with a probability if its errors' variance is an estimate.
+
+    That of k degrees of freedom is k times Fisher's F(k, 30).
+    """
+    from scipy.special import betaincinv
+
+    return np.asarray(_DOF * (1.0 / betaincinv(0.5 * _DOF, 0.5 * degrees, chance) - 1.0))
 
 
 def _chi_square(chance: float, degrees: Array | int) -> Array:
