@@ -205,7 +205,7 @@ def test_gains_of_moments_are_chi_squared_of_one_and_of_a_force_s_three():
     assert np.mean(force) == pytest.approx(3.0, abs=0.3)
 
 
-@pytest.mark.parametrize(("size", "joint"), [(1.0, None), (4.0, None), (1.0, ecm.INSERTION)])
+@pytest.mark.parametrize(("size", "joint"), [(1.5, None), (4.0, None), (1.5, ecm.INSERTION)])
 def test_a_force_that_no_joint_shows_alone_is_a_push_and_a_larger_one_no_friction(size, joint):
     def force(q, qd, qdd):
         torque = np.einsum("mkn,k->mn", Tip(ecm.ARM).velocity_jacobian(q), size * FORCE)

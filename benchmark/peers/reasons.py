@@ -17,7 +17,7 @@ REASONS = {
     ),
     ("UR5_four_minutes", "holding torque"): (
         "The simulated friction differs by direction: in motion a constant torque, which no method "
-        "tells from one that acts at rest, too. At shoulder_pan it is 0.267 N·m, ours 0.275, least "
+        "distinguishes from one that acts at rest, too. At shoulder_pan it is 0.267 N·m, ours 0.275, least "
         "squares' 0.214; at the elbow -0.625, ours -0.632, theirs -0.590. Besides it, ours is off "
         f"by 0.025 N·m RMS at most, theirs by 0.082 ({_CONSTANTS})."
     ),

@@ -89,7 +89,7 @@ def search(
         lazy: See :func:`select`.
 
     Returns:
-        The columns, and what was tried.
+        The columns, and the choices, kept or not.
     """
     among = _MoveSearch(problem, moves)
     # By what a move does: several may have the same text.
@@ -115,7 +115,7 @@ class _MoveSearch:
     taken: list[Choice] = field(default_factory=list)
 
     def moves(self, state: Scored[list[int]]) -> Iterable[SearchMove]:
-        """Yield the moves that may be tried."""
+        """Yield the moves whose columns may be used."""
         columns = self.problem.design.columns
         for move in self.generate(columns, set(state.choice)):
             added = [columns.columns[i] for i in move.add]
