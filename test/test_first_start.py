@@ -83,6 +83,43 @@ def test_a_constant_that_is_added_meanwhile_is_watched_too():
     assert "--bias-is" in loop.supervisor.reason
 
 
+def unfelt(changes: list[tuple[float, float]]) -> Loop:
+    """Return an arm after changes of a constant that it does not feel, at first none.
+
+    Args:
+        changes: Part of the constant, and how long it is in force, s.
+    """
+    constant = 0.09 * SHIPPED.arm.effort_limit * np.eye(7)[2]
+
+    def given(part: float) -> dict[str, object]:
+        changed = part * constant
+        return {
+            "elastic_cable.elbow_pitch": [changed[2]],
+            "identification.constant": changed.tolist(),
+        }
+
+    loop = Loop(2, constant[2], feels=False, reads=False, **given(0.0)).run(2.0)
+    for part, seconds in changes:
+        if loop.supervisor.active:
+            loop.configure(**given(part))
+        loop.run(seconds)
+    return loop
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [(1.0, 0.02), (0.0, 2.5), (1.0, 3.0)],  # taken back before the arm has felt it
+        [*((part, 0.01) for part in np.linspace(0.1, 1.0, 150)), (1.0, 3.0)],  # by a slider
+    ],
+)
+def test_a_constant_that_comes_again_or_little_by_little_is_watched(changes):
+    loop = unfelt(changes)
+    assert loop.supervisor.status is Status.FAULT
+    assert "pushes elbow_pitch" in loop.supervisor.reason
+    assert np.degrees(loop.farthest) < FARTHEST
+
+
 def test_an_arm_whose_clock_is_slow_is_watched_for_as_long_as_it_takes_to_move():
     loop = Loop(2, 0.032, feels=False, reads=True, slow=8, max_stamp_age=0.0, timeout=1.0)
     loop.run(5.0)

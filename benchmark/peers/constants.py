@@ -3,9 +3,10 @@
     PYTHONPATH=. python benchmark/peers/constants.py [--arm ur5] [--seed 5200] [--four-minutes]
 
 While an arm moves both ways, friction that is larger one way acts as a constant torque. No motion
-distinguishes it from a torque that acts at rest as well, as a spring's does. Printed by joint, N·m: the
-mean of the simulated friction over the two directions, then each method's error in holding torque,
-its mean and its standard deviation. The docs' case of four minutes is that of ``--four-minutes``.
+distinguishes it from a torque that acts at rest as well, as a spring's does. Printed by joint, N·m:
+the mean of the simulated friction over the two directions, then each method's error in holding
+torque, its mean and its standard deviation. The docs' case of four minutes is that of ``--four-
+minutes``.
 """
 
 from __future__ import annotations

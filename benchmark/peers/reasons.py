@@ -17,9 +17,9 @@ REASONS = {
     ),
     ("UR5_four_minutes", "holding torque"): (
         "The simulated friction differs by direction: in motion a constant torque, which no method "
-        "distinguishes from one that acts at rest, too. At shoulder_pan it is 0.267 N·m, ours 0.275, least "
-        "squares' 0.214; at the elbow -0.625, ours -0.632, theirs -0.590. Besides it, ours is off "
-        f"by 0.025 N·m RMS at most, theirs by 0.082 ({_CONSTANTS})."
+        "distinguishes from one that acts at rest, too. At shoulder_pan it is 0.267 N·m, ours "
+        "0.275, least squares' 0.214; at the elbow -0.625, ours -0.632, theirs -0.590. Besides "
+        f"it, ours is off by 0.025 N·m RMS at most, theirs by 0.082 ({_CONSTANTS})."
     ),
     ("MTM", "wrist_platform"): (
         "Not in general: on six other MTMs and motions they are worse there by 0.145 ± 0.053 "

@@ -83,8 +83,9 @@ class Compensation:
         self._ramp: Ramp | None = Ramp(
             self.command, within, now, self._settings.ramp_time, model.arm
         )
-        watched = self.stayed if self._check is None else self._check.constant
-        if model.constant.any() and not np.array_equal(watched, model.constant):
+        if self._check is not None:
+            self._check.change(model.constant, sample.position)
+        elif model.constant.any() and not np.array_equal(self.stayed, model.constant):
             self._check = ConstantCheck(model.arm, model.constant, sample.position)
 
     @property

@@ -47,12 +47,30 @@ class ConstantCheck:
             position: (n,) where it is released, rad or m.
         """
         self._arm, self.constant = arm, constant
-        self._doubt = constant != 0.0
+        self._pushes, self._doubt = constant, constant != 0.0  # what is, or was, commanded
         self._at, self._mark = position, position.copy()
         self._last: tuple[int, float] | None = None  # stamp, ns, and arrival, s
         self._passed = 0.0
         self._until = np.full(arm.n, STAYS)
         self._lower, self._upper = arm.lower + STOP * arm.scale, arm.upper - STOP * arm.scale
+
+    def change(self, constant: Array, position: Array) -> None:
+        """Go on with another constant.
+
+        Joints that were watched are so from where they were released, even if theirs is taken back:
+        its torque fades.
+
+        Args:
+            constant: (n,) N·m or N.
+            position: (n,) where other joints are watched from, rad or m.
+        """
+        if np.array_equal(constant, self.constant):
+            return
+        self.constant = constant
+        self._pushes = np.where(constant != 0.0, constant, self._pushes)
+        self._at = np.where(self._doubt, self._at, position)
+        self._doubt = self._doubt | (constant != 0.0)
+        self._until = np.full(self._arm.n, self._passed + STAYS)
 
     @property
     def finished(self) -> bool:
@@ -80,7 +98,7 @@ class ConstantCheck:
             worst = int(np.argmax(begun * size))
             joint = self._arm.joints[worst]
             return (
-                f"the model pushes {joint.name} by {self.constant[worst]:.2g} "
+                f"the model pushes {joint.name} by {self._pushes[worst]:.2g} "
                 f"{joint.effort_unit}, and hands off it moves: {WAY_OUT}"
             )
         on_its_way = np.abs(position - self._mark) > BEGUN * self._arm.scale

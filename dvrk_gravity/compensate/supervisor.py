@@ -261,9 +261,9 @@ class Supervisor:
         # Else nothing was compared or confirmed: small changes must not add up.
         if self._asked or settings.weightless or start.has_efforts():
             self._accepted = settings
-        self._start, self._asked = None, False
         self.change = LEFT_OUT if settings.weightless else ""
         self.compensation = Compensation(settings, first, sample, now, self._constant_stayed)
+        self._start, self._asked = None, False
 
     def _deviates(self, position: Array, now: float) -> bool:
         """Hold the arm if changed parameters command torque that no start has compared."""
