@@ -25,6 +25,7 @@ AHEAD = 2
 unit takes seconds, a message milliseconds."""
 _RENEWED = 5.0  # s, after which workers are counted again
 _FIRST = 60.0  # s for the first worker to come
+_ANY_PORT = "127.0.0.1:0"  # of the scheduler's pages; Dask's own, 8787, may be another cluster's
 _LOCAL = {
     # A unit that takes down a worker twice is left out; Dask's own default, 3, is for machines
     # that go away by themselves.
@@ -190,7 +191,7 @@ def client_of(scheduler: str | None, workers: int) -> Iterator[Any]:
             with (
                 dask.config.set(_LOCAL),
                 LocalCluster(
-                    n_workers=workers, threads_per_worker=1, dashboard_address=None,
+                    n_workers=workers, threads_per_worker=1, dashboard_address=_ANY_PORT,
                     silence_logs=logging.CRITICAL + 1,
                 ) as cluster,
                 Client(cluster) as client,

@@ -167,6 +167,11 @@ def test_what_takes_down_its_workers_or_all_memory_is_reported_and_the_rest_fini
     assert all("its worker died" in line for line in lines)
 
 
+def test_two_fleets_on_one_machine_are_not_in_each_other_s_way():
+    with client_of(None, 1) as first, client_of(None, 1) as second:
+        assert first.scheduler_info()["address"] != second.scheduler_info()["address"]
+
+
 def test_no_scheduler_at_an_address_is_a_line():
     address = "tcp://127.0.0.1:9"
     with pytest.raises(ConfigError, match=r"--scheduler.*dask scheduler"), client_of(address, 0):
