@@ -90,9 +90,9 @@ def test_every_sample_is_predicted_by_a_fit_that_saw_neither_it_nor_its_neighbou
     for rows, unseen, test in zip(tested, ~excluded, sums.test, strict=True):
         columns = (part * root[:, :, None])[unseen].reshape(-1, 3)
         theta = np.linalg.lstsq(columns, (y * root)[unseen].ravel())[0]
-        np.testing.assert_allclose(predicted[rows], part[rows] @ theta, atol=1e-6)
+        np.testing.assert_allclose(predicted[rows], part[rows] @ theta, atol=1e-8)
         error = ((y - part @ theta)[rows] ** 2).sum(axis=0)
-        np.testing.assert_allclose(test.select(chosen).error(theta), error, atol=1e-6)
+        np.testing.assert_allclose(test.select(chosen).error(theta), error, atol=1e-10)
 
 
 def test_a_gain_counts_every_channel_by_its_own_error():

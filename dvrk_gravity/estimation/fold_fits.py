@@ -48,6 +48,11 @@ class FoldSums:
         return self.of(self.folds.tested, self.weight if self.counted is None else self.counted)
 
     @cached_property
+    def held_out(self) -> HeldOutSums:
+        """Errors on each fold's held-out samples."""
+        return HeldOutSums(self.test)
+
+    @cached_property
     def train(self) -> list[NormalEquations]:
         """Sums that each fold's fit sees."""
         same = self.counted is None and self.folds.excluded is self.folds.tested

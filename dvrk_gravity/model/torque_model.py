@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -413,7 +413,7 @@ class TorqueModel:
         if self.joint_offset.any():
             state = replace(state, q=state.q - self.joint_offset)
         found: dict[int, Array] = {}
-        for term in self._in_order():
+        for term in self.terms_in_order:
             torque = term.torque_given(state, found)
             if torque.shape != state.q.shape:
                 raise EffectError(
@@ -438,7 +438,7 @@ class TorqueModel:
             q, *(None if each is None else np.broadcast_to(each, q.shape) for each in rest)
         )
         found: dict[int, Array] = {}
-        for term in (each for each in self._in_order() if each.OF_POSITION):
+        for term in (each for each in self.terms_in_order if each.OF_POSITION):
             if term.OF_OTHERS:  # and maybe on the motion before, which a stack does not show
                 each = [
                     term.torque_given(
@@ -451,8 +451,9 @@ class TorqueModel:
                 found[id(term)] = term.torque(moved)
         return sum(found.values(), np.zeros(q.shape))
 
-    def _in_order(self) -> list[Term]:
-        """Return the terms, those that depend on other terms' torque after these."""
+    @cached_property
+    def terms_in_order(self) -> list[Term]:
+        """The terms, those that depend on other terms' torque after these."""
         return sorted(self.terms, key=lambda term: term.OF_OTHERS)
 
     def prediction(self, state: State) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis import SignificanceSettings
 from dvrk_gravity.effects import Hypothesis
 from dvrk_gravity.identification import OTHER_MOTION
 
@@ -16,8 +17,8 @@ Key = tuple[str, tuple[int, ...], str]
 # By which gains grow in another motion than the calibration's, as the square of its known error.
 _GAIN = OTHER_MOTION**2
 # Degrees of freedom from which the errors of moments are known, as those of a motion are in a
-# diagnosis (``SignificanceSettings.dof``): after reversals they are larger than on average.
-_DOF = 30.0
+# diagnosis: after reversals they are larger than on average.
+_DOF = SignificanceSettings.dof
 # Times the largest gain of the last minutes, below which another one is no push: of some arms rare
 # errors (several joints that turn round at once) are far larger than their mean says. Chosen.
 _ABOVE = 2.0
@@ -80,7 +81,7 @@ def freedom(n: int) -> Array:
 def _of_estimated(chance: float, degrees: Array) -> Array:
     """Return what chi-square exceeds with a probability if its errors' variance is an estimate.
 
-    That of k degrees of freedom is k times Fisher's F(k, 30).
+    That of k degrees of freedom is k times Fisher's F of k and ``_DOF``.
     """
     from scipy.special import betaincinv
 

@@ -135,7 +135,6 @@ class MomentumObserver:
         """
         self.gain = gain
         self._model, self._longest = model, longest_gap
-        self._terms = sorted(model.terms, key=lambda term: term.OF_OTHERS)
         self._last: _ObserverState | None = None
 
     def advance(self, rows: Rows) -> ObserverOutput:
@@ -176,7 +175,7 @@ class MomentumObserver:
             qdd[1:] = np.diff(rows.qd, axis=0) / np.diff(rows.time)[:, None]
         state, momentum = State(q, rows.qd, qdd), np.zeros_like(q)
         driven, memories = rows.effort.copy(), dict[int, Array]()
-        for number, term in enumerate(self._terms):
+        for number, term in enumerate(self._model.terms_in_order):
             moved = term.momentum(q, rows.qd)
             if moved is not None:
                 momentum += moved[0]

@@ -13,7 +13,6 @@ from dvrk_gravity.estimation import (
     STANDARD_ERRORS,
     Folds,
     FoldSums,
-    HeldOutSums,
     Scored,
     ScoredTrial,
     combined_folds,
@@ -80,15 +79,11 @@ class JointSearch:
         prior = columns.prior(composition.own, composition.others)[chosen]
         scale = np.concatenate([np.full(count, GRAVITY_FREEDOM), prior])
         theta = fit_folds(*self._seen, index, scale, mean)
-        return Scored(composition, self.factor[:, None] * self._held_out.error(theta))
+        return Scored(composition, self.factor[:, None] * self.sums.held_out.error(theta))
 
     @cached_property
     def _seen(self) -> tuple[Array, Array]:
         return combined_folds(self.sums.train, np.ones(1))
-
-    @cached_property
-    def _held_out(self) -> HeldOutSums:
-        return HeldOutSums(self.sums.test)
 
     def run(self) -> Composition:
         """Return the best composition."""

@@ -112,7 +112,7 @@ class Problem:
 
     def score(self, chosen: Sequence[int]) -> Array:
         """Return (folds, m) held-out sums of squared errors."""
-        return self.held_out.error(self.fold_fits.fit(chosen))
+        return self.sums.held_out.error(self.fold_fits.fit(chosen))
 
     @cached_property
     def fold_fits(self) -> SignedFits:
@@ -122,13 +122,8 @@ class Problem:
         return SignedFits(*seen, columns.scale, columns.positive)
 
     @cached_property
-    def held_out(self) -> HeldOutSums:
-        """Errors on each fold."""
-        return HeldOutSums(self.sums.test)
-
-    @cached_property
     def held_out_moving(self) -> HeldOutSums:
-        """Those of :attr:`held_out` without the samples at which a motor turns round."""
+        """Errors on each fold, without the samples at which a motor turns round."""
         design, speed = self.design, self.design.state.qd
         assert speed is not None
         speed = np.abs(design.columns.arm.actuator_position(speed))

@@ -130,7 +130,7 @@ class _MoveSearch:
             theta = problem.fold_fits.fit(others[0])[None]
         else:
             theta = problem.fold_fits.fit_near(state.choice, others)
-        after = map(Scored, others, problem.held_out.error(theta))
+        after = map(Scored, others, problem.sums.held_out.error(theta))
         trials = [self._judged(state, *pair) for pair in zip(moves, after, strict=True)]
         which = [i for i, trial in enumerate(trials) if trial.passes and self._at_speed(trial.move)]
         if which:
