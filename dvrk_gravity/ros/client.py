@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool
 
 from dvrk_gravity.ros.processes import PRIVATE, ProcessError
 
+_AGAIN = 2.0  # s without a response. Chosen: discovery takes a tenth of that on an idle machine
 _LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -92,14 +93,31 @@ class Client:
         """Return whether each publisher has a subscriber."""
         return all(each.get_subscription_count() > 0 for each in publishers)
 
-    def call(self, kind: Any, name: str, request: Any = None, timeout: float = 20.0) -> Any:
-        """Call a service and return its answer, for which each step may take ``timeout`` s."""
+    def call(
+        self, kind: Any, name: str, request: Any = None, timeout: float = 20.0,
+        only_reads: bool = False,
+    ) -> Any:  # fmt: skip
+        """Call a service and return its answer, for which each step may take ``timeout`` s.
+
+        A service that only reads is called again while no response comes: a server that has not yet
+        found this client's reader loses its response.
+        """
         client = self.node.create_client(kind, name)
+        request = kind.Request() if request is None else request
         try:
             self.wait(client.service_is_ready, f"the service {name}", timeout)
-            future = client.call_async(kind.Request() if request is None else request)
-            self.wait(future.done, f"a response of {name}", timeout)
-            return future.result()
+            calls = [client.call_async(request)]
+            again = time.monotonic() + _AGAIN
+
+            def answered() -> bool:
+                nonlocal again
+                if only_reads and time.monotonic() > again:
+                    calls.append(client.call_async(request))
+                    again += _AGAIN
+                return any(call.done() for call in calls)
+
+            self.wait(answered, f"a response of {name}", timeout)
+            return next(call.result() for call in calls if call.done())
         finally:
             self.node.destroy_client(client)
 
@@ -109,14 +127,15 @@ class Client:
 
     def parameters(self, node: str, timeout: float = 20.0) -> dict[str, Any]:
         """Return the parameters of another node by name; ``None`` where one has no value."""
-        listed = self.call(ListParameters, f"{node}/list_parameters", None, timeout).result.names
+
+        def read(kind: Any, service: str, request: Any = None) -> Any:
+            return self.call(kind, f"{node}/{service}", request, timeout, only_reads=True)
 
         def ask(names: Sequence[str]) -> list[Any]:
-            request = GetParameters.Request(names=names)
-            answer = self.call(GetParameters, f"{node}/get_parameters", request, timeout)
+            answer = read(GetParameters, "get_parameters", GetParameters.Request(names=names))
             return [parameter_value_to_python(value) for value in answer.values]
 
-        names = sorted(listed)
+        names = sorted(read(ListParameters, "list_parameters").result.names)
         values = ask(names)
         if len(values) < len(names):  # as rclpy answers where one has no value
             values = [next(iter(ask([name])), None) for name in names]

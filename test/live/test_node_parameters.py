@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from rcl_interfaces.srv import GetParameters
 from support import MODEL_FILE
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.ros import PRIVATE, NodeProcess
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess
 
 SPACE = f"{PRIVATE}/lab"
 NODE = f"{SPACE}/compensator"
@@ -35,3 +36,23 @@ def test_parameters_of_a_running_node_are_read_and_set(domain, capsys):
             assert status == 2
             assert named in said
             assert said.count("\n") == 0
+
+
+def test_what_only_reads_is_asked_again_where_a_response_is_lost(domain):
+    asked = []
+
+    def answer(request: GetParameters.Request, response: GetParameters.Response) -> object:
+        asked.append(request)
+        return response
+
+    with Client(f"{PRIVATE}/lossy") as client:
+        service = client.node.create_service(GetParameters, "lossy", answer)
+        send = service.send_response
+
+        def lose_the_first(*response: object) -> None:
+            if len(asked) > 1:
+                send(*response)
+
+        service.send_response = lose_the_first
+        assert client.call(GetParameters, "lossy", only_reads=True).values == []
+        assert len(asked) == 2
